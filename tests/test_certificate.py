@@ -1,0 +1,115 @@
+"""The certificate against its theorem, and against solutions known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import vemcvx as vx
+from vemcvx.certificate import certify, norm_gaps
+from vemcvx.program import Form, StepProgram
+from vemcvx.scaling import scaling
+
+
+def random_program(seed, n=9, m=4, block=1):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(n, n))
+    K = A @ A.T + 0.1 * np.eye(n)
+    B = rng.normal(size=(m * block, n))
+    w = rng.uniform(0.1, 1.0, size=m)
+    return StepProgram(Form(K, sp.csr_matrix(B), block), rng.normal(size=n) * 3, w, rng.normal(size=m * block) * 0.1)
+
+
+def solution(program):
+    """The solution by the hand-written solver, to the rounding floor."""
+    prepared = vx.Newton().prepare(program.form)
+    answer = prepared.solve(program, 1e-30, np.zeros((program.form.count, program.form.block)))
+    return answer.d, answer.lam
+
+
+@pytest.mark.parametrize("block", [1, 2, 3])
+@pytest.mark.parametrize("seed", range(5))
+def test_gap_is_primal_minus_dual_and_bounds_the_error(block, seed):
+    program = random_program(seed, block=block)
+    K, B = program.form.K, program.form.B.toarray()
+    d_star, lam_star = solution(program)
+    rng = np.random.default_rng(100 + seed)
+    assert certify(program, d_star, lam_star).gap < 1e-12
+    for size in (1e-6, 1e-3, 1.0, 30.0):
+        d = d_star + size * rng.normal(size=len(d_star))
+        lam = program.project(lam_star + size * rng.normal(size=lam_star.shape))
+        certificate = certify(program, d, lam)
+        v = program.g - B.T @ lam.ravel()
+        # inf over d of 1/2 d'Kd - g'd + lam.(Bd - b)
+        dual = -0.5 * v @ np.linalg.solve(K, v) - lam.ravel() @ program.b
+        primal = program.objective(d)
+        assert certificate.gap == pytest.approx(primal - dual, abs=1e-11 * (abs(primal) + abs(dual)))
+        error = 0.5 * (d - d_star) @ K @ (d - d_star)
+        assert error <= certificate.gap + certificate.floor
+        assert (certificate.friction >= 0).all()
+        assert certificate.equilibrium >= 0
+
+
+def test_inadmissible_multipliers_are_projected_first():
+    program = random_program(0)
+    d, lam = solution(program)
+    assert certify(program, d, 1e6 * lam + 1.0).gap >= certify(program, d, lam).gap
+
+
+def test_norm_gaps_do_not_cancel():
+    """w|s| - lam.s for lam within one ulp of w s/|s| is of the size of the angle squared, not of rounding."""
+    s = np.array([[3e-5, 4e-5]])
+    angle = 1e-9
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    w = np.array([2.0])
+    lam = w * (s / 5e-5) @ turn.T
+    exact = 2.0 * 5e-5 * (1 - np.cos(angle))
+    assert 2.0 * 5e-5 * angle**2 / 2 == pytest.approx(1e-22)
+    assert exact == 0.0  # the naive formula has lost everything
+    assert norm_gaps(np.maximum(w, np.linalg.norm(lam, axis=1)), lam, s)[0] == pytest.approx(5e-23 * 2, rel=1e-3)
+
+
+def test_slider_in_closed_form():
+    """min 1/2 K d^2 - g d + w|d|: d = soft(g, w) / K, lam = clip(g, -w, w)."""
+    for g in (-5.0, -0.3, 0.0, 0.4, 7.0):
+        program = StepProgram(
+            Form(np.array([[2.0]]), sp.eye_array(1, format="csr")), np.array([g]), np.ones(1), np.zeros(1)
+        )
+        d, lam = solution(program)
+        assert d[0] == pytest.approx(np.sign(g) * max(abs(g) - 1, 0) / 2, abs=1e-15)
+        assert lam[0, 0] == pytest.approx(np.clip(g, -1, 1), abs=1e-15)
+        assert certify(program, d, lam).gap < 1e-30
+
+
+@pytest.mark.parametrize("exponent", [-40, -7, 0, 13, 40])
+def test_scaling_is_exact(exponent):
+    """Scaled and back, an answer is the same to the bit; the gap is the same number in other units."""
+    program = random_program(3)
+    unit = 2.0**exponent
+    other = StepProgram(
+        Form(program.form.K * unit, program.form.B), program.g * unit * 4, program.w * unit * 4, program.b * 4
+    )
+    one, two = scaling(program.form), scaling(other.form)
+    alpha, beta = one.size(program), two.size(other)
+    assert beta == 4 * alpha
+    a, b = one.scale(program, alpha), two.scale(other, beta)
+    for x, y in ((a.form.K, b.form.K), (a.g, b.g), (a.w, b.w), (a.b, b.b), (a.form.B.toarray(), b.form.B.toarray())):
+        assert np.array_equal(x, y)
+    assert np.array_equal(np.diag(a.form.K) <= 2, np.ones(len(a.g), dtype=bool))
+
+
+def test_small_units_do_not_fool_the_conic_solver():
+    """Interior-point solvers call 40-70 % wrong answers solved in small units; scaled inside, they do not."""
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(12, 12))
+    K, f = A @ A.T + np.eye(12), rng.normal(size=12) * 3
+    norms = vx.Norms(np.eye(12)[:6], np.full(6, 0.5))
+    plain = vx.march(vx.System(K, lambda t: t * f, norms), [0, 0.5, 1], solver=vx.Clarabel())
+    tiny = vx.march(
+        vx.System(1e-10 * K, lambda t: 1e-16 * t * f, vx.Norms(norms.B, 1e-16 * norms.w)),
+        [0, 0.5, 1],
+        solver=vx.Clarabel(),
+    )
+    assert tiny.certificate.max() < 1e-6
+    assert np.allclose(tiny.state, 1e-6 * plain.state, rtol=1e-5, atol=1e-11 * np.abs(plain.state).max())

@@ -1,0 +1,90 @@
+"""Static condensation against dense linear algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import vemcvx as vx
+from vemcvx.condensation import Condensation
+from vemcvx.ordering import nested_dissection
+
+
+@pytest.fixture(params=["connected", "two bodies", "nothing touched", "everything touched"])
+def system(request):
+    rng = np.random.default_rng(0)
+    n = 24
+    A = sp.random_array((n, n), density=0.15, rng=rng).toarray()
+    K = A @ A.T + np.eye(n)
+    if request.param == "two bodies":
+        K[:10, 10:] = K[10:, :10] = 0.0
+    touched = {"nothing touched": [], "everything touched": list(range(n))}.get(request.param, [3, 20, 7, 15])
+    norms = vx.Norms(np.eye(n)[touched], np.ones(len(touched))) if touched else None
+    return vx.System(K, lambda t: np.full(n, t), norms)
+
+
+def test_schur_complement_and_recovery(system):
+    K = system.K.toarray()
+    condensation = Condensation(system)
+    c = condensation.touched
+    i = np.setdiff1d(np.arange(system.n), c)
+    S = K[np.ix_(c, c)] - K[np.ix_(c, i)] @ np.linalg.solve(K[np.ix_(i, i)], K[np.ix_(i, c)]) if len(i) else K
+    assert np.allclose(condensation.form.K, S, rtol=0, atol=1e-13 * np.abs(K).max())
+    rng = np.random.default_rng(1)
+    f, phi, y_c = rng.normal(size=system.n), rng.normal(size=system.n), rng.normal(size=len(c))
+    y = np.zeros(system.n)
+    y[c] = y_c
+    y[i] = np.linalg.solve(K[np.ix_(i, i)], f[i] - K[np.ix_(i, c)] @ y_c)
+    force, other = condensation.reduce(f), condensation.reduce(phi)
+    tolerance = 1e-13 * np.linalg.cond(K) * np.abs(y).max()
+    assert np.allclose(condensation.recover(y_c, force), y, rtol=0, atol=tolerance)
+    assert condensation.square(y_c, force) == pytest.approx(y @ K @ y, rel=1e-11)
+    assert condensation.work(other, y_c, force) == pytest.approx(phi @ y, abs=1e-11 * np.abs(phi).sum())
+    reduced = f[c] - K[np.ix_(c, i)] @ np.linalg.solve(K[np.ix_(i, i)], f[i]) if len(i) else f
+    assert np.allclose(force.touched, reduced, rtol=0, atol=1e-12 * np.abs(f).max())
+
+
+def test_loads_that_are_combinations_cost_no_solve(system, monkeypatch):
+    condensation = Condensation(system)
+    rng = np.random.default_rng(2)
+    one, two = rng.normal(size=(2, system.n))
+    calls = []
+    solve = condensation.solve
+    monkeypatch.setattr(condensation._factor, "solve", lambda b: (calls.append(1), solve_original(b))[1])
+    solve_original = type(condensation._factor).solve.__get__(condensation._factor)
+    for a, b in [(1.0, 0.0), (0.3, 0.0), (0.5, 2.0), (-7.0, 1e-3), (0.0, 0.0)]:
+        reduced = condensation.reduce(a * one + b * two)
+        exact = np.linalg.solve(system.K.toarray(), a * one + b * two)
+        assert np.allclose(reduced.x, exact, rtol=0, atol=1e-12 * max(np.abs(exact).max(), 1e-300))
+    assert len(calls) == 2
+    assert solve is not None
+
+
+def test_loads_of_ever_new_shape_are_solved_for(system):
+    condensation = Condensation(system)
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        f = rng.normal(size=system.n)
+        exact = np.linalg.solve(system.K.toarray(), f)
+        assert np.allclose(condensation.reduce(f).x, exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+
+
+def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_order():
+    n = 24
+    points = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2).astype(float)
+    line = sp.diags_array([1.0, 1.0, 1.0], offsets=[-1, 0, 1], shape=(n, n))
+    graph = sp.csr_matrix(sp.kron(line, line))
+    order = nested_dissection(graph, points)
+    assert np.array_equal(np.sort(order), np.arange(n * n))
+    K = graph * -1.0 + sp.eye_array(n * n) * 20
+    fill = [
+        sp.linalg.splu(sp.csc_matrix(K[p][:, p]), permc_spec="NATURAL", diag_pivot_thresh=0.0).nnz
+        for p in (np.arange(n * n), order)
+    ]
+    assert fill[1] < 0.8 * fill[0]
+
+
+def test_nested_dissection_takes_coincident_points():
+    graph = sp.csr_matrix(np.ones((200, 200)))
+    assert np.array_equal(np.sort(nested_dissection(graph, np.zeros((200, 2)))), np.arange(200))

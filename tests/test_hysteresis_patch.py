@@ -1,0 +1,91 @@
+"""The frictional hysteresis patch test: a closed form with stick, slip and reversal, exact on every mesh.
+
+Block (0, L) x (0, H), bottom bilateral with Tresca bound g, top u = (U(t), 0), sides traction +-(0, mu gamma(t)).
+With gamma_n = clip((U_n - a_{n-1}) / H, +-g / mu) and a_n = U_n - gamma_n H the field u = (a_n + gamma_n y, 0) is
+linear, so every virtual element reproduces it; a loop of amplitude U0 > g H / mu dissipates
+4 g L (U0 - g H / mu) once it is closed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+YOUNG, POISSON, L, H = 10.0, 0.25, 2.0, 0.5
+MU = YOUNG / (2 * (1 + POISSON))
+G = 0.8
+U0 = 2.5 * G * H / MU
+TIMES = np.linspace(0.0, 5.0, 21)
+U = U0 * np.interp(TIMES, [0, 1, 3, 5], [0, 1, -1, 1])
+
+
+def closed_form():
+    """Shear strain, slip of the bottom, and friction work, step by step."""
+    gamma, a, loss = np.zeros(len(U)), np.zeros(len(U)), np.zeros(len(U))
+    for n in range(1, len(U)):
+        gamma[n] = np.clip((U[n] - a[n - 1]) / H, -G / MU, G / MU)
+        a[n] = U[n] - gamma[n] * H
+        loss[n] = loss[n - 1] + G * L * abs(a[n] - a[n - 1])
+    return gamma, a, loss
+
+
+def scene():
+    gamma, _, _ = closed_form()
+
+    def shear(sign):
+        return lambda x, t: np.tile([0.0, sign * MU * np.interp(t, TIMES, gamma)], (len(x), 1))
+
+    return vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([np.interp(t, TIMES, U), 0.0], (len(x), 1)), on="top"),
+        vx.Traction(shear(1.0), on="right"),
+        vx.Traction(shear(-1.0), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=G, on="bottom"),
+    )
+
+
+@pytest.fixture
+def history(family):
+    mesh = vx.meshes.FAMILIES[family](4, box=((0, L), (0, H)))
+    return vx.simulate(scene(), mesh, TIMES, solver=vx.Newton())
+
+
+def test_displacements_are_exact(history):
+    gamma, a, _ = closed_form()
+    y = history.mesh.points[:, 1]
+    exact = np.zeros_like(history.displacement)
+    exact[:, :, 0] = a[:, None] + gamma[:, None] * y
+    assert np.abs(history.displacement - exact).max() < 1e-10 * U0
+
+
+def test_dissipation_is_exact(history):
+    _, _, loss = closed_form()
+    assert np.abs(history.dissipated - loss).max() < 1e-10 * loss[-1]
+    # The loop from the first turning point (t = 1) back to it (t = 5) is closed.
+    closed = history.dissipated[20] - history.dissipated[4]
+    assert closed == pytest.approx(4 * G * L * (U0 - G * H / MU), rel=1e-10)
+
+
+def test_stick_slip_and_tractions_are_exact(history):
+    gamma, a, _ = closed_form()
+    slips = np.append(False, np.abs(np.diff(a)) > 1e-12 * U0)
+    assert slips.any()
+    assert not slips[1:].all()
+    assert (history.contact.sticking == ~slips[:, None]).all()
+    # The friction force on the body is minus the shear stress at the bottom's outward normal (0, -1).
+    shear = np.where(slips, np.sign(np.append(0.0, np.diff(a))) * G, MU * gamma)
+    assert np.abs(history.contact.traction[:, :, 0] + shear[:, None]).max() < 1e-10 * G
+    assert np.abs(history.contact.pressure).max() < 1e-10 * G
+
+
+def test_every_solver_finds_it():
+    mesh = vx.meshes.voronoi(3, box=((0, L), (0, H)))
+    _, _, loss = closed_form()
+    for solver in (vx.Clarabel(), vx.OSQP()):
+        history = vx.simulate(scene(), mesh, TIMES, solver=solver)
+        # The gap of a step is at most (accuracy |u|_a)^2 / 2, and the loss is linear in the slip.
+        scale = np.sqrt(2 * history.energy.max())
+        assert abs(history.dissipated[-1] - loss[-1]) < len(TIMES) * solver.accuracy * scale * np.sqrt(loss[-1])

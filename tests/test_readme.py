@@ -1,0 +1,42 @@
+"""The README's program prints what the README says, and its commands are the ones that are run."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_program_prints_what_is_printed_below_it(capsys):
+    program = re.search(r"```python\n(.*?)```", README, re.DOTALL).group(1)
+    printed = re.search(r"```text\n(.*?)```", README, re.DOTALL).group(1)
+    exec(compile(program, "README.md", "exec"), {})
+    said = capsys.readouterr().out
+    numbers = r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?"
+    assert re.sub(numbers, "#", said) == re.sub(numbers, "#", printed)
+    for found, written in zip(re.findall(numbers, said), re.findall(numbers, printed), strict=True):
+        if "e-" in written:
+            # Certificates sit at the rounding floor or the solver's own: their size is what is claimed.
+            assert float(found) < 20 * float(written)
+        else:
+            assert float(found) == pytest.approx(float(written), abs=1e-6)
+
+
+def test_commands_are_single_lines_of_which_ci_runs_one():
+    commands = re.findall(r"^ {4}(python3 -m venv .*)$", README, re.MULTILINE)
+    assert len(commands) == 2
+    assert "vemcvx run" in commands[0]
+    assert "pytest" in commands[1]
+    chosen = re.search(r"sed -n '(.*?)'", (ROOT / ".ci" / "run").read_text()).group(1)
+    picked = subprocess.run(["sed", "-n", chosen, ROOT / "README.md"], capture_output=True, text=True, check=True)
+    assert picked.stdout.splitlines() == [commands[1]]
+
+
+def test_links_lead_somewhere():
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert (ROOT / target).exists(), target

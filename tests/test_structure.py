@@ -1,0 +1,98 @@
+"""The shape of the package: imports point backwards, heavy packages stay out, files stay short."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import vemcvx
+
+ROOT = Path(vemcvx.__file__).parent
+LAYERS = [
+    ["errors"],
+    ["canvas"],
+    ["meshes"],
+    ["vem"],
+    ["effects"],
+    ["scene", "supports", "rigid"],
+    ["linear", "ordering", "system", "program", "scaling", "certificate", "condensation"],
+    ["pose"],
+    ["solvers"],
+    ["ledger"],
+    ["backward_euler"],
+    ["initial", "trajectory"],
+    ["recorder"],
+    ["march"],
+    ["history"],
+    ["simulate"],
+    ["plots", "files"],
+    ["cli"],
+]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+HEAVY = {"cvxpy": "solvers/conic.py", "matplotlib": "canvas.py", "meshio": "meshes/files.py"}
+
+
+def modules():
+    return sorted(
+        path.relative_to(ROOT) for path in ROOT.rglob("*.py") if path.name != "__init__.py" or path.parent != ROOT
+    )
+
+
+def top(path):
+    return path.parts[0].removesuffix(".py")
+
+
+def imports(tree, everywhere):
+    """Names imported when the module is (or anywhere in it), type checking aside."""
+    guarded = {
+        id(node)
+        for test in ast.walk(tree)
+        if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.unparse(test.test)
+        for node in ast.walk(test)
+    }
+    nodes = ast.walk(tree) if everywhere else tree.body
+    for node in nodes:
+        if id(node) in guarded:
+            continue
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield "." * node.level + (node.module or "")
+
+
+@pytest.mark.parametrize("path", modules(), ids=str)
+def test_imports_point_backwards(path):
+    level = LEVEL[top(path)]
+    for name in imports(ast.parse((ROOT / path).read_text()), everywhere=False):
+        assert not name.startswith("."), f"{path}: relative import {name}; write it out"
+        parts = name.split(".")
+        if parts[0] == "vemcvx" and len(parts) > 1 and parts[1] != top(path):
+            assert LEVEL[parts[1]] < level or {parts[1], top(path)} <= set(LAYERS[level]), f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=str)
+def test_heavy_packages_have_one_door(path):
+    for name in imports(ast.parse((ROOT / path).read_text()), everywhere=True):
+        package = name.split(".")[0]
+        if package in HEAVY:
+            assert str(path) == HEAVY[package], f"{path} imports {package}; only {HEAVY[package]} may"
+
+
+@pytest.mark.parametrize("path", modules(), ids=str)
+def test_files_are_short(path):
+    assert (ROOT / path).read_text().count("\n") <= 300
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    code = "import sys, vemcvx; print({'cvxpy', 'matplotlib', 'meshio', 'clarabel', 'osqp'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "set()"
+
+
+def test_everything_exported_exists():
+    for name in vemcvx.__all__:
+        assert getattr(vemcvx, name).__doc__, name

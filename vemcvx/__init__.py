@@ -1,0 +1,72 @@
+"""vemcvx: quasistatic frictional contact on polygonal meshes, posed as certified convex programs.
+
+A scene (material, supports, loads, contact, friction) on a polygonal mesh becomes, at every backward-Euler
+step, one convex program; solvers of different kinds answer it; every answer carries a certificate that does
+not depend on the solver. After Feng, Han and Huang, "A virtual element method for a quasistatic frictional
+contact problem"; equation numbers in this package are its.
+"""
+
+from vemcvx import meshes
+from vemcvx.effects import (
+    BilateralContact,
+    BodyForce,
+    Clamp,
+    Effect,
+    Elasticity,
+    PrescribedDisplacement,
+    Traction,
+    TrescaFriction,
+)
+from vemcvx.errors import (
+    MeshError,
+    MeshWarning,
+    NotAccepted,
+    NotCertified,
+    SceneError,
+    SceneWarning,
+    VemcvxError,
+)
+from vemcvx.history import Contact, History
+from vemcvx.march import march
+from vemcvx.meshes import PolygonMesh
+from vemcvx.scene import Scene
+from vemcvx.simulate import simulate
+from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
+from vemcvx.system import Norms, System
+from vemcvx.trajectory import Trajectory
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "OSQP",
+    "BilateralContact",
+    "BodyForce",
+    "Clamp",
+    "Clarabel",
+    "Contact",
+    "Direct",
+    "Effect",
+    "Elasticity",
+    "History",
+    "MeshError",
+    "MeshWarning",
+    "Newton",
+    "Norms",
+    "NotAccepted",
+    "NotCertified",
+    "PolygonMesh",
+    "PrescribedDisplacement",
+    "Scene",
+    "SceneError",
+    "SceneWarning",
+    "Solver",
+    "System",
+    "ThroughCvxpy",
+    "Traction",
+    "Trajectory",
+    "TrescaFriction",
+    "VemcvxError",
+    "march",
+    "meshes",
+    "simulate",
+]

@@ -1,0 +1,182 @@
+"""One step of backward Euler, (2.34): posed, scaled, solved, certified, entered into the ledger.
+
+With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
+g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.certificate import Certificate, certify
+from vemcvx.condensation import Condensation
+from vemcvx.errors import NotCertified
+from vemcvx.ledger import Drive, Ledger, advance, drive
+from vemcvx.program import Answer, Form, StepProgram
+from vemcvx.scaling import Scaling, scaling
+from vemcvx.solvers import Prepared, Solver, choose
+from vemcvx.system import System
+
+Floats = NDArray[np.float64]
+
+ATTEMPTS = 3
+"""A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What all steps share."""
+
+    system: System
+    condensation: Condensation
+    scaling: Scaling
+    solver: Solver
+    prepared: Prepared
+    check: bool
+
+    @property
+    def form(self) -> Form:
+        """The condensed form, in the units of the system."""
+        return self.condensation.form
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything known at an instant; touched unknowns only."""
+
+    t: float
+    y: Floats
+    """(m,)"""
+    unbalanced: Floats
+    """(m,) load - K y, which the norm terms hold"""
+    drive: Drive
+    weights: Floats
+    lam: Floats
+    slip: Floats
+    """(m, block) s of the step that led here"""
+    certificate: Certificate
+    ledger: Ledger
+    scale: float
+    """largest energy norm of the states so far"""
+    iterations: int
+
+
+def prepare(system: System, solver: Solver | None, check: bool, condense: bool) -> Run:
+    """Factorise, condense, scale, and let the solver do what all steps share."""
+    condensation = Condensation(system, condense)
+    chosen = choose(condensation.form, solver)
+    scales = scaling(condensation.form)
+    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form), check)
+
+
+def step(run: Run, before: State, n: int, t: float) -> State:
+    """The state at `t`, one step after `before`.
+
+    Raises
+    ------
+    NotCertified
+        The step misses the solver's accuracy, and the run is to be checked.
+    """
+    now = drive(run.system, run.condensation, t)
+    weights = np.zeros(0) if run.system.norms is None else run.system.norms.weights(t)
+    attempt = trial(run, before, now, weights)
+    if now.still_as(before.drive) and np.array_equal(weights, before.weights):
+        guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed")
+        state = attempt.enter(guess, before.certificate)
+    else:
+        state = attempt.solve()
+    if run.check:
+        insist(run, state, n)
+    return state
+
+
+def trial(run: Run, before: State, now: Drive, weights: Floats) -> Trial:
+    """Pose the step that leads from `before` to what drives the system now."""
+    g = before.unbalanced + (now.force.touched - before.drive.force.touched)
+    return Trial(run, before, StepProgram(run.form, g, weights, before.drive.drag - now.drag), now)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One step being solved."""
+
+    run: Run
+    before: State
+    program: StepProgram
+    drive: Drive
+
+    def solve(self) -> State:
+        """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked."""
+        alpha = self.run.scaling.size(self.program)
+        if alpha == 0.0:
+            still = Answer(np.zeros_like(self.before.y), np.zeros_like(self.before.lam), 0, "nothing pushes")
+            return self.enter(still, certify(self.program, still.d, still.lam))
+        accuracy = self.run.solver.accuracy
+        size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
+        best: State | None = None
+        for _ in range(ATTEMPTS):
+            state = self._ask(alpha, 0.5 * (accuracy * size) ** 2)
+            if best is None or state.certificate.gap < best.certificate.gap:
+                best = state
+            if best.certificate.gap <= 0.5 * (accuracy * best.scale) ** 2:
+                break
+            size = 0.1 * min(size, best.scale)
+        return best  # type: ignore[return-value]
+
+    def _ask(self, alpha: float, target: float) -> State:
+        scales = self.run.scaling
+        scaled = scales.scale(self.program, alpha)
+        answer = self.run.prepared.solve(scaled, scales.energy(target, alpha), scales.guess(self.before.lam, alpha))
+        answer = replace(answer, lam=scaled.project(answer.lam))
+        unit = 1.0 / scales.energy(1.0, alpha)
+        return self.enter(scales.restore(answer, alpha), certify(scaled, answer.d, answer.lam).times(unit))
+
+    def enter(self, answer: Answer, certificate: Certificate) -> State:
+        """The state that an answer leads to."""
+        before, y = self.before, self.before.y + answer.d
+        slip = self.program.slip(answer.d)
+        ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, self.program.w)
+        return State(
+            self.drive.t,
+            y,
+            self.program.g - self.run.form.K @ answer.d,
+            self.drive,
+            self.program.w,
+            answer.lam,
+            slip,
+            certificate,
+            ledger,
+            max(before.scale, ledger.norm),
+            answer.iterations,
+        )
+
+
+def insist(run: Run, state: State, n: int) -> None:
+    """Raise NotCertified when the state misses the solver's accuracy."""
+    accuracy = run.solver.accuracy
+    error, floor = state.certificate.error, state.certificate.error_floor
+    if error <= accuracy * state.scale:
+        return
+    reached, floor = error / state.scale if state.scale else np.inf, floor / state.scale if state.scale else np.inf
+    worst = ""
+    if run.system.norms is not None and run.form.count:
+        place = run.system.norms.name(int(np.argmax(state.certificate.friction)))
+        worst = f" The largest share of the gap sits at {place}."
+    advice = (
+        f"Round-off alone allows {floor:.1e}: ask for no more than that"
+        if floor > accuracy
+        else f"Ask for accuracy={2 * reached:.0e} or more, use polish=True where the solver has it, or vx.Newton()"
+    )
+    raise NotCertified(
+        f"step {n} at t = {state.t:.6g}: {run.solver.name} reached a certified relative energy error of "
+        f"{reached:.1e}, asked was {accuracy:.1e} (round-off floor {floor:.1e}).{worst} {advice}, or pass "
+        "check=False to go on regardless.",
+        step=n,
+        time=state.t,
+        reached=reached,
+        asked=accuracy,
+        floor=floor,
+    )

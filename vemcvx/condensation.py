@@ -1,0 +1,142 @@
+"""The unknowns that no norm term touches, eliminated once (Schur complement).
+
+With interior unknowns i and touched ones c,  S = K_cc - K_ci K_ii^{-1} K_ic  and a force phi acts on c as
+phi_c - K_ci K_ii^{-1} phi_i = S (K^{-1} phi)_c. If c comes last in K = L U, then S = L_cc U_cc: the Schur
+complement costs no more than the factorisation (one solve a touched unknown would cost six of them).
+
+Given the total force f and the touched displacements y_c, with x = K^{-1} f and rho = S (y_c - x_c),
+
+    K y = f + [0; rho],    y'Ky = f'x - x_c'S x_c + y_c'S y_c,    phi'y = phi'x + (K^{-1} phi)_c . rho
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.linear import Factor, factorise, sparse_lu
+from vemcvx.ordering import minimum_degree
+from vemcvx.program import Form
+from vemcvx.system import System
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# A load is taken for a combination of fields already solved for when what is left of it is rounding.
+SAME_FIELD = 8 * float(np.finfo(float).eps)
+MOST_FIELDS = 6
+"""Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A force phi (n,), its response x = K^{-1} phi (n,), and what it does to the touched unknowns (m,)."""
+
+    phi: Floats
+    x: Floats
+    touched: Floats
+
+    def __sub__(self, other: Reduced) -> Reduced:
+        return Reduced(self.phi - other.phi, self.x - other.x, self.touched - other.touched)
+
+
+class Condensation:
+    """A system seen by its norm terms alone; with ``condense=False`` every unknown counts as touched.
+
+    Attributes
+    ----------
+    form : Form
+        S (dense, or K itself) and B on the touched unknowns.
+    touched : (m,) array
+        Their numbers.
+    """
+
+    def __init__(self, system: System, condense: bool = True):
+        self.system = system
+        n, norms = system.n, system.norms
+        B = sp.csr_matrix((0, n)) if norms is None else norms.B
+        block = 1 if norms is None else norms.block
+        if condense:
+            self.touched: Ints = np.unique(B.indices[B.data != 0]).astype(np.int64)
+            self._factor, S = _eliminate(system, self.touched)
+        else:
+            self.touched = np.arange(n)
+            self._factor, S = factorise(system.K), system.K
+        self.form = Form(S, sp.csr_matrix(B[:, self.touched]), block)
+        self._basis: list[tuple[Floats, Floats]] = []
+
+    def reduce(self, phi: Floats) -> Reduced:
+        """The response to a force; a combination of forces seen before costs no solve."""
+        x = self._respond(phi)
+        return Reduced(phi, x, self.form.K @ x[self.touched])
+
+    def solve(self, phi: Floats) -> Floats:
+        """K^{-1} phi, (n,)."""
+        return self._factor.solve(phi)
+
+    def recover(self, y_c: Floats, f: Reduced) -> Floats:
+        """All unknowns (n,) from the touched ones, K y = f + [0; rho]."""
+        if len(self.touched) == 0:
+            return f.x.copy()
+        total = f.phi.copy()
+        total[self.touched] += self.form.K @ (y_c - f.x[self.touched])
+        y = self._factor.solve(total)
+        # The touched unknowns are known; what the solve returns for them differs by its rounding.
+        y[self.touched] = y_c
+        return y
+
+    def square(self, y_c: Floats, f: Reduced) -> float:
+        """y'Ky."""
+        x_c = f.x[self.touched]
+        return float(f.phi @ f.x - x_c @ f.touched + y_c @ (self.form.K @ y_c))
+
+    def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
+        """phi'y, the work of the force phi on the state (y_c, f)."""
+        rho = self.form.K @ y_c - f.touched
+        return float(phi.phi @ f.x + phi.x[self.touched] @ rho)
+
+    def _respond(self, phi: Floats) -> Floats:
+        size = np.abs(phi).max(initial=0.0)
+        if size == 0.0:
+            return np.zeros_like(phi)
+        rest, x = phi, np.zeros_like(phi)
+        for q, response in self._basis:
+            share = q @ rest / (q @ q)
+            rest, x = rest - share * q, x + share * response
+        if np.abs(rest).max() <= SAME_FIELD * size:
+            return x
+        if len(self._basis) == MOST_FIELDS:
+            return self._factor.solve(phi)
+        self._basis.append((rest, self._factor.solve(rest)))
+        return x + self._basis[-1][1]
+
+
+def _eliminate(system: System, touched: Ints) -> tuple[Factor, Floats]:
+    """The factorised system, and the Schur complement onto the touched unknowns."""
+    order = minimum_degree(system.K) if system.order is None else system.order
+    last = np.zeros(system.n, dtype=bool)
+    last[touched] = True
+    order = np.concatenate([order[~last[order]], touched])
+    lu = sparse_lu(sp.csc_matrix(system.K[order][:, order]), "NATURAL")
+    factor = _Permuted(lu, order)
+    if len(touched) == 0:
+        return factor, np.zeros((0, 0))
+    # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
+    place = lu.perm_c[system.n - len(touched) :]
+    S = (lu.L[:, place][place] @ lu.U[:, place][place]).toarray()
+    return factor, 0.5 * (S + S.T)
+
+
+class _Permuted:
+    """A factor of K[order][:, order], used for K."""
+
+    def __init__(self, lu: Factor, order: Ints):
+        self._lu, self._order = lu, order
+
+    def solve(self, b: Floats) -> Floats:
+        x = np.empty_like(b)
+        x[self._order] = self._lu.solve(b[self._order])
+        return x

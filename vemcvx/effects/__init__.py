@@ -1,0 +1,28 @@
+"""Effects: the physics a scene can name."""
+
+from vemcvx.effects.bilateral_contact import BilateralContact
+from vemcvx.effects.body_force import BodyForce
+from vemcvx.effects.clamp import Clamp
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Load, Material, Support
+from vemcvx.effects.effect import Effect
+from vemcvx.effects.elasticity import Elasticity
+from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
+from vemcvx.effects.traction import Traction
+from vemcvx.effects.tresca_friction import TrescaFriction
+
+__all__ = [
+    "BilateralContact",
+    "BodyForce",
+    "Clamp",
+    "ContactSurface",
+    "Contribution",
+    "Effect",
+    "Elasticity",
+    "Friction",
+    "Load",
+    "Material",
+    "PrescribedDisplacement",
+    "Support",
+    "Traction",
+    "TrescaFriction",
+]

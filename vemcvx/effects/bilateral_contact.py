@@ -1,0 +1,37 @@
+"""Contact without separation, u . n = 0 on Gamma_C, the first line of (3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vemcvx.effects.contribution import ContactSurface, Contribution, Support
+from vemcvx.effects.effect import Effect, where
+from vemcvx.vem import Space
+
+
+@dataclass(frozen=True)
+class BilateralContact(Effect):
+    """The body neither leaves nor enters the obstacle: u . n = 0 at the nodes of `on`.
+
+    Gamma_C is piecewise flat and may be inclined; at a corner of it both normals hold, so the node is held
+    altogether. At nodes shared with a clamp or a prescribed value, those win.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Boundary names.
+    """
+
+    on: str | Sequence[str]
+
+    def contribute(self, space: Space) -> Contribution:
+        rows = space.part(self.on, "BilateralContact").corners
+        points = space.mesh.points[rows.nodes]
+        return Contribution(
+            supports=(Support("BilateralContact", rows.nodes, rows.normals, points, contact=True),),
+            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+        )
+
+    def describe(self) -> str:
+        return f"BilateralContact: u.n = 0 on {where(self.on)}"

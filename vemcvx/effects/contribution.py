@@ -1,0 +1,95 @@
+"""What one effect adds to the assembled problem: plain arrays, and data still to be evaluated at t_n.
+
+Displacements are vectors u of n_nodes * dim nodal values, component a of node i at position i * dim + a.
+The kinds below are closed; effects are open (each returns any of these kinds).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.effects import data
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force that enters linearly: its nodal vector at t is matrix @ value(points, t)."""
+
+    subject: str
+    points: Floats
+    """(q, dim) points where the datum is evaluated."""
+    matrix: sp.csr_matrix
+    """(n_u, q * dim) quadrature times test functions."""
+    value: data.Datum
+
+    def vector(self, t: float) -> Floats:
+        """Nodal force (n_u,) at the instant `t`."""
+        return self.matrix @ data.vector(self.value, self.points, t, self.subject).ravel()
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed components directions . u(node) = value(points, t); contact (value 0) yields to the rest."""
+
+    subject: str
+    nodes: Ints
+    """(m,) node numbers; a node may appear once a direction."""
+    directions: Floats
+    """(m, dim) unit vectors."""
+    points: Floats
+    """(m, dim) where the nodes are."""
+    value: Callable[[float], Floats] | None = None
+    """t -> (m,) prescribed components; None means zero at all times."""
+    contact: bool = False
+    """A contact's u.n = 0: it gives way, at shared nodes, to what is prescribed in the same direction."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Terms w_i(t) |(I - n n') (u - u_prev)(node_i)|: one row a node and distinct normal."""
+
+    subject: str
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    weights: Callable[[float], Floats]
+    """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Where outputs of contact are asked for: one row a node and distinct normal."""
+
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """Hooke's law a cell: stress = 2 mu eps + lam tr(eps) I (lam already reduced in plane stress)."""
+
+    lam: Floats
+    mu: Floats
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """The sum of what an effect adds; every field may be absent."""
+
+    stiffness: sp.csr_matrix | None = None
+    material: Material | None = None
+    loads: tuple[Load, ...] = ()
+    supports: tuple[Support, ...] = ()
+    frictions: tuple[Friction, ...] = ()
+    surfaces: tuple[ContactSurface, ...] = ()

@@ -1,0 +1,79 @@
+"""Data that a scene carries: a constant, or a callable of the points x (m, dim) and the instant t.
+
+Every value that reaches a matrix passes through here once, so that a wrong shape, a NaN or a wrong
+signature is one clear :class:`~vemcvx.errors.SceneError` and never a numpy traceback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+
+Datum = ArrayLike | Callable[..., ArrayLike]
+Floats = NDArray[np.float64]
+
+
+def scalar(value: Datum, x: Floats, t: float, subject: str) -> Floats:
+    """Values (m,) of a scalar datum at the points `x` (m, dim) and the instant `t`."""
+    raw = _call(value, (x, t), "x, t", subject)
+    return _shaped(raw, (len(x),), subject, f"a number, or ({len(x)},) values, one a point")
+
+
+def vector(value: Datum, x: Floats, t: float, subject: str) -> Floats:
+    """Values (m, dim) of a vector datum at the points `x` (m, dim) and the instant `t`."""
+    return _shaped(
+        _call(value, (x, t), "x, t", subject),
+        x.shape,
+        subject,
+        f"{x.shape[1]} components, or an array {x.shape}, one row a point",
+    )
+
+
+def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floats:
+    """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name."""
+    if isinstance(value, str):
+        if value not in cell_data:
+            known = ", ".join(repr(name) for name in cell_data) or "none"
+            raise SceneError(
+                f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. "
+                "Give a number, an array of one value a cell, or a callable f(x)."
+            )
+        raw: Any = cell_data[value]
+    else:
+        raw = _call(value, (x,), "x", subject)
+    return _shaped(raw, (len(x),), subject, f"a number, or ({len(x)},) values, one a cell")
+
+
+def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) -> Any:
+    if not callable(value):
+        return value
+    try:
+        return value(*arguments)
+    except Exception as error:
+        raise SceneError(
+            f"{subject}: its function failed when called as f({names}) with x of shape "
+            f"{arguments[0].shape}: {type(error).__name__}: {error}. It must take all points at once "
+            f"and return one value a point."
+        ) from error
+
+
+def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str) -> Floats:
+    try:
+        array = np.asarray(raw, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"{subject}: found {raw!r}, which is not numeric; wanted {wanted}.") from error
+    # Only whole values broadcast: a (2,) vector over m points, a scalar over m points. A vector of
+    # two for two points' scalars would be ambiguous nowhere, because the shapes are fixed by `shape`.
+    if array.shape not in (shape, shape[1:], ()) or (array.shape == () and len(shape) == 2):
+        raise SceneError(f"{subject}: found an array of shape {array.shape}; wanted {wanted}.")
+    if not np.isfinite(array).all():
+        raise SceneError(
+            f"{subject}: found {np.count_nonzero(~np.isfinite(array))} value(s) that are NaN or infinite; "
+            "all must be finite."
+        )
+    return np.array(np.broadcast_to(array, shape))

@@ -1,0 +1,46 @@
+"""What every effect is: settings of a piece of physics, and one pure method that turns them into arrays."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from vemcvx.effects.contribution import Contribution
+from vemcvx.vem import Space
+
+
+class Effect(ABC):
+    """One piece of physics of a scene, free of any mesh.
+
+    Effects are frozen: names of boundaries, constants and callables. They know nothing of each other, of
+    solvers or of time stepping, and the order in which a scene names them changes nothing.
+    """
+
+    @abstractmethod
+    def contribute(self, space: Space) -> Contribution:
+        """What this effect adds on the mesh of `space`.
+
+        Pure: equal calls give equal arrays. Nothing is evaluated in time here; data f(x, t) are carried
+        along and evaluated at t_n.
+
+        Raises
+        ------
+        SceneError
+            A boundary's name is unknown, or a datum that does not depend on time has a wrong shape,
+            sign or value.
+        """
+
+    @abstractmethod
+    def describe(self) -> str:
+        """One line of words for `vemcvx show`."""
+
+
+def where(on: str | list[str] | tuple[str, ...]) -> str:
+    """The boundary names of `on` in words."""
+    return on if isinstance(on, str) else ", ".join(on)
+
+
+def amount(value: object) -> str:
+    """A datum in words: its number, or that it varies."""
+    if callable(value):
+        return f"{getattr(value, '__name__', 'function')}(x, t)"
+    return repr(value) if isinstance(value, str) else str(value)

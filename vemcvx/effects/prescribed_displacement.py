@@ -1,0 +1,84 @@
+"""Given displacements u = value on a part of the boundary: all components, or one direction of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vemcvx.effects import data
+from vemcvx.effects.contribution import Contribution, Floats, Ints, Support
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError
+from vemcvx.vem import BoundaryPart, Space
+
+
+@dataclass(frozen=True)
+class PrescribedDisplacement(Effect):
+    """Move a part of the boundary as told; the reactions are part of the answer.
+
+    Parameters
+    ----------
+    value : constant or callable
+        With ``direction=None`` the whole vector, (2,) or f(x, t) -> (m, 2), in units of length; otherwise
+        the one component u . direction, a number or f(x, t) -> (m,).
+    on : str or sequence of str
+        Boundary names.
+    direction : None, (2,) vector, "normal" or "tangent"
+        "normal" is outward; "tangent" is the normal turned by +90 degrees, so that the body lies on its left.
+        A vector is normalised. At a corner of `on` both normals (tangents) are prescribed.
+    """
+
+    value: data.Datum
+    on: str | Sequence[str]
+    direction: str | Sequence[float] | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        subject = f"PrescribedDisplacement on {where(self.on)}"
+        part = space.part(self.on, "PrescribedDisplacement")
+        if self.direction is None:
+            return Contribution(supports=(self._whole(part.nodes, space.mesh.points[part.nodes], subject),))
+        nodes, directions = self._rows(part, subject)
+        points = space.mesh.points[nodes]
+
+        def value(t: float) -> Floats:
+            return data.scalar(self.value, points, t, subject)
+
+        return Contribution(supports=(Support(subject, nodes, directions, points, value),))
+
+    def describe(self) -> str:
+        held = "" if self.direction is None else f" along {self.direction}"
+        return f"PrescribedDisplacement: u = {amount(self.value)}{held} on {where(self.on)}"
+
+    def _whole(self, nodes: Ints, points: Floats, subject: str) -> Support:
+        dim = points.shape[1]
+
+        def value(t: float) -> Floats:
+            return data.vector(self.value, points, t, subject).ravel()
+
+        repeated = np.repeat(nodes, dim)
+        return Support(subject, repeated, np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0), value)
+
+    def _rows(self, part: BoundaryPart, subject: str) -> tuple[Ints, Floats]:
+        if isinstance(self.direction, str):
+            rows = part.corners
+            if self.direction == "normal":
+                return rows.nodes, rows.normals
+            if self.direction == "tangent":
+                return rows.nodes, rows.tangents
+            raise SceneError(
+                f"{subject}: found direction {self.direction!r}; it is a vector, 'normal', 'tangent' or None."
+            )
+        try:
+            direction = np.asarray(self.direction, dtype=float)
+        except (TypeError, ValueError):
+            direction = np.zeros(0)
+        dim = part.normals.shape[1]
+        length = np.linalg.norm(direction)
+        if direction.shape != (dim,) or not np.isfinite(length) or length == 0.0:
+            raise SceneError(
+                f"{subject}: found direction {self.direction!r}; a direction is a nonzero vector of {dim} "
+                "finite components, 'normal', 'tangent' or None."
+            )
+        return part.nodes, np.tile(direction / length, (len(part.nodes), 1))

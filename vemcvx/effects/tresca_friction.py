@@ -1,0 +1,69 @@
+"""Tresca's law with a given bound g on Gamma_C, (3.6): j(v) = int_{Gamma_C} g |v_tau| ds.
+
+The nodal weights are those of the trapezoidal rule, w_i = g(x_i) int phi_i ds, or w_i = int g phi_i ds.
+With linear traces both integrate |v_tau| by its nodal interpolant, an upper bound of j on every edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vemcvx.effects import data
+from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError
+from vemcvx.vem import Space
+
+QUADRATURES = ("nodes", "integral")
+
+
+@dataclass(frozen=True)
+class TrescaFriction(Effect):
+    """Friction whose traction never exceeds a given bound: |sigma_tau| <= g, and sticks below it.
+
+    Parameters
+    ----------
+    bound : number, or callable f(x, t) -> (m,)
+        g >= 0, force per length (and unit thickness), evaluated at t_n.
+    on : str or sequence of str
+        Boundary names.
+    quadrature : {"nodes", "integral"}
+        w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
+    """
+
+    bound: data.Datum
+    on: str | Sequence[str]
+    quadrature: str = "nodes"
+
+    def contribute(self, space: Space) -> Contribution:
+        subject = f"TrescaFriction on {where(self.on)}"
+        if self.quadrature not in QUADRATURES:
+            raise SceneError(f"{subject}: found quadrature {self.quadrature!r}; there are 'nodes' and 'integral'.")
+        rows = space.part(self.on, "TrescaFriction").corners
+        points = space.mesh.points[rows.nodes]
+
+        def bound(x: Floats, t: float) -> Floats:
+            g = data.scalar(self.bound, x, t, f"{subject}: bound")
+            if (g < 0).any():
+                worst = int(np.argmin(g))
+                raise SceneError(
+                    f"{subject}: found the bound {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; "
+                    "a friction bound is a force per length and must be >= 0."
+                )
+            return g
+
+        def weights(t: float) -> Floats:
+            if self.quadrature == "nodes":
+                return rows.lengths * bound(points, t)
+            return rows.matrix @ bound(rows.points, t)
+
+        return Contribution(
+            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, weights),),
+            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+        )
+
+    def describe(self) -> str:
+        return f"TrescaFriction: |friction| <= {amount(self.bound)} on {where(self.on)}"

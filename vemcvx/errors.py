@@ -1,0 +1,47 @@
+"""The errors a user can meet; every one says what was found, what exists and what to do next."""
+
+from __future__ import annotations
+
+
+class VemcvxError(Exception):
+    """Base of every error raised on purpose by this package."""
+
+
+class MeshError(VemcvxError):
+    """The mesh, or the file it was to come from, is not a valid polygonal mesh."""
+
+
+class MeshWarning(UserWarning):
+    """The mesh was mended on the way in: cells turned, unused nodes or inner lines dropped."""
+
+
+class SceneError(VemcvxError):
+    """The scene, its data or the times it is asked for make no well-posed problem."""
+
+
+class SceneWarning(UserWarning):
+    """The scene can be answered, but its answer deserves a second look."""
+
+
+class NotAccepted(VemcvxError):
+    """The chosen solver cannot take a term that the program has."""
+
+
+class NotCertified(VemcvxError):
+    """A step's answer misses the requested accuracy.
+
+    Attributes
+    ----------
+    step : int
+        The step that failed (1 is the first after the initial instant).
+    time : float
+        Its instant.
+    reached, asked, floor : float
+        Certified relative energy error: what was reached, what was asked, and the part of it that
+        round-off alone accounts for.
+    """
+
+    def __init__(self, message: str, *, step: int, time: float, reached: float, asked: float, floor: float):
+        super().__init__(message)
+        self.step, self.time = step, time
+        self.reached, self.asked, self.floor = reached, asked, floor

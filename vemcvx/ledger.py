@@ -1,0 +1,95 @@
+"""The energy ledger of backward Euler, kept on the touched unknowns.
+
+energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D
+work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc
+           (forces and reactions at the end of the step; this load is without the stretch of the supports)
+loss     = lam . s = sum_i w_i |s_i|
+identity   work - dE - loss = 1/2 a(du, du)   step by step, for every balanced answer
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.condensation import Condensation, Reduced
+from vemcvx.program import Answer
+from vemcvx.system import System
+
+if TYPE_CHECKING:
+    from vemcvx.backward_euler import State
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What drives the system at an instant: its force, and the motion of its supports."""
+
+    t: float
+    force: Reduced
+    """load minus stretch"""
+    stretch: Reduced | None
+    drag: Floats
+    stored: float
+
+    def still_as(self, other: Drive) -> bool:
+        """Whether nothing differs between the two instants."""
+        return (
+            np.array_equal(self.force.phi, other.force.phi)
+            and np.array_equal(self.drag, other.drag)
+            and (
+                self.stretch is None or np.array_equal(self.stretch.phi, other.stretch.phi)  # type: ignore[union-attr]
+            )
+        )
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Energy at an instant, cumulative dissipation and work, and the energy norm |u|_a."""
+
+    energy: float
+    dissipated: float
+    work: float
+
+    @property
+    def norm(self) -> float:
+        """|u|_a = sqrt(2 E)."""
+        return float(np.sqrt(2.0 * max(self.energy, 0.0)))
+
+
+def drive(system: System, condensation: Condensation, t: float) -> Drive:
+    """Evaluate load and supports at `t`."""
+    force = condensation.reduce(system.force(t))
+    rows = 0 if system.norms is None else system.norms.B.shape[0]
+    if system.motion is None:
+        return Drive(t, force, None, np.zeros(rows), 0.0)
+    motion = system.motion
+    return Drive(t, force, condensation.reduce(motion.stretch(t)), motion.drag(t), motion.stored(t, t))
+
+
+def energy(condensation: Condensation, y: Floats, now: Drive) -> float:
+    """1/2 a(u, u)."""
+    square = condensation.square(y, now.force)
+    if now.stretch is None:
+        return 0.5 * square
+    return 0.5 * (square + 2.0 * condensation.work(now.stretch, y, now.force) + now.stored)
+
+
+def advance(
+    condensation: Condensation, before: State, now: Drive, y: Floats, answer: Answer, slip: Floats, w: Floats
+) -> Ledger:
+    """The ledger after a step."""
+    change = now.force - before.drive.force
+    work = condensation.work(now.force, answer.d, change)
+    if now.stretch is not None and before.drive.stretch is not None:
+        work += condensation.work(now.stretch, answer.d, change)
+        work += condensation.work(now.stretch - before.drive.stretch, y, now.force)
+        motion = condensation.system.motion
+        work += now.stored - motion.stored(before.drive.t, now.t)  # type: ignore[union-attr]
+        work += float(answer.lam.ravel() @ (now.drag - before.drive.drag))
+    loss = float(w @ np.linalg.norm(slip, axis=1))
+    return Ledger(energy(condensation, y, now), before.ledger.dissipated + loss, before.ledger.work + work)

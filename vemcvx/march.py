@@ -1,0 +1,96 @@
+"""Backward Euler for a quasistatic variational inequality: one certified convex program a step, (2.34).
+
+The loop below is Problem 2.4 in a dozen lines; what one step is stands in :mod:`vemcvx.backward_euler`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.backward_euler import prepare, step
+from vemcvx.errors import SceneError
+from vemcvx.initial import initial_state
+from vemcvx.recorder import Recorder, stored_steps
+from vemcvx.solvers import Solver
+from vemcvx.system import System
+from vemcvx.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+
+def march(
+    system: System,
+    times: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    initial: ArrayLike | str | None = None,
+    store: str | int = "all",
+    check: bool = True,
+    condense: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> Trajectory:
+    """March a System through time by backward Euler.
+
+    Parameters
+    ----------
+    system : System
+    times : increasing sequence of N + 1 instants
+        times[0] is the initial one.
+    solver : Solver, optional
+        By default the smallest that accepts the program.
+    initial : None, (n,) array, "equilibrium" or "settled"
+        Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
+    store : "all", "last" or int
+        Which states to keep: every one, the last, or every so many and the last.
+    check : bool
+        Raise NotCertified when a step misses the solver's accuracy; otherwise go on.
+    condense : bool
+        Eliminate the unknowns that no norm term touches (default), or hand over the full program.
+    progress : callable (step, steps), optional
+
+    Raises
+    ------
+    SceneError
+        The times do not increase, or the initial state violates (2.1).
+    NotAccepted
+        The solver cannot take the program.
+    NotCertified
+        A step misses the accuracy asked for.
+    """
+    instants = checked_times(times)
+    steps = len(instants) - 1
+    kept = stored_steps(store, steps)
+    start = time.perf_counter()
+    run = prepare(system, solver, check, condense)
+    prepared = time.perf_counter()
+    state = initial_state(run, instants[0], initial)
+    recorder = Recorder(run, kept)
+    recorder.add(0, state)
+    for n in range(1, steps + 1):
+        state = step(run, state, n, instants[n])
+        recorder.add(n, state)
+        if progress is not None:
+            progress(n, steps)
+    seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
+    return recorder.finish(instants, seconds)
+
+
+def checked_times(times: ArrayLike) -> Floats:
+    """The instants as an increasing array of at least one."""
+    t = np.asarray(times, dtype=float)
+    if t.ndim != 1 or len(t) == 0 or not np.isfinite(t).all():
+        raise SceneError(
+            f"times: found {times!r}; wanted an increasing sequence of finite instants, such as np.linspace(0, 1, 65)."
+        )
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        n = int(back[0])
+        raise SceneError(
+            f"times: instant {n + 1} is {t[n + 1]:.17g}, which does not come after instant {n}, {t[n]:.17g}; "
+            "times must increase strictly."
+        )
+    return t

@@ -1,0 +1,1 @@
+from .polygon_mesh import PolygonMesh

@@ -1,0 +1,91 @@
+"""The box and the cell counts that every family of meshes is asked for.
+
+A family is called with n (cells per unit length) or with a pair of counts, and with a box ((x0, x1), (y0, y1)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+
+import numpy as np
+
+from ..errors import MeshError
+from .geometry import Floats
+
+Count = int | tuple[int, int]
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """The rectangle [left, right] x [bottom, top]."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+
+    @property
+    def width(self) -> float:
+        """Length of the bottom side."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> float:
+        """Length of the left side."""
+        return self.top - self.bottom
+
+
+def check_box(box: Sequence[Interval]) -> Box:
+    """Return the box as four finite numbers, or raise MeshError."""
+    try:
+        (left, right), (bottom, top) = box
+        values = [float(left), float(right), float(bottom), float(top)]
+    except (TypeError, ValueError):
+        raise MeshError(f"box must be ((x0, x1), (y0, y1)), four numbers; got {box!r}.") from None
+    if not all(map(math.isfinite, values)):
+        raise MeshError(f"box must be finite; got {box!r}.")
+    for axis, low, high in (("x", values[0], values[1]), ("y", values[2], values[3])):
+        if not low < high:
+            raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
+    return Box(*values)
+
+
+def check_whole(name: str, value: object, least: int = 1) -> int:
+    """Return a whole number not below ``least``, or raise MeshError."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Integral):
+        raise MeshError(f"{name} must be a whole number; got {value!r}.")
+    if value < least:
+        raise MeshError(f"{name} must be at least {least}; got {value!r}.")
+    return int(value)
+
+
+def check_fraction(name: str, value: object, high: float, *, closed: bool = False) -> float:
+    """Return a number in [0, high), or [0, high] if ``closed``, or raise MeshError."""
+    inside = isinstance(value, Real) and (0.0 <= value < high or (closed and value == high))
+    if not inside:
+        bracket = "]" if closed else ")"
+        raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")
+    return float(value)
+
+
+def cell_counts(n: Count, box: Box, stretch: float = 1.0) -> tuple[int, int]:
+    """Cells along x and y: the given pair, or n a unit length (n / stretch along x, n * stretch along y), at least one."""
+    if np.ndim(n) == 0:
+        n = check_whole("n", n)
+        return max(1, round(n * box.width / stretch)), max(1, round(n * box.height * stretch))
+    if np.shape(n) != (2,):
+        raise MeshError(f"n must be a whole number or a pair (nx, ny); got {n!r}.")
+    return check_whole("nx", n[0]), check_whole("ny", n[1])
+
+
+def ticks(low: float, high: float, count: int) -> Floats:
+    """Return count + 1 equally spaced numbers, both ends exact, or raise MeshError if rounding makes them meet."""
+    line = np.linspace(low, high, count + 1)
+    if not np.all(np.diff(line) > 0.0):
+        raise MeshError(f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
+                        "numbers there; use fewer cells or a box nearer to the origin.")
+    return line

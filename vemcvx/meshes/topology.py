@@ -1,0 +1,96 @@
+"""Who touches whom: edges of a polygonal mesh, its boundary, its neighbouring cells.
+
+Cell c lists the vertices ``vertices[offsets[c]:offsets[c+1]]``; corner k of that flat list starts the directed edge
+from ``vertices[k]`` to the next vertex of the same cell. Packing an undirected edge {a, b}, a < b, into the one
+integer a * n_nodes + b makes "which corners share an edge" a single sort.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Ints = NDArray[np.int64]
+
+
+def next_corner(offsets: Ints) -> Ints:
+    """Position of the corner that follows each corner in its own cell."""
+    follow = np.arange(1, offsets[-1] + 1)
+    follow[offsets[1:] - 1] = offsets[:-1]
+    return follow
+
+
+def previous_corner(offsets: Ints) -> Ints:
+    """Position of the corner that precedes each corner in its own cell."""
+    before = np.arange(-1, offsets[-1] - 1)
+    before[offsets[:-1]] = offsets[1:] - 1
+    return before
+
+
+def next_vertex(offsets: Ints, vertices: Ints) -> Ints:
+    """Vertex that follows each corner's vertex in its own cell: ``vertices[next_corner(offsets)]``."""
+    follow = np.empty_like(vertices)
+    follow[:-1] = vertices[1:]
+    follow[offsets[1:] - 1] = vertices[offsets[:-1]]
+    return follow
+
+
+def cell_of_corner(offsets: Ints) -> Ints:
+    """Cell that each corner belongs to."""
+    return np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+
+
+def edge_keys(starts: Ints, ends: Ints, n_nodes: int) -> Ints:
+    """One integer an undirected edge: min * n_nodes + max (exact below 3e9 nodes)."""
+    return np.minimum(starts, ends) * n_nodes + np.maximum(starts, ends)
+
+
+@dataclass(frozen=True, eq=False)
+class SharedEdges:
+    """Corners of a mesh sorted by the undirected edge they start.
+
+    Attributes
+    ----------
+    corners : (n_corners,) int
+        All corners, those of one edge side by side, in the order of their cells.
+    first : (n_edges,) int
+        Where in ``corners`` each edge begins.
+    counts : (n_edges,) int
+        How many cells share it: 1 on the boundary, 2 inside, more only in broken meshes.
+    """
+
+    corners: Ints
+    first: Ints
+    counts: Ints
+
+
+def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
+    """Sort the corners by undirected edge (see `SharedEdges`)."""
+    keys = edge_keys(vertices, next_vertex(offsets, vertices), n_nodes)
+    corners = np.argsort(keys, kind="stable")
+    keys = keys[corners]
+    first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+    return SharedEdges(corners, first, np.diff(np.append(first, len(keys))))
+
+
+def boundary_corners(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
+    """Corners whose edge belongs to one cell only, in the order of the cells."""
+    keys = edge_keys(vertices, next_vertex(offsets, vertices), n_nodes)
+    # Values first, positions after: sorting 2 million keys takes 0.03 s, sorting their positions 0.2 s.
+    ordered = np.sort(keys)
+    differs = np.concatenate([[True], ordered[1:] != ordered[:-1], [True]])
+    single = ordered[differs[:-1] & differs[1:]]
+    if not len(single):
+        return np.empty(0, dtype=np.int64)
+    place = np.minimum(np.searchsorted(single, keys), len(single) - 1)
+    return np.flatnonzero(single[place] == keys)
+
+
+def neighbours(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
+    """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
+    shared = shared_edges(offsets, vertices, n_nodes)
+    first = shared.first[shared.counts == 2]
+    cells = cell_of_corner(offsets)
+    return np.column_stack([cells[shared.corners[first]], cells[shared.corners[first + 1]]])

@@ -1,0 +1,137 @@
+"""One step as a convex program, in the increment d = y - y_prev.
+
+    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|                                              (2.34)
+    dual      K d = g - B'lam,   |lam_i| <= w_i,   lam_i . s_i = w_i |s_i|,   s = B d - b
+
+with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps
+all digits of d when steps are tiny beside y. The program is data; each solver reads it its own way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.linear import Factor, factorise
+
+Floats = NDArray[np.float64]
+
+QUADRATIC = "quadratic"
+ABSOLUTE_VALUES = "absolute values"
+SECOND_ORDER_CONES = "second-order cones"
+
+
+@dataclass(frozen=True)
+class Form:
+    """What all steps of a run share: K, and where the norm terms act.
+
+    Parameters
+    ----------
+    K : (n, n) dense array (condensed) or sparse matrix (full), symmetric positive definite
+    B : (m * block, n) sparse matrix
+    block : int
+    """
+
+    K: Floats | sp.csr_matrix
+    B: sp.csr_matrix
+    block: int = 1
+
+    @property
+    def count(self) -> int:
+        """The number of norm terms m."""
+        return self.B.shape[0] // self.block
+
+    @cached_property
+    def factor(self) -> Factor:
+        """K factorised, for the certificate and for solvers."""
+        return factorise(self.K)
+
+    @cached_property
+    def features(self) -> frozenset[str]:
+        """What a solver must accept: a subset test matches the two."""
+        if self.count == 0:
+            return frozenset({QUADRATIC})
+        return frozenset({QUADRATIC, ABSOLUTE_VALUES if self.block == 1 else SECOND_ORDER_CONES})
+
+    @cached_property
+    def compliance(self) -> Floats:
+        """(m,) largest diagonal entry of B_i K^{-1} B_i': |s_i| <= compliance^{1/2} |d|_K."""
+        B = self.B.toarray()
+        response = self.factor.solve(np.ascontiguousarray(B.T))
+        return self.blocks(np.einsum("ij,ji->i", B, response)).max(axis=1)
+
+    def stiffened(self, H: Floats) -> Floats | sp.csr_matrix:
+        """K + B'HB with a symmetric matrix H_i (m, block, block) a term."""
+        H_B = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1)))) @ self.B
+        added = self.B.T @ H_B
+        return self.K + added if sp.issparse(self.K) else self.K + added.toarray()
+
+    def blocks(self, x: Floats) -> Floats:
+        """View (m * block,) entries as (m, block)."""
+        return x.reshape(self.count, self.block)
+
+
+@dataclass(frozen=True)
+class StepProgram:
+    """One step's data: minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|.
+
+    Parameters
+    ----------
+    form : Form
+    g : (n,) array, forces out of balance
+    w : (m,) array, weights >= 0 (forces)
+    b : (m * block,) array, motion of the supports against the norm terms
+    """
+
+    form: Form
+    g: Floats
+    w: Floats
+    b: Floats
+
+    def slip(self, d: Floats) -> Floats:
+        """s = B d - b, as (m, block)."""
+        return self.form.blocks(self.form.B @ d - self.b)
+
+    def residual(self, d: Floats, lam: Floats) -> Floats:
+        """r = g - B'lam - K d, the forces that do not balance, (n,)."""
+        return self.g - self.form.B.T @ lam.ravel() - self.form.K @ d
+
+    def objective(self, d: Floats) -> float:
+        """The energy that the step minimises."""
+        norms = np.linalg.norm(self.slip(d), axis=1)
+        return float(0.5 * d @ (self.form.K @ d) - self.g @ d + self.w @ norms)
+
+    def project(self, lam: Floats) -> Floats:
+        """The admissible multipliers nearest to `lam` (m, block): |lam_i| <= w_i."""
+        size = np.linalg.norm(lam, axis=1)
+        over = size > self.w
+        scale = np.ones_like(size)
+        scale[over] = self.w[over] / size[over]
+        shrunk = lam * scale[:, None]
+        if self.form.block == 1:
+            # The projection onto an interval is exact; scaling would leave one rounding error.
+            shrunk = np.clip(lam, -self.w[:, None], self.w[:, None])
+        return shrunk
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A solver's answer to one step; nothing is claimed about it before it is certified.
+
+    Parameters
+    ----------
+    d : (n,) increments
+    lam : (m, block) multipliers of the norm terms: K d = g - B'lam
+    iterations : int
+    status : str
+        In the solver's own words.
+    """
+
+    d: Floats
+    lam: Floats
+    iterations: int
+    status: str = ""

@@ -1,0 +1,120 @@
+"""From a scene, a mesh and instants to a history."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.history import History, record
+from vemcvx.march import checked_times, march
+from vemcvx.meshes import PolygonMesh
+from vemcvx.pose import Posed, pose
+from vemcvx.scene import Scene
+from vemcvx.solvers import Solver
+
+Floats = NDArray[np.float64]
+
+# An initial displacement is refused when it misses what the supports hold by more than this part of it.
+OFF_SUPPORT = 1e-9
+
+
+def simulate(
+    scene: Scene,
+    mesh: PolygonMesh,
+    times: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    initial: ArrayLike | str | None = None,
+    store: str | int = "all",
+    check: bool = True,
+    condense: bool = True,
+    progress: bool | Callable[[int, int], None] = False,
+) -> History:
+    """Simulate a scene on a mesh by backward Euler, every step certified.
+
+    Parameters
+    ----------
+    scene : Scene
+    mesh : PolygonMesh
+    times : increasing sequence of instants
+        times[0] is the initial one; data are evaluated at the others as they are reached.
+    solver : Solver, optional
+        By default the smallest that accepts the program: Direct without friction, Newton with it.
+    initial : None, (n_nodes, 2) array, "equilibrium" or "settled"
+        The displacement at times[0]: zero; given; a(u_0, .) = l(0) without friction; one step from zero.
+    store : "all", "last" or int n
+        Steps to keep: all, the last, or every n-th and the last. All steps are certified.
+    check : bool
+        Raise NotCertified when a step misses the accuracy asked of the solver.
+    condense : bool
+        Solve on the contact unknowns (default), or on all of them.
+    progress : bool, or callable (step, steps)
+        True logs every tenth of the run to the logger "vemcvx".
+
+    Returns
+    -------
+    History
+
+    Raises
+    ------
+    SceneError
+        Scene, mesh and times make no well-posed problem, or u_0 violates condition (3.10).
+    NotAccepted
+        The solver cannot take the scene's program.
+    NotCertified
+        A step misses the accuracy.
+
+    Notes
+    -----
+    Backward Euler for (3.9), Problem 3.9 of the paper: first order in the step and the mesh size,
+    Theorem 3.10. The certificate concerns the algebra of each step; it does not measure h or k.
+    """
+    instants = checked_times(times)
+    start = time.perf_counter()
+    posed = pose(scene, mesh)
+    assembled = time.perf_counter() - start
+    trajectory = march(
+        posed.system,
+        instants,
+        solver=solver,
+        initial=_free(initial, posed, float(instants[0])),
+        store=store,
+        check=check,
+        condense=condense,
+        progress=_log if progress is True else progress or None,
+    )
+    return record(posed, trajectory, assembled)
+
+
+def _free(initial: ArrayLike | str | None, posed: Posed, t: float) -> ArrayLike | str | None:
+    """The free unknowns of an initial displacement."""
+    if isinstance(initial, str):
+        return initial
+    held = posed.supports.motion(t)
+    points = posed.space.mesh.points
+    u = np.zeros(points.shape) if initial is None else np.asarray(initial, dtype=float)
+    if u.shape != points.shape or not np.isfinite(u).all():
+        raise SceneError(
+            f"initial: found an array of shape {u.shape}; wanted finite displacements {points.shape}, one row a node."
+        )
+    P = posed.supports.P
+    y = P.T @ (u.ravel() - held)
+    off = np.abs(P @ y + held - u.ravel())
+    if off.max() > OFF_SUPPORT * max(np.abs(u).max(), np.abs(held).max()):
+        node = int(np.argmax(off)) // points.shape[1]
+        raise SceneError(
+            f"initial: the displacement {u[node]} of node {node} at {points[node]} contradicts its supports at "
+            f"t = {t:.6g}, by {off.max():.6g}. Give an initial displacement that obeys them, or initial='settled'."
+        )
+    return y
+
+
+def _log(step: int, steps: int) -> None:
+    import logging
+
+    if step * 10 // steps > (step - 1) * 10 // steps:
+        logging.getLogger("vemcvx").info("step %d of %d", step, steps)

@@ -1,0 +1,44 @@
+"""Which solver answers: the one asked for, if it accepts the program, else the smallest that does."""
+
+from __future__ import annotations
+
+import logging
+
+from vemcvx.errors import NotAccepted
+from vemcvx.program import Form
+from vemcvx.solvers.conic import OSQP, Clarabel
+from vemcvx.solvers.direct import Direct
+from vemcvx.solvers.newton import Newton
+from vemcvx.solvers.solver import Solver
+
+BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
+"""The solvers that come with the package, the smallest first."""
+
+log = logging.getLogger("vemcvx")
+
+
+def choose(form: Form, asked: Solver | None) -> Solver:
+    """The solver for programs of `form`.
+
+    Raises
+    ------
+    NotAccepted
+        The solver asked for cannot take a feature of the program.
+    """
+    if asked is None:
+        solver = next(s for s in BY_SIZE if form.features <= s.accepts)
+        log.info("solver: %s, the smallest that accepts %s", solver.name, words(form.features))
+        return solver
+    missing = form.features - asked.accepts
+    if missing:
+        able = ", ".join(s.name for s in BY_SIZE if form.features <= s.accepts)
+        raise NotAccepted(
+            f"solver {asked.name}: the program has {words(missing)}, which it does not accept; "
+            f"it accepts {words(asked.accepts)}. These accept the program: {able}."
+        )
+    return asked
+
+
+def words(features: frozenset[str]) -> str:
+    """Features in words."""
+    return ", ".join(sorted(features))

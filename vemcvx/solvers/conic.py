@@ -1,0 +1,227 @@
+"""A step as a convex program in cvxpy, and any solver that cvxpy can call.
+
+    minimise  1/2 d'Kd - g'd + w't    subject to  |B_i d - b_i| <= t_i
+
+with one second-order cone a term, or, on absolute values, the two inequalities -t <= B d - b <= t. The
+multiplier lam_i = dt_i-part of the dual: cvxpy's dual of the cone |s_i| <= t_i is (w_i, -lam_i), that
+of the inequalities (upper, lower) gives lam = upper - lower.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.certificate import certify
+from vemcvx.errors import NotAccepted
+from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Answer, Form, StepProgram
+from vemcvx.solvers.sets import answer_on, sets_at
+from vemcvx.solvers.solver import Solver, checked_accuracy
+
+if TYPE_CHECKING:
+    import cvxpy as cp
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Posed:
+    """The program as cvxpy sees it, and how to read the multipliers off its solution."""
+
+    problem: cp.Problem
+    d: cp.Variable
+    multipliers: Callable[[], Floats]
+
+
+def pose(form: Form, g: Any, w: Any, b: Any, cones: bool = True) -> Posed:
+    """Write a step in cvxpy: `g`, `w`, `b` are arrays, or cvxpy parameters of the same lengths."""
+    import cvxpy as cp
+
+    # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
+    d, t = cp.Variable(len(form.K.diagonal())), cp.Variable(max(form.count, 1))
+    energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
+    if form.count == 0:
+        return Posed(cp.Problem(cp.Minimize(energy)), d, lambda: np.zeros((0, form.block)))
+    s = form.B @ d - b
+    if cones:
+        cone = cp.SOC(t, cp.reshape(s, (form.block, form.count), order="F"), axis=0)
+        problem = cp.Problem(cp.Minimize(energy + w @ t), [cone])
+        return Posed(problem, d, lambda: -np.reshape(cone.dual_value[1], (form.block, form.count), order="F").T)
+    upper, lower = s <= t, -s <= t
+    problem = cp.Problem(cp.Minimize(energy + w @ t), [upper, lower])
+    return Posed(problem, d, lambda: (upper.dual_value - lower.dual_value)[:, None])
+
+
+@dataclass(frozen=True)
+class ThroughCvxpy(Solver):
+    """Any solver that cvxpy can call.
+
+    Parameters
+    ----------
+    solver : str
+        Its name in cvxpy: "SCS", "HIGHS", "PIQP", "MOSEK", ...
+    accuracy : float
+        Certified relative energy error asked of a step.
+    polish : bool
+        Add one active-set step to every answer. Off by default, so that solvers stay independent.
+    options : mapping, optional
+        Passed on to the solver, over our own choices.
+    """
+
+    solver: str
+    accuracy: float = 1e-6
+    polish: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        checked_accuracy(self.accuracy, self.name)
+
+    @property
+    def name(self) -> str:
+        return self.solver
+
+    @property
+    def cones(self) -> bool:
+        """Whether the norms are posed as second-order cones rather than as inequalities."""
+        import cvxpy as cp
+        from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC
+
+        return self.solver in SOLVER_MAP_CONIC and cp.SOC in SOLVER_MAP_CONIC[self.solver].SUPPORTED_CONSTRAINTS
+
+    @property
+    def accepts(self) -> frozenset[str]:  # type: ignore[override]
+        known = frozenset({QUADRATIC, ABSOLUTE_VALUES})
+        return known | {SECOND_ORDER_CONES} if self.cones else known
+
+    def prepare(self, form: Form) -> _PreparedConic:
+        import cvxpy as cp
+
+        if self.solver not in cp.installed_solvers():
+            known = ", ".join(sorted(cp.installed_solvers()))
+            raise NotAccepted(
+                f"solver {self.solver!r}: cvxpy does not find it here; it finds {known}. "
+                "Install it, or choose one of those."
+            )
+        return _PreparedConic(self, form, self.cones)
+
+    def tolerances(self, target: float) -> dict[str, Any]:
+        """The solver's options for a duality gap of `target` on a scaled program."""
+        tight = float(np.clip(0.01 * target, 1e-14, 1e-8))
+        table = {
+            "SCS": {"eps_abs": max(tight, 1e-11), "eps_rel": 0.0, "max_iters": 200_000, "normalize": False},
+            "PIQP": {"eps_abs": tight, "eps_rel": tight},
+            "QOCO": {"abstol": tight, "reltol": tight},
+        }
+        return table.get(self.solver, {})
+
+
+@dataclass(frozen=True)
+class Clarabel(ThroughCvxpy):
+    """The interior-point solver Clarabel, through cvxpy, with one second-order cone for every |v_tau|."""
+
+    solver: str = field(default="CLARABEL", init=False)
+
+    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES})
+    cones: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return "Clarabel"
+
+    def tolerances(self, target: float) -> dict[str, Any]:
+        # The programs come scaled, so its equilibration is off; the default regularisation of 1e-8 caps
+        # the accuracy; two threads are three times slower than one on the patterns cvxpy makes.
+        tight = float(np.clip(0.01 * target, 1e-15, 1e-8))
+        return {
+            "tol_gap_abs": tight,
+            "tol_gap_rel": tight,
+            "tol_feas": float(np.clip(0.01 * np.sqrt(target), 1e-13, 1e-8)),
+            "max_threads": 1,
+            "presolve_enable": False,
+            "equilibrate_enable": False,
+            "static_regularization_constant": 1e-13,
+        }
+
+
+@dataclass(frozen=True)
+class OSQP(ThroughCvxpy):
+    """The operator-splitting solver OSQP, through cvxpy, with absolute values; no second-order cones."""
+
+    solver: str = field(default="OSQP", init=False)
+
+    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC, ABSOLUTE_VALUES})
+    cones: ClassVar[bool] = False
+
+    def tolerances(self, target: float) -> dict[str, Any]:
+        # It must be told to polish on every solve; its tests for infeasibility, loose by default, take
+        # a frictional step for unbounded.
+        tight = float(np.clip(np.sqrt(target) * 1e-2, 1e-11, 1e-7))
+        return {
+            "eps_abs": tight,
+            "eps_rel": tight,
+            "eps_prim_inf": 1e-15,
+            "eps_dual_inf": 1e-15,
+            "max_iter": 100_000,
+            "polishing": True,
+            "polish_refine_iter": 10,
+        }
+
+
+class _PreparedConic:
+    """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
+
+    A parameter of load length compiles for 26 s at 33k unknowns, one of contact length in milliseconds.
+    """
+
+    def __init__(self, settings: ThroughCvxpy, form: Form, cones: bool):
+        self._settings, self._form, self._cones = settings, form, cones
+        self._posed: Posed | None = None
+        if not sp.issparse(form.K):
+            import cvxpy as cp
+
+            self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
+            self._b = cp.Parameter(form.count * form.block)
+            self._posed = pose(form, self._g, self._w, self._b, cones)
+
+    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
+        posed = self._posed
+        if posed is None:
+            posed = pose(self._form, program.g, program.w, program.b, self._cones)
+        else:
+            self._g.value, self._w.value, self._b.value = program.g, program.w, program.b
+        status = _run(posed, self._settings, target)
+        if posed.d.value is None:
+            return Answer(np.zeros_like(program.g), np.zeros_like(lam), 0, status)
+        iterations = posed.problem.solver_stats.num_iters or 0
+        answer = Answer(posed.d.value, posed.multipliers(), int(iterations), status)
+        return polished(program, answer) if self._settings.polish else answer
+
+
+def polished(program: StepProgram, answer: Answer) -> Answer:
+    """One active-set step from an answer; the better certified of the two."""
+    lam, s = program.project(answer.lam), program.slip(answer.d)
+    d, sharper = answer_on(program, sets_at(program, lam, s, 1.0 / program.form.compliance))
+    before, after = certify(program, answer.d, lam), certify(program, d, sharper)
+    if after.gap >= before.gap:
+        return answer
+    return Answer(d, program.project(sharper), answer.iterations + 1, answer.status + ", polished")
+
+
+def _run(posed: Posed, settings: ThroughCvxpy, target: float) -> str:
+    import cvxpy as cp
+
+    options = {**settings.tolerances(target), **settings.options}
+    with warnings.catch_warnings():
+        # What cvxpy warns of (an inaccurate answer) the certificate measures.
+        warnings.simplefilter("ignore")
+        try:
+            posed.problem.solve(solver=settings.solver, **options)
+        except cp.error.SolverError as error:
+            return f"failed: {error}"
+    return str(posed.problem.status)

@@ -1,0 +1,34 @@
+"""No convex term left: the step is one linear system, K d = g."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.program import QUADRATIC, Answer, Form, StepProgram
+from vemcvx.solvers.solver import Solver, checked_accuracy
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Direct(Solver):
+    """One back-substitution a step; takes programs without friction only."""
+
+    accuracy: float = 1e-8
+
+    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC})
+
+    def __post_init__(self) -> None:
+        checked_accuracy(self.accuracy, "Direct")
+
+    def prepare(self, form: Form) -> _PreparedDirect:
+        return _PreparedDirect()
+
+
+class _PreparedDirect:
+    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
+        return Answer(program.form.factor.solve(program.g), np.zeros_like(lam), 1, "solved")

@@ -1,0 +1,68 @@
+"""What every solver is: settings, prepared once for a form, then asked step by step.
+
+A solver sees scaled programs only (:mod:`vemcvx.scaling`), knows nothing of meshes or contact, and is
+believed in nothing: the caller certifies every answer.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Protocol
+
+from numpy.typing import NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.program import Answer, Form, StepProgram
+
+Floats = NDArray
+
+
+class Prepared(Protocol):
+    """A solver ready for all steps of one run."""
+
+    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
+        """Answer one scaled step.
+
+        Parameters
+        ----------
+        program : StepProgram
+            Scaled, on the form that was prepared.
+        target : float
+            The duality gap asked for, in the units of the scaled program.
+        lam : (m, block) array
+            A guess: the multipliers of the step before.
+        """
+
+
+class Solver(ABC):
+    """Settings of a solver; frozen, and free of state.
+
+    Every solver has `accuracy`, the certified relative energy error asked of a step (the gap is its square),
+    and `accepts`, the features of programs it can take.
+    """
+
+    accuracy: float
+    accepts: ClassVar[frozenset[str]]
+
+    @property
+    def name(self) -> str:
+        """The name that reports and files use."""
+        return type(self).__name__
+
+    @abstractmethod
+    def prepare(self, form: Form) -> Prepared:
+        """Do what all steps share.
+
+        Raises
+        ------
+        NotAccepted
+            The solver is not installed.
+        """
+
+
+def checked_accuracy(accuracy: float, solver: str) -> None:
+    """Refuse accuracies that mean nothing."""
+    if not isinstance(accuracy, (int, float)) or not 0 < accuracy < 1:
+        raise SceneError(
+            f"{solver}: found accuracy = {accuracy!r}; it is a relative energy error between 0 and 1, such as 1e-6."
+        )

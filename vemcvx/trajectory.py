@@ -1,0 +1,81 @@
+"""What a march through time leaves: states, multipliers, the energy ledger and the certificates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The backward-Euler solution of a System; scalars for all N + 1 instants, arrays for the stored S.
+
+    Attributes
+    ----------
+    times : (N + 1,) array
+    stored : (S,) array
+        Step numbers of the rows of `state`, `multipliers` and `sticking`.
+    state : (S, n) array
+        y at the stored instants.
+    multipliers : (S, m, block) array
+        lam with K y = load - B'lam and |lam_i| <= w_i.
+    sticking : (S, m) array of bool
+        Whether the increment B_i (y - y_prev) cannot be told from zero; true in row 0.
+    energy, dissipated, work : (N + 1,) arrays
+        1/2 a(u, u); cumulative sum of w_i |s_i|; cumulative end-of-step forces times increments.
+    norm : (N + 1,) array
+        Energy norm |u_n|_a.
+    gap, floor : (N + 1,) arrays
+        Certified duality gap of each step, and what of it round-off alone may account for.
+    iterations : (N + 1,) array of int
+    seconds : dict
+        "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
+    solver : str
+        Name and settings of the solver that answered.
+    """
+
+    times: Floats
+    stored: Ints
+    state: Floats
+    multipliers: Floats
+    sticking: Bools
+    energy: Floats
+    dissipated: Floats
+    work: Floats
+    norm: Floats
+    gap: Floats
+    floor: Floats
+    iterations: Ints
+    seconds: dict[str, float]
+    solver: str
+
+    @property
+    def certificate(self) -> Floats:
+        """(N + 1,) certified relative energy error of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a."""
+        return relative(np.sqrt(2 * self.gap), self.norm)
+
+    @property
+    def certificate_floor(self) -> Floats:
+        """(N + 1,) the rounding floor of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
+        return relative(np.sqrt(2 * self.floor), self.norm)
+
+    @property
+    def certificate_total(self) -> Floats:
+        """(N + 1,) certified relative error of u_n, all steps' errors accumulated.
+
+        The step map u_prev -> u_n of norms with given weights is nonexpansive in the energy norm, so
+        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m).
+        """
+        return relative(np.cumsum(np.sqrt(2 * self.gap)), self.norm)
+
+
+def relative(error: Floats, norm: Floats) -> Floats:
+    """error_n / max over m <= n of norm_m, with 0/0 = 0."""
+    scale = np.maximum.accumulate(norm)
+    return np.divide(error, scale, out=np.where(error > 0, np.inf, 0.0), where=scale > 0)

@@ -1,0 +1,121 @@
+"""Quadrature on polygons, exact for degree 2, that never leaves the cell.
+
+With centroid c and second moments M = 1/|K| int_K (x - c)(x - c)' dx, the four points
+
+    c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
+
+match all moments of degree 2. The ellipse they lie on, |M^(-1/2)(x - c)|^2 = 2, is inside every convex cell (Kannan,
+Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995), Theorem 4.1: radius sqrt((d + 2)/d) in d dimensions) and
+touches the boundary of triangles only. Cells where one of these points is not clearly inside are cut into triangles: from
+the centroid if it sees all edges, else by clipping ears. A triangle has three inner points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.vem.space import CellGroup
+from vemcvx.vem.triangulation import clip_ears
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the touching
+# cases (triangles with hanging nodes), where round-off would decide; aspect ratios up to 1e12 pass.
+MARGIN = 1e-6
+# Barycentric coordinates of the inner three-point rule of degree 2.
+INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
+
+
+def cell_quadrature(group: CellGroup) -> tuple[Floats, Floats, Ints]:
+    """Points and weights on the cells of a group.
+
+    Returns
+    -------
+    points : (q, 2) array
+        Inside the cells.
+    weights : (q,) array
+        They add up to the areas.
+    owner : (q,) array of int
+        The cell of each point, as a position in the group.
+    """
+    corners = group.corners
+    origin = group.points[group.nodes[:, 0]]
+    if corners.shape[1] == 3:
+        return _placed(_on_triangles(corners, np.arange(len(corners))), origin)
+    areas, centres = _areas_and_centroids(corners)
+    about = corners - centres[:, None]
+    ring = _ring(about, areas)
+    convex = _sees(ring, about, areas)
+    rest = np.flatnonzero(~convex)
+    star = _sees(np.zeros((len(rest), 1, 2)), about[rest], areas[rest])
+    pieces = [
+        _on_ring(ring[convex] + centres[convex, None], areas[convex], np.flatnonzero(convex)),
+        _on_fan(corners[rest[star]], centres[rest[star]], rest[star]),
+        _on_ears(corners[rest[~star]], rest[~star]),
+    ]
+    return _placed(tuple(np.concatenate(part) for part in zip(*pieces, strict=True)), origin)
+
+
+Rule = tuple[Floats, Floats, Ints]
+
+
+def _placed(rule: Rule, origin: Floats) -> Rule:
+    points, weights, owner = rule
+    return points + origin[owner], weights, owner
+
+
+def _areas_and_centroids(corners: Floats) -> tuple[Floats, Floats]:
+    after = np.roll(corners, -1, axis=1)
+    cross = _cross(corners, after)
+    doubled = cross.sum(axis=1)
+    return 0.5 * doubled, np.einsum("ci,cia->ca", cross, corners + after) / (3.0 * doubled[:, None])
+
+
+def _ring(about: Floats, areas: Floats) -> Floats:
+    """The four points (c, 4, 2) relative to the centroid, from vertices relative to the centroid."""
+    after = np.roll(about, -1, axis=1)
+    cross = _cross(about, after) / (12.0 * areas[:, None])
+    both = about + after
+    # int over the triangle (0, p, q): cross/24 (pp' + qq' + (p + q)(p + q)').
+    M = 0.5 * sum(np.einsum("ci,cia,cib->cab", cross, p, p) for p in (about, after, both))
+    trace = M[:, 0, 0] + M[:, 1, 1]
+    # det may round below zero on cells thinner than 1e-8 of their length; those do not pass _sees.
+    root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
+    half = (M + root[:, None, None] * np.eye(2)) * np.sqrt(2.0 / (trace + 2.0 * root))[:, None, None]
+    return np.concatenate([half, -half], axis=1)
+
+
+def _sees(points: Floats, corners: Floats, areas: Floats) -> NDArray[np.bool_]:
+    """Whether all points (c, p, 2) of a cell lie clearly left of all its edges: (c,)."""
+    edge = np.roll(corners, -1, axis=1) - corners
+    reach = MARGIN * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
+    left = _cross(edge[:, :, None], points[:, None] - corners[:, :, None])
+    return (left > reach[:, :, None]).all(axis=(1, 2))
+
+
+def _on_ring(points: Floats, areas: Floats, owner: Ints) -> Rule:
+    return points.reshape(-1, 2), np.repeat(0.25 * areas, 4), np.repeat(owner, 4)
+
+
+def _on_fan(corners: Floats, centres: Floats, owner: Ints) -> Rule:
+    top = np.broadcast_to(centres[:, None], corners.shape)
+    triangles = np.stack([top, corners, np.roll(corners, -1, axis=1)], axis=2)
+    return _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, corners.shape[1]))
+
+
+def _on_ears(corners: Floats, owner: Ints) -> Rule:
+    ears = clip_ears(corners)
+    triangles = corners[np.arange(len(corners))[:, None, None], ears]
+    return _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, ears.shape[1]))
+
+
+def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    weights = np.repeat(_cross(first, second) / 6.0, 3)
+    return np.matmul(INNER, triangles).reshape(-1, 2), weights, np.repeat(owner, 3)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

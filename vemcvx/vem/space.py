@@ -1,0 +1,125 @@
+"""The virtual element space V^h of (3.11): two displacement components at every node of a polygonal mesh.
+
+On each cell a component is harmonic with continuous, edgewise linear boundary values, so the vertex values
+determine it and traces on edges are linear. Component a of node i is the unknown 2 i + a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.vem.boundary import BoundaryPart
+
+if TYPE_CHECKING:
+    from vemcvx.meshes import PolygonMesh
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CellGroup:
+    """Cells with equally many vertices, so that one array operation serves them all.
+
+    Attributes
+    ----------
+    cells : (c,) int
+        Cell numbers.
+    nodes : (c, n) int
+        Their vertices, counter-clockwise.
+    points : (n_nodes, 2) float
+        The points of the whole mesh.
+    """
+
+    cells: Ints
+    nodes: Ints
+    points: Floats
+
+    @property
+    def corners(self) -> Floats:
+        """Vertex coordinates (c, n, 2) relative to the first vertex of each cell.
+
+        Differences of neighbouring coordinates are exact, products of coordinates near 1e6 are not: with
+        this origin a body far away from (0, 0) loses nothing more than its points were rounded by.
+        """
+        corners = self.points[self.nodes]
+        return corners - corners[:, :1]
+
+    def chunks(self, entries: int) -> Iterator[CellGroup]:
+        """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
+        size = max(1, entries // self.nodes.shape[1] ** 2)
+        for start in range(0, len(self.cells), size):
+            piece = slice(start, start + size)
+            yield CellGroup(self.cells[piece], self.nodes[piece], self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """V^h on a mesh.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+    """
+
+    mesh: PolygonMesh
+
+    @property
+    def n_unknowns(self) -> int:
+        """Nodal values before any support: 2 n_nodes."""
+        return 2 * self.mesh.n_nodes
+
+    @cached_property
+    def groups(self) -> tuple[CellGroup, ...]:
+        """The cells by number of vertices, ascending; cell numbers ascend within a group."""
+        mesh = self.mesh
+        counts = np.diff(mesh.offsets)
+        groups = []
+        for n in np.unique(counts):
+            cells = np.flatnonzero(counts == n)
+            nodes = mesh.vertices[mesh.offsets[cells][:, None] + np.arange(n)]
+            groups.append(CellGroup(_frozen(cells), _frozen(nodes), mesh.points))
+        return tuple(groups)
+
+    def part(self, on: str | Sequence[str], subject: str) -> BoundaryPart:
+        """The closed set of the boundary edges named by `on`.
+
+        Parameters
+        ----------
+        on : str or sequence of str
+            Boundary names; an edge that several of them contain counts once.
+        subject : str
+            Who asks, for the error message.
+
+        Raises
+        ------
+        SceneError
+            `on` names no boundary, or one that the mesh does not have.
+        """
+        mesh = self.mesh
+        names = [on] if isinstance(on, str) else list(on) if isinstance(on, Sequence) else [on]
+        known = ", ".join(repr(name) for name in mesh.boundaries)
+        if not names:
+            raise SceneError(f"{subject}: on= names no boundary; this mesh has {known}.")
+        for name in names:
+            if not isinstance(name, str) or name not in mesh.boundaries:
+                raise SceneError(
+                    f"{subject}: there is no boundary named {name!r}; this mesh has {known}; "
+                    "add one with mesh.with_boundary(name, predicate)."
+                )
+            if len(mesh.boundaries[name]) == 0:
+                raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no edges; it has {known}.")
+        edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
+        return BoundaryPart(_frozen(edges), mesh.points)
+
+
+def _frozen(array: NDArray) -> NDArray:
+    array.flags.writeable = False
+    return array

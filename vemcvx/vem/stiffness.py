@@ -1,0 +1,103 @@
+"""The stiffness matrix of a^h, (3.13).
+
+    a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v)
+
+with Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`; Pi_0 div u is the trace of eps(Pi u). Between the
+components a, b of the vertices i, j this is
+
+    (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau delta_ab ((I - Pi)'(I - Pi))_ij.
+
+tau = 2 mu ("shear") has the units of the rest and leaves the volumetric part alone, so nothing locks as
+lam grows; tau = 1 ("unit") is (3.13) to the letter. On triangles Pi v = v, and the last term is left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.vem.assembly import assemble
+from vemcvx.vem.projection import area_gradients, vertex_values
+from vemcvx.vem.space import Space
+
+Floats = NDArray[np.float64]
+
+# 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
+CHUNK = 2**16
+
+
+def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
+    """Matrix of a^h over all nodal values, (2 n_nodes, 2 n_nodes), symmetric to the bit.
+
+    Parameters
+    ----------
+    space : Space
+    lam, mu : (n_cells,) arrays
+        Lame's constants, force per area; `lam` already reduced in plane stress.
+    stabilisation : {"shear", "unit"}
+        tau = 2 mu, or tau = 1.
+
+    Raises
+    ------
+    SceneError
+        `stabilisation` is neither.
+
+    Notes
+    -----
+    Scaling all coordinates by a power of two changes no bit; scaling moduli by one scales the matrix exactly
+    (with "unit", its consistent part). Entries that happen to vanish are stored.
+    """
+    if stabilisation not in ("shear", "unit"):
+        raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
+    tau = 2.0 * mu if stabilisation == "shear" else np.ones_like(mu)
+    pairs = sum(group.nodes.size * group.nodes.shape[1] for group in space.groups)
+    blocks = np.empty((pairs, 4))
+    start = 0
+    for group in space.groups:
+        for chunk in group.chunks(CHUNK):
+            local = local_blocks(chunk.corners, lam[chunk.cells], mu[chunk.cells], tau[chunk.cells])
+            stop = start + local.size // 4
+            blocks[start:stop] = local.reshape(-1, 4)
+            start = stop
+    return assemble([group.nodes for group in space.groups], blocks, space.mesh.n_nodes)
+
+
+def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Floats:
+    """The local matrices of cells with n vertices.
+
+    Parameters
+    ----------
+    corners : (c, n, 2) array
+        Vertices, counter-clockwise, relative to a point of the cell.
+    lam, mu, tau : (c,) arrays
+
+    Returns
+    -------
+    (c, n, n, 2, 2) array
+        Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+    """
+    areas, g = area_gradients(corners)
+    lam, mu = (lam / areas)[:, None, None], (mu / areas)[:, None, None]
+    x, y = g[:, :, 0], g[:, :, 1]
+    xx, yy, xy = x[:, :, None] * x[:, None, :], y[:, :, None] * y[:, None, :], x[:, :, None] * y[:, None, :]
+    yx = xy.transpose(0, 2, 1)
+    blocks = np.empty((*xx.shape, 2, 2))
+    blocks[..., 0, 0] = (lam + 2.0 * mu) * xx + mu * yy
+    blocks[..., 1, 1] = (lam + 2.0 * mu) * yy + mu * xx
+    blocks[..., 0, 1] = lam * xy + mu * yx
+    blocks[..., 1, 0] = lam * yx + mu * xy
+    if corners.shape[1] > 3:
+        stable = tau[:, None, None] * _seminorm(corners)
+        blocks[..., 0, 0] += stable
+        blocks[..., 1, 1] += stable
+    return blocks
+
+
+def _seminorm(corners: Floats) -> Floats:
+    """(I - Pi)'(I - Pi), (c, n, n): the sum of squares of the vertex values that Pi misses."""
+    missed = np.eye(corners.shape[1]) - vertex_values(corners)
+    product = np.matmul(missed.transpose(0, 2, 1), missed)
+    # A matrix product may sum (i, j) and (j, i) in different orders.
+    return 0.5 * (product + product.transpose(0, 2, 1))

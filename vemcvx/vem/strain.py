@@ -1,0 +1,63 @@
+"""Strains of Pi u, and the motions without strain."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.vem.projection import area_gradients
+from vemcvx.vem.space import Space
+
+Floats = NDArray[np.float64]
+
+# See vemcvx.vem.stiffness: pieces that stay in cache.
+CHUNK = 2**16
+
+
+def strains(space: Space, u: Floats) -> Floats:
+    """The mean strain of a virtual function on each cell, eps(Pi u), (3.13).
+
+    Parameters
+    ----------
+    space : Space
+    u : (n_nodes, 2) or (2 n_nodes,) array
+        Nodal displacements.
+
+    Returns
+    -------
+    (n_cells, 3) array
+        e_xx, e_yy and the engineering shear 2 e_xy.
+    """
+    u = np.reshape(u, (-1, 2))
+    result = np.empty((space.mesh.n_cells, 3))
+    for group in space.groups:
+        for chunk in group.chunks(CHUNK):
+            areas, g = area_gradients(chunk.corners)
+            v = u[chunk.nodes]
+            # Differences from a vertex: a rigid translation much larger than the deformation costs no digits.
+            v -= v[:, :1]
+            slope = np.matmul(v.transpose(0, 2, 1), g) / areas[:, None, None]
+            result[chunk.cells, 0] = slope[:, 0, 0]
+            result[chunk.cells, 1] = slope[:, 1, 1]
+            result[chunk.cells, 2] = slope[:, 0, 1] + slope[:, 1, 0]
+    return result
+
+
+def rigid_modes(points: Floats) -> Floats:
+    """The infinitesimal rigid motions at the nodes.
+
+    Parameters
+    ----------
+    points : (n_nodes, 2) array
+
+    Returns
+    -------
+    (2 n_nodes, 3) array
+        Translations along x and y, and the rotation (-y, x) about the origin of `points`.
+    """
+    modes = np.zeros((*points.shape, 3))
+    modes[:, 0, 0] = 1.0
+    modes[:, 1, 1] = 1.0
+    modes[:, 0, 2] = -points[:, 1]
+    modes[:, 1, 2] = points[:, 0]
+    return modes.reshape(-1, 3)

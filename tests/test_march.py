@@ -167,3 +167,14 @@ def test_cones_of_two_components_slip_in_a_direction():
     held = vx.march(system, [0.0, 0.1, 1.0], solver=vx.Newton())
     assert np.array_equal(held.state[1], [0.0, 0.0])
     assert held.multipliers[1, 0] == pytest.approx(0.1 * g, rel=1e-15)
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
+def test_a_load_that_friction_carries_from_the_start(solver):
+    """u_0 = 0 under a load below the threshold obeys (2.1) exactly; all solvers must see that."""
+    system = vx.System(np.diag([2.0, 3.0]), lambda t: np.array([0.5, -0.2]) * (1 + 9 * t), vx.Norms(np.eye(2), [1, 1]))
+    history = vx.march(system, [0.0, 1.0], solver=solver)
+    assert np.array_equal(history.state[0], [0, 0])
+    assert history.certificate[0] == 0.0
+    assert history.multipliers[0, :, 0] == pytest.approx([0.5, -0.2], abs=1e-5)
+    assert history.state[1] == pytest.approx([2.0, -1.0 / 3], abs=1e-5)

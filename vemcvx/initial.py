@@ -40,7 +40,8 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     scale = max(state.ledger.norm, _norm(run, now.force.x))
     if jump > JUMP * scale + settled.certificate.error:
         raise SceneError(_violation(run, state, jump / scale))
-    return _at_rest(run, replace(settled, y=state.y, unbalanced=state.unbalanced))
+    # Nothing was solved for: the state is the user's, and the test above is all there is to say of it.
+    return _at_rest(run, replace(settled, y=state.y, unbalanced=state.unbalanced, certificate=state.certificate))
 
 
 def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:

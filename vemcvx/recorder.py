@@ -47,9 +47,10 @@ class Recorder:
         """
         if n in self._kept:
             y = self._run.condensation.recover(state.y, state.drive.force)
-            state = replace(state, certificate=full_certificate(self._run, state, y))
-            if self._run.check:
-                insist(self._run, state, n)
+            if n > 0:
+                state = replace(state, certificate=full_certificate(self._run, state, y))
+                if self._run.check:
+                    insist(self._run, state, n)
             self._rows.append((n, y, state))
         c, ledger = state.certificate, state.ledger
         self._scalars.append(

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from vemcvx.effects import Effect, Elasticity
 from vemcvx.errors import SceneError
+from vemcvx.real import brief
 
 
 class Scene:
@@ -32,10 +35,9 @@ class Scene:
     def __init__(self, *effects: Effect):
         for effect in effects:
             if not isinstance(effect, Effect):
-                hint = " (an effect's class: call it, to make an effect)" if isinstance(effect, type) else ""
                 raise SceneError(
-                    f"Scene: found {effect!r}{hint}, which is not an effect; a scene is made of effects such as "
-                    "Elasticity, Clamp, Traction, BilateralContact, TrescaFriction."
+                    f"Scene: found {_found(effect)}; a scene is made of effects, one by one, such as "
+                    'Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
                 )
         materials = sum(isinstance(effect, Elasticity) for effect in effects)
         if materials != 1:
@@ -53,10 +55,22 @@ class Scene:
     @property
     def canonical(self) -> tuple[Effect, ...]:
         """The effects in the order in which they are summed, the same for every permutation."""
-        return tuple(sorted(self._effects, key=lambda effect: (type(effect).__name__, repr(effect))))
+        return tuple(sorted(self._effects, key=_rank))
 
     def __iter__(self) -> Iterator[Effect]:
         return iter(self._effects)
 
     def __repr__(self) -> str:
         return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self._effects) + ")"
+
+
+def _found(thing: object) -> str:
+    if isinstance(thing, type) and issubclass(thing, Effect):
+        return f"{thing.__name__}, the class, where an effect {thing.__name__}(...) is wanted"
+    return f"{brief(thing)}, which is not an effect"
+
+
+def _rank(effect: Effect) -> tuple[str, list[bytes]]:
+    # Arrays by their bytes: printed, they are cut short and rounded to eight digits.
+    settings = vars(effect).values()
+    return type(effect).__name__, [v.tobytes() if isinstance(v, np.ndarray) else repr(v).encode() for v in settings]

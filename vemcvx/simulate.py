@@ -13,6 +13,7 @@ from vemcvx.history import History, record
 from vemcvx.march import checked_times, march
 from vemcvx.meshes import PolygonMesh
 from vemcvx.pose import Posed, pose
+from vemcvx.real import brief, real, shape_in_words
 from vemcvx.scene import Scene
 from vemcvx.solvers import Solver
 
@@ -73,6 +74,7 @@ def simulate(
     Backward Euler for (3.9), Problem 3.9 of the paper: first order in the step and the mesh size,
     Theorem 3.10. The certificate concerns the algebra of each step; it does not measure h or k.
     """
+    _check_kinds(scene, mesh)
     instants = checked_times(times)
     start = time.perf_counter()
     posed = pose(scene, mesh)
@@ -90,17 +92,22 @@ def simulate(
     return record(posed, trajectory, assembled)
 
 
+def _check_kinds(scene: Scene, mesh: PolygonMesh) -> None:
+    if not isinstance(scene, Scene):
+        raise SceneError(f"simulate: found {brief(scene)} where the scene goes; give a Scene(...), then a mesh.")
+    if not isinstance(mesh, PolygonMesh):
+        raise SceneError(
+            f"simulate: found {brief(mesh)} where the mesh goes; give a PolygonMesh, such as vemcvx.meshes.squares(16)."
+        )
+
+
 def _free(initial: ArrayLike | str | None, posed: Posed, t: float) -> ArrayLike | str | None:
     """The free unknowns of an initial displacement."""
     if isinstance(initial, str):
         return initial
     held = posed.supports.motion(t)
     points = posed.space.mesh.points
-    u = np.zeros(points.shape) if initial is None else np.asarray(initial, dtype=float)
-    if u.shape != points.shape or not np.isfinite(u).all():
-        raise SceneError(
-            f"initial: found an array of shape {u.shape}; wanted finite displacements {points.shape}, one row a node."
-        )
+    u = np.zeros(points.shape) if initial is None else _given(initial, points.shape)
     P = posed.supports.P
     y = P.T @ (u.ravel() - held)
     off = np.abs(P @ y + held - u.ravel())
@@ -111,6 +118,17 @@ def _free(initial: ArrayLike | str | None, posed: Posed, t: float) -> ArrayLike 
             f"t = {t:.6g}, by {off.max():.6g}. Give an initial displacement that obeys them, or initial='settled'."
         )
     return y
+
+
+def _given(initial: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    wanted = f"displacements of shape {shape}, one row a node, or None, 'equilibrium' or 'settled'"
+    u = real(initial, "initial", wanted)
+    if u.shape != shape:
+        raise SceneError(f"initial: found {shape_in_words(u)}; wanted {wanted}.")
+    bad = ~np.isfinite(u).all(axis=1)
+    if bad.any():
+        raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")
+    return u
 
 
 def _log(step: int, steps: int) -> None:

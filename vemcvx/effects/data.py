@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
+from vemcvx.real import real, shape_in_words
 
 Datum = ArrayLike | Callable[..., ArrayLike]
 Floats = NDArray[np.float64]
@@ -20,18 +21,14 @@ Floats = NDArray[np.float64]
 
 def scalar(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     """Values (m,) of a scalar datum at the points `x` (m, dim) and the instant `t`."""
-    raw = _call(value, (x, t), "x, t", subject)
-    return _shaped(raw, (len(x),), subject, f"a number, or ({len(x)},) values, one a point")
+    wanted = f"a number, or ({len(x)},) values, one a point"
+    return _shaped(_call(value, (x, t), "x, t", subject), (len(x),), subject, wanted, _place(x, t))
 
 
 def vector(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     """Values (m, dim) of a vector datum at the points `x` (m, dim) and the instant `t`."""
-    return _shaped(
-        _call(value, (x, t), "x, t", subject),
-        x.shape,
-        subject,
-        f"{x.shape[1]} components, or an array {x.shape}, one row a point",
-    )
+    wanted = f"{x.shape[1]} components, or an array {x.shape}, one row a point"
+    return _shaped(_call(value, (x, t), "x, t", subject), x.shape, subject, wanted, _place(x, t))
 
 
 def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floats:
@@ -41,12 +38,13 @@ def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floa
             known = ", ".join(repr(name) for name in cell_data) or "none"
             raise SceneError(
                 f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. "
-                "Give a number, an array of one value a cell, or a callable f(x)."
+                "Add one with mesh.with_cell_data(name, values), or give a number, one value a cell, or a callable f(x)."
             )
         raw: Any = cell_data[value]
     else:
         raw = _call(value, (x,), "x", subject)
-    return _shaped(raw, (len(x),), subject, f"a number, or ({len(x)},) values, one a cell")
+    wanted = f"a number, or ({len(x)},) values, one a cell"
+    return _shaped(raw, (len(x),), subject, wanted, "in cell {}".format)
 
 
 def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) -> Any:
@@ -55,25 +53,30 @@ def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) ->
     try:
         return value(*arguments)
     except Exception as error:
+        words = " ".join(str(error).split()).rstrip(".")
         raise SceneError(
             f"{subject}: its function failed when called as f({names}) with x of shape "
-            f"{arguments[0].shape}: {type(error).__name__}: {error}. It must take all points at once "
+            f"{arguments[0].shape}: {type(error).__name__}: {words}. It must take all points at once "
             f"and return one value a point."
         ) from error
 
 
-def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str) -> Floats:
-    try:
-        array = np.asarray(raw, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"{subject}: found {raw!r}, which is not numeric; wanted {wanted}.") from error
+def _place(x: Floats, t: float) -> Callable[[int], str]:
+    return lambda row: f"at {x[row]} and t = {t:.6g}"
+
+
+def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
+    array = real(raw, subject, wanted)
     # Only whole values broadcast: a (2,) vector over m points, a scalar over m points. A vector of
     # two for two points' scalars would be ambiguous nowhere, because the shapes are fixed by `shape`.
-    if array.shape not in (shape, shape[1:], ()) or (array.shape == () and len(shape) == 2):
-        raise SceneError(f"{subject}: found an array of shape {array.shape}; wanted {wanted}.")
-    if not np.isfinite(array).all():
+    if array.shape not in (shape, shape[1:]):
+        raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
+    whole = np.array(np.broadcast_to(array, shape))
+    bad = ~np.isfinite(whole)
+    if bad.any():
+        first = int(np.argwhere(bad)[0, 0])
         raise SceneError(
-            f"{subject}: found {np.count_nonzero(~np.isfinite(array))} value(s) that are NaN or infinite; "
+            f"{subject}: found NaN or infinity in {np.count_nonzero(bad)} of {bad.size} values, first {place(first)}; "
             "all must be finite."
         )
-    return np.array(np.broadcast_to(array, shape))
+    return whole

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
 
 from vemcvx.effects.contribution import Contribution
+from vemcvx.real import brief
 from vemcvx.vem import Space
 
 
@@ -34,13 +38,15 @@ class Effect(ABC):
         """One line of words for `vemcvx show`."""
 
 
-def where(on: str | list[str] | tuple[str, ...]) -> str:
-    """The boundary names of `on` in words."""
-    return on if isinstance(on, str) else ", ".join(on)
+def where(on: str | Sequence[str]) -> str:
+    """The boundary names of `on` in words; what is no name is refused later, by name, on the mesh."""
+    return ", ".join(map(str, on)) if isinstance(on, Sequence) and not isinstance(on, str) else str(on)
 
 
-def amount(value: object) -> str:
-    """A datum in words: its number, or that it varies."""
+def amount(value: object, arguments: str = "x, t") -> str:
+    """A datum in words, in one line: its number, or how it varies."""
     if callable(value):
-        return f"{getattr(value, '__name__', 'function')}(x, t)"
-    return repr(value) if isinstance(value, str) else str(value)
+        return f"{getattr(value, '__name__', 'function')}({arguments})"
+    if isinstance(value, np.ndarray) and value.size > 3:
+        return f"array of shape {value.shape}"
+    return str(value) if isinstance(value, (float, int, np.ndarray)) else brief(value)

@@ -53,7 +53,7 @@ class Elasticity(Effect):
 
     def describe(self) -> str:
         return (
-            f"Elasticity: E = {amount(self.young)}, nu = {amount(self.poisson)}, plane {self.plane}, "
+            f"Elasticity: E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}, plane {self.plane}, "
             f"{self.stabilisation} stabilisation"
         )
 

@@ -11,6 +11,7 @@ from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Floats, Ints, Support
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
+from vemcvx.real import brief, real
 from vemcvx.vem import BoundaryPart, Space
 
 
@@ -68,17 +69,14 @@ class PrescribedDisplacement(Effect):
             if self.direction == "tangent":
                 return rows.nodes, rows.tangents
             raise SceneError(
-                f"{subject}: found direction {self.direction!r}; it is a vector, 'normal', 'tangent' or None."
+                f"{subject}: found direction {self.direction!r}; there are 'normal', 'tangent', a vector, "
+                "or None (all components)."
             )
-        try:
-            direction = np.asarray(self.direction, dtype=float)
-        except (TypeError, ValueError):
-            direction = np.zeros(0)
         dim = part.normals.shape[1]
-        length = np.linalg.norm(direction)
-        if direction.shape != (dim,) or not np.isfinite(length) or length == 0.0:
-            raise SceneError(
-                f"{subject}: found direction {self.direction!r}; a direction is a nonzero vector of {dim} "
-                "finite components, 'normal', 'tangent' or None."
-            )
-        return part.nodes, np.tile(direction / length, (len(part.nodes), 1))
+        wanted = f"a nonzero vector of {dim} finite components, 'normal', 'tangent', or None (all components)"
+        direction = real(self.direction, f"{subject}: direction", wanted)
+        if direction.shape != (dim,) or not np.isfinite(direction).all() or not direction.any():
+            raise SceneError(f"{subject}: found direction {brief(self.direction)}; wanted {wanted}.")
+        # Its largest component first: the square of 1e200 would overflow.
+        direction = direction / np.abs(direction).max()
+        return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1))

@@ -1,9 +1,9 @@
 """Sums of local matrices into one sparse matrix, by counting sorts instead of a sort of all triples.
 
 The pattern lives on nodes: an entry (i, j) is a 2 x 2 block. Every pair of vertices of every cell is one
-contribution; two stable counting sorts (by column, then by row) bring the contributions to one block together, in the order
-of cells. The blocks (i, j) and (j, i) are then sums of the same numbers in the same order: local matrices that are
-symmetric to the bit give a global one that is.
+contribution; two stable counting sorts (by column, then by row) bring the contributions to one block
+together, in the order of cells. The blocks (i, j) and (j, i) are then sums of the same numbers in the same
+order: local matrices that are symmetric to the bit give a global one that is.
 """
 
 from __future__ import annotations
@@ -34,15 +34,14 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
     (2 n_nodes, 2 n_nodes) csr_matrix
         Column indices sorted, no duplicates.
     """
-    rows = np.concatenate([np.repeat(group, group.shape[1]) for group in nodes]).astype(np.int32)
-    columns = np.concatenate([np.tile(group, group.shape[1]).ravel() for group in nodes]).astype(np.int32)
+    small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
+    rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
+    columns = np.concatenate([np.tile(group, group.shape[1]).ravel() for group in small])
     order = _counting_sort(columns, n_nodes)
     order = order[_counting_sort(rows[order], n_nodes)]
     rows, columns = rows[order], columns[order]
     first = np.flatnonzero(np.concatenate([[True], (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])]))
-    gather = sp.csr_matrix(
-        (np.ones(len(order)), order, np.append(first, len(order))), shape=(len(first), len(order))
-    )
+    gather = sp.csr_matrix((np.ones(len(order)), order, np.append(first, len(order))), shape=(len(first), len(order)))
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows[first], minlength=n_nodes))])
     shape = (2 * n_nodes, 2 * n_nodes)
     return sp.bsr_matrix(((gather @ blocks).reshape(-1, 2, 2), columns[first], indptr), shape=shape).tocsr()

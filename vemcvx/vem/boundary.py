@@ -1,8 +1,8 @@
 """A part of the boundary: its edges, its nodes, and what each node owns of it.
 
-A node gets the length int phi_i ds over the part. Where the part has a corner, conditions on the normal hold for both
-sides, so besides the nodes there are *rows*: one a node and distinct normal, with the share of int phi_i ds of the edges
-that have this normal.
+A node gets the length int phi_i ds over the part. Where the part has a corner, conditions on the normal
+hold for both sides, so besides the nodes there are *rows*: one a node and distinct normal, with the share of
+int phi_i ds of the edges that have this normal.
 """
 
 from __future__ import annotations
@@ -72,34 +72,34 @@ class BoundaryPart:
     @cached_property
     def chords(self) -> Floats:
         """End minus start of each edge, (m, 2)."""
-        return self.points[self.edges[:, 1]] - self.points[self.edges[:, 0]]
+        return read_only(self.points[self.edges[:, 1]] - self.points[self.edges[:, 0]])
 
     @cached_property
     def lengths(self) -> Floats:
         """Length of each edge, (m,)."""
-        return np.sqrt(np.einsum("ea,ea->e", self.chords, self.chords))
+        return read_only(np.sqrt(np.einsum("ea,ea->e", self.chords, self.chords)))
 
     @cached_property
     def normals(self) -> Floats:
         """Outward unit normal of each edge, (m, 2)."""
-        return np.column_stack([self.chords[:, 1], 0.0 - self.chords[:, 0]]) / self.lengths[:, None]
+        return read_only(np.column_stack([self.chords[:, 1], 0.0 - self.chords[:, 0]]) / self.lengths[:, None])
 
     @cached_property
     def midpoints(self) -> Floats:
         """Midpoint of each edge, (m, 2)."""
-        return self.points[self.edges[:, 0]] + 0.5 * self.chords
+        return read_only(self.points[self.edges[:, 0]] + 0.5 * self.chords)
 
     @cached_property
     def nodes(self) -> Ints:
         """The nodes of the edges, ascending."""
-        return np.unique(self.edges)
+        return read_only(np.unique(self.edges))
 
     @cached_property
     def node_lengths(self) -> Floats:
         """int phi_i ds over the part for each of `nodes`; the sum is the length of the part."""
         place = np.searchsorted(self.nodes, self.edges)
         half = np.repeat(0.5 * self.lengths, 2)
-        return np.bincount(place.ravel(), weights=half, minlength=len(self.nodes))
+        return read_only(np.bincount(place.ravel(), weights=half, minlength=len(self.nodes)))
 
     def gauss(self, count: int) -> tuple[Floats, Floats]:
         """Gauss points of the edges.
@@ -134,16 +134,14 @@ class BoundaryPart:
             (shares[edge, side].ravel(), (np.repeat(row, GAUSS), columns.ravel())), shape=(k, len(self.edges) * GAUSS)
         )
         lengths = np.bincount(row, weights=half, minlength=k)
-        return BoundaryRows(nodes, normals, lengths, points.reshape(-1, 2), matrix)
+        arrays = (nodes, normals, lengths, points.reshape(-1, 2))
+        return BoundaryRows(*map(read_only, arrays), matrix)
 
     def _grouped(self) -> tuple[Ints, Ints]:
-        """Ends of edges by node, longest edge first, and the row of each: ends with one normal share one.
-
-        The longest edge leads, because its direction is known best; what agrees with it joins it.
-        """
+        """Ends of edges (2 * edge + side) ordered by node, and the row of each: ends with one normal share one."""
         ends = self.edges.ravel()
         length = np.repeat(self.lengths, 2)
-        order = np.lexsort((-length, ends))
+        order = np.argsort(ends, kind="stable")
         ends, normal = ends[order], np.repeat(self.normals, 2, axis=0)[order]
         noise = ROUNDED * np.abs(self.points).max() / length[order]
         leader = np.full(len(ends), -1)
@@ -154,3 +152,9 @@ class BoundaryPart:
             joins = apart <= SAME_NORMAL + noise[waiting] + noise[ahead]
             leader[waiting[joins]] = ahead[joins]
         return order, np.unique(leader, return_inverse=True)[1]
+
+
+def read_only(array: NDArray) -> NDArray:
+    """The same array, which from now on refuses to be written to."""
+    array.flags.writeable = False
+    return array

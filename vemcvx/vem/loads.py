@@ -1,9 +1,10 @@
 """Loads of Section 3, before (3.14): matrices that turn point values of a force into a nodal load vector.
 
-    <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat dx + int_{Gamma_N} f_2 . v ds,   v_hat = average of the vertex values of v on K,
+    <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat dx + int_{Gamma_N} f_2 . v ds,
 
-so each vertex of K takes an equal part of the cell's force int_K f_1 dx. Traces are linear, and two Gauss points
-an edge integrate f_2 . v exactly for f_2 of degree 2.
+where v_hat is the average of the vertex values of v on K: each vertex of K takes an equal part of the cell's
+force int_K f_1 dx. Traces are linear, and two Gauss points an edge integrate f_2 . v exactly for f_2 of
+degree 2.
 """
 
 from __future__ import annotations

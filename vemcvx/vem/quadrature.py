@@ -4,10 +4,10 @@ With centroid c and second moments M = 1/|K| int_K (x - c)(x - c)' dx, the four 
 
     c +- sqrt(2) M^(1/2) e_x,   c +- sqrt(2) M^(1/2) e_y,   of weight |K|/4 each,
 
-match all moments of degree 2. The ellipse they lie on, |M^(-1/2)(x - c)|^2 = 2, is inside every convex cell (Kannan,
-Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995), Theorem 4.1: radius sqrt((d + 2)/d) in d dimensions) and
-touches the boundary of triangles only. Cells where one of these points is not clearly inside are cut into triangles: from
-the centroid if it sees all edges, else by clipping ears. A triangle has three inner points.
+match all moments of degree 2. They lie on the ellipse |M^(-1/2)(x - c)|^2 = 2, which every convex cell
+contains (Kannan, Lovasz, Simonovits, Discrete Comput. Geom. 13 (1995): radius sqrt((d + 2)/d) in d
+dimensions); in a triangle it touches the sides. Cells where one of these points is not clearly inside are cut
+into triangles: from the centroid if it sees all edges, else by clipping ears. A triangle has three inner points.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from vemcvx.vem.triangulation import clip_ears
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the touching
-# cases (triangles with hanging nodes), where round-off would decide; aspect ratios up to 1e12 pass.
+# "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the
+# touching cases (triangles with hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.
 MARGIN = 1e-6
+# Ears with less of the cell's area than this are flat, and their points on its boundary: they are left out.
+FLAT = 1e-14
 # Barycentric coordinates of the inner three-point rule of degree 2.
 INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 
@@ -108,7 +110,10 @@ def _on_fan(corners: Floats, centres: Floats, owner: Ints) -> Rule:
 def _on_ears(corners: Floats, owner: Ints) -> Rule:
     ears = clip_ears(corners)
     triangles = corners[np.arange(len(corners))[:, None, None], ears]
-    return _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, ears.shape[1]))
+    points, weights, owner = _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, ears.shape[1]))
+    per_cell = weights.reshape(len(corners), 3 * ears.shape[1])
+    kept = (np.abs(per_cell) > FLAT * per_cell.sum(axis=1)[:, None]).ravel()
+    return points[kept], weights[kept], owner[kept]
 
 
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.vem.boundary import BoundaryPart
+from vemcvx.vem.boundary import BoundaryPart, read_only
 
 if TYPE_CHECKING:
     from vemcvx.meshes import PolygonMesh
@@ -85,7 +85,7 @@ class Space:
         for n in np.unique(counts):
             cells = np.flatnonzero(counts == n)
             nodes = mesh.vertices[mesh.offsets[cells][:, None] + np.arange(n)]
-            groups.append(CellGroup(_frozen(cells), _frozen(nodes), mesh.points))
+            groups.append(CellGroup(read_only(cells), read_only(nodes), mesh.points))
         return tuple(groups)
 
     def part(self, on: str | Sequence[str], subject: str) -> BoundaryPart:
@@ -101,7 +101,7 @@ class Space:
         Raises
         ------
         SceneError
-            `on` names no boundary, or one that the mesh does not have.
+            `on` names no boundary, or one that the mesh does not have or that has no edges.
         """
         mesh = self.mesh
         names = [on] if isinstance(on, str) else list(on) if isinstance(on, Sequence) else [on]
@@ -117,9 +117,4 @@ class Space:
             if len(mesh.boundaries[name]) == 0:
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no edges; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
-        return BoundaryPart(_frozen(edges), mesh.points)
-
-
-def _frozen(array: NDArray) -> NDArray:
-    array.flags.writeable = False
-    return array
+        return BoundaryPart(read_only(edges), mesh.points)

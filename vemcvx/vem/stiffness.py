@@ -1,6 +1,7 @@
 """The stiffness matrix of a^h, (3.13).
 
-    a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v)
+    a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K
+                  + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v)
 
 with Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`; Pi_0 div u is the trace of eps(Pi u). Between the
 components a, b of the vertices i, j this is

@@ -41,12 +41,9 @@ def clip_ears(corners: Floats) -> Ints:
 
 
 def _intrusion(x: Floats) -> Floats:
-    """How deep other vertices reach into the triangle at each vertex, (c, m): below zero for ears, else at least zero."""
+    """How deep other vertices reach into the triangle at each vertex, (c, m): below zero for ears only."""
     before, after = np.roll(x, 1, axis=1), np.roll(x, -1, axis=1)
-    depth = np.minimum(
-        np.minimum(_side(before, x, x), _side(x, after, x)),
-        _side(after, before, x),
-    )
+    depth = np.minimum(np.minimum(_side(before, x, x), _side(x, after, x)), _side(after, before, x))
     m = x.shape[1]
     vertex = np.arange(m)
     for shift in (-1, 0, 1):

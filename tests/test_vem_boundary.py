@@ -1,0 +1,168 @@
+"""Parts of the boundary: normals, shares of nodes, corners, names."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.vem import BoundaryPart, Space
+
+
+def space_of(family="squares", n=4):
+    return Space(vx.meshes.FAMILIES[family](n))
+
+
+def polygon(*points):
+    return Space(vx.PolygonMesh(np.array(points, dtype=float), [range(len(points))]))
+
+
+def test_whole_boundary_obeys_gauss(family):
+    """int n ds = 0 and int x . n ds = 2 |Omega|; every node gets its share of the length."""
+    part = space_of(family).part("boundary", "test")
+    assert np.abs(part.lengths @ part.normals).max() < 1e-14
+    assert part.lengths @ np.einsum("ea,ea->e", part.midpoints, part.normals) == pytest.approx(2.0, rel=1e-14)
+    assert part.node_lengths.sum() == pytest.approx(4.0, rel=1e-14)
+    assert np.array_equal(part.nodes, np.unique(part.edges))
+
+
+def test_sides_have_the_axes_as_normals(family):
+    space = space_of(family)
+    for name, normal in {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}.items():
+        part = space.part(name, "test")
+        assert np.array_equal(part.normals, np.tile(normal, (len(part.edges), 1)))
+        rows = part.corners
+        assert np.array_equal(rows.nodes, part.nodes)  # a straight side: one row a node
+        assert np.array_equal(rows.normals, np.tile(normal, (len(part.nodes), 1)))
+        assert rows.lengths == pytest.approx(part.node_lengths, rel=1e-14)
+
+
+def test_corner_has_a_row_for_each_side():
+    space = space_of()
+    rows = space.part(["left", "bottom"], "test").corners
+    corner = np.flatnonzero(np.abs(space.mesh.points).max(axis=1) == 0.0)
+    at = np.flatnonzero(rows.nodes == corner)
+    assert sorted(map(tuple, rows.normals[at])) == [(-1.0, 0.0), (0.0, -1.0)]
+    assert rows.lengths[at] == pytest.approx([0.125, 0.125], rel=1e-15)
+    assert len(rows.nodes) == 10
+    assert np.all(np.diff(rows.nodes) >= 0)
+
+
+def test_tangents_have_the_body_on_their_left():
+    rows = space_of().part(["bottom", "right"], "test").corners
+    for normal, tangent in zip(rows.normals, rows.tangents, strict=True):
+        assert tuple(tangent) == ((1.0, 0.0) if normal[1] == -1 else (0.0, 1.0))
+
+
+def test_overlapping_names_count_edges_once():
+    mesh = vx.meshes.FAMILIES["squares"](4).with_boundary("low", lambda x: x[:, 1] < 0.5)
+    space = Space(mesh)
+    part = space.part(["bottom", "low", "bottom"], "test")
+    assert part.lengths.sum() == pytest.approx(2.0, rel=1e-15)
+    assert np.array_equal(part.edges, space.part("low", "test").edges)
+
+
+def test_order_of_names_does_not_matter():
+    space = space_of()
+    assert np.array_equal(space.part(("left", "top"), "test").edges, space.part(["top", "left"], "test").edges)
+
+
+def test_tiny_edge_on_an_inclined_side_is_no_corner():
+    """Rounding turns an edge of 1e-12 by about 1e-4; the node still has one normal, that of its long edge."""
+    direction = np.array([np.cos(0.3), np.sin(0.3)])
+    on_side = [s * direction for s in (0.0, 0.5, 0.5 + 1e-12, 1.0)]
+    space = polygon(*on_side, (0.0, 1.0))
+    mesh = space.mesh.with_boundary("slope", lambda x: x[:, 1] < x[:, 0] * np.tan(0.3) + 1e-6)
+    part = Space(mesh).part("slope", "test")
+    assert part.lengths.min() < 1.1e-12
+    rows = part.corners
+    assert len(rows.nodes) == 4
+    assert np.abs(rows.normals - [direction[1], -direction[0]]).max() < 1e-12
+
+
+def test_normals_that_differ_by_more_stay_apart():
+    bend = 1e-8
+    mesh = polygon((0, 0), (1, 0), (2, bend), (1, 3)).mesh
+    part = Space(mesh.with_boundary("base", lambda x: x[:, 1] < 0.5)).part("base", "test")
+    assert list(part.corners.nodes) == [0, 1, 1, 2]
+
+
+def test_equal_normals_are_averaged_by_length():
+    bend = 4e-10
+    mesh = polygon((0, 0), (1, 0), (4, 3 * bend), (1, 5)).mesh
+    rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < 0.5)).part("base", "test").corners
+    assert list(rows.nodes) == [0, 1, 2]
+    assert rows.normals[1, 0] == pytest.approx(0.75 * bend, rel=1e-6)
+
+
+def test_integral_weights_are_exact_for_degree_six(family):
+    """int g phi_i over the bottom with g = x^6, against the antiderivatives of x^6 and x^7."""
+    space = space_of(family)
+    rows = space.part("bottom", "test").corners
+    x = space.mesh.points[rows.nodes, 0]
+    order = np.argsort(x)
+    expected = np.zeros(len(x))
+    for i, j in itertools.pairwise(order):
+        a, b = x[i], x[j]
+        mass, moment = (b**7 - a**7) / 7, (b**8 - a**8) / 8
+        expected[i] += (b * mass - moment) / (b - a)
+        expected[j] += (moment - a * mass) / (b - a)
+    found = rows.matrix @ rows.points[:, 0] ** 6
+    assert np.abs(found - expected).max() < 1e-14
+    assert rows.matrix @ np.ones(len(rows.points)) == pytest.approx(rows.lengths, rel=1e-14)
+
+
+def test_node_where_two_cells_touch_by_a_corner():
+    """Four edges and four normals meet at the middle."""
+    points = np.array([[0, 0], [0, -1], [-1, 0], [0, 1], [1, 0]], dtype=float)
+    rows = BoundaryPart(np.array([[1, 0], [0, 2], [3, 0], [0, 4]]), points).corners
+    assert list(rows.nodes) == [0, 0, 0, 0, 1, 2, 3, 4]
+    assert sorted(map(tuple, rows.normals[:4])) == [(-1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, 0.0)]
+    assert np.array_equal(rows.lengths, np.full(8, 0.5))
+
+
+def test_unknown_name_says_what_exists():
+    with pytest.raises(
+        vx.SceneError,
+        match=r"Clamp: there is no boundary named 'lft'; this mesh has 'left', .*add one with mesh\.with_boundary",
+    ):
+        space_of().part(["left", "lft"], "Clamp")
+
+
+@pytest.mark.parametrize("on", [3, None, [7], [["left"]]], ids=str)
+def test_what_is_no_name_is_refused(on):
+    with pytest.raises(vx.SceneError, match="Clamp: there is no boundary named"):
+        space_of().part(on, "Clamp")
+
+
+def test_no_name_at_all_is_refused():
+    with pytest.raises(vx.SceneError, match="Clamp: on= names no boundary; this mesh has 'left'"):
+        space_of().part([], "Clamp")
+
+
+def test_boundary_without_edges_is_refused():
+    mesh = SimpleNamespace(boundaries={"gap": np.zeros((0, 2), dtype=np.int64)})
+    with pytest.raises(vx.SceneError, match="TrescaFriction: the boundary 'gap' of this mesh has no edges"):
+        Space(mesh).part("gap", "TrescaFriction")
+
+
+def test_arrays_are_read_only():
+    space = space_of()
+    part = space.part("left", "test")
+    rows = part.corners
+    for array in (
+        part.edges,
+        part.lengths,
+        part.normals,
+        part.nodes,
+        rows.nodes,
+        rows.normals,
+        rows.lengths,
+        space.groups[0].nodes,
+        space.groups[0].cells,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0

@@ -1,0 +1,47 @@
+"""Strains of Pi u and the rigid modes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import vemcvx as vx
+from vemcvx.vem import Space, rigid_modes, strains
+
+
+def test_strain_of_a_linear_field(family):
+    mesh = vx.meshes.FAMILIES[family](5)
+    slope = np.array([[0.3, -1.2], [0.7, 0.4]])
+    found = strains(Space(mesh), mesh.points @ slope.T + [3.0, -2.0])
+    # Differences of displacements near 3 over edges that may be shorter than h: EPS * 3 * perimeter / area.
+    assert np.abs(found - [0.3, 0.4, -0.5]).max() < 1e-12
+
+
+def test_strain_is_the_mean_over_the_cell(family):
+    """Random nodal values: |K| eps = sum over edges of the symmetric part of v (x) n ds."""
+    mesh = vx.meshes.FAMILIES[family](3)
+    u = np.random.default_rng(0).standard_normal((mesh.n_nodes, 2))
+    found = strains(Space(mesh), u.ravel())
+    for cell, area, strain in zip(mesh.cells, mesh.areas, found, strict=True):
+        chord = np.roll(mesh.points[cell], -1, axis=0) - mesh.points[cell]
+        mean = 0.5 * (u[cell] + np.roll(u[cell], -1, axis=0))
+        d = mean.T @ np.column_stack([chord[:, 1], -chord[:, 0]]) / area
+        assert np.abs(strain - [d[0, 0], d[1, 1], d[0, 1] + d[1, 0]]).max() < 1e-11
+
+
+def test_rigid_motions_have_no_strain(family):
+    mesh = vx.meshes.FAMILIES[family](4)
+    for mode in rigid_modes(mesh.points).T:
+        assert np.abs(strains(Space(mesh), mode)).max() < 1e-13
+
+
+def test_a_large_translation_costs_no_digits():
+    """On a grid of 2^-26 the sums u + 2^24 are exact, and not a bit of the strain changes."""
+    mesh = vx.meshes.FAMILIES["voronoi"](4)
+    u = np.round(mesh.points * 2**26) / 2**26
+    assert np.array_equal(strains(Space(mesh), u + 2.0**24), strains(Space(mesh), u))
+
+
+def test_rigid_modes_are_two_translations_and_a_rotation():
+    points = np.array([[1.0, 2.0], [3.0, -4.0]])
+    expected = [[1, 0, -2], [0, 1, 1], [1, 0, 4], [0, 1, 3]]
+    assert np.array_equal(rigid_modes(points), expected)

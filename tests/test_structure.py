@@ -14,12 +14,14 @@ import vemcvx
 ROOT = Path(vemcvx.__file__).parent
 LAYERS = [
     ["errors"],
+    ["real"],
     ["canvas"],
     ["meshes"],
     ["vem"],
     ["effects"],
     ["scene", "supports", "rigid"],
-    ["linear", "ordering", "system", "program", "scaling", "certificate", "condensation"],
+    ["linear"],
+    ["ordering", "system", "program", "scaling", "certificate", "condensation"],
     ["pose"],
     ["solvers"],
     ["ledger"],

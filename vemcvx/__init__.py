@@ -27,6 +27,7 @@ from vemcvx.errors import (
     VemcvxError,
 )
 from vemcvx.history import Contact, History
+from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.march import march
 from vemcvx.meshes import PolygonMesh
 from vemcvx.scene import Scene
@@ -49,7 +50,9 @@ __all__ = [
     "Elasticity",
     "History",
     "MeshError",
+    "LinearSolver",
     "MeshWarning",
+    "Multigrid",
     "Newton",
     "Norms",
     "NotAccepted",
@@ -60,6 +63,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "Solver",
+    "SuperLU",
     "System",
     "ThroughCvxpy",
     "Traction",

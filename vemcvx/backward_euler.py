@@ -15,6 +15,7 @@ from vemcvx.certificate import Certificate, certify
 from vemcvx.condensation import Condensation
 from vemcvx.errors import NotCertified
 from vemcvx.ledger import Drive, Ledger, advance, drive
+from vemcvx.linear import LinearSolver
 from vemcvx.program import Answer, Form, StepProgram
 from vemcvx.scaling import Scaling, scaling
 from vemcvx.solvers import Prepared, Solver, choose
@@ -64,9 +65,11 @@ class State:
     iterations: int
 
 
-def prepare(system: System, solver: Solver | None, check: bool, condense: bool) -> Run:
+def prepare(
+    system: System, solver: Solver | None, check: bool, condense: bool, linear: LinearSolver | None = None
+) -> Run:
     """Factorise, condense, scale, and let the solver do what all steps share."""
-    condensation = Condensation(system, condense)
+    condensation = Condensation(system, condense, linear)
     chosen = choose(condensation.form, solver)
     scales = scaling(condensation.form)
     return Run(system, condensation, scales, chosen, chosen.prepare(scales.form), check)

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.linear import Factor, factorise, sparse_lu
+from vemcvx.linear import LinearSolver, SuperLU, choose_linear
 from vemcvx.ordering import minimum_degree
 from vemcvx.program import Form
 from vemcvx.system import System
@@ -52,20 +52,30 @@ class Condensation:
         S (dense, or K itself) and B on the touched unknowns.
     touched : (m,) array
         Their numbers.
+    linear : LinearSolver
+        Which linear solver serves; one that cannot eliminate leaves every unknown touched.
     """
 
-    def __init__(self, system: System, condense: bool = True):
+    def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
         self.system = system
         n, norms = system.n, system.norms
         B = sp.csr_matrix((0, n)) if norms is None else norms.B
         block = 1 if norms is None else norms.block
-        if condense:
-            self.touched: Ints = np.unique(B.indices[B.data != 0]).astype(np.int64)
-            self._factor, S = _eliminate(system, self.touched)
+        self.linear = choose_linear(n, linear)
+        touched = np.unique(B.indices[B.data != 0]).astype(np.int64)
+        if condense and isinstance(self.linear, SuperLU):
+            order = minimum_degree(system.K) if system.order is None else system.order
+            self.touched: Ints = touched
+            self._factor, S = self.linear.eliminate(system.K, order, touched)
+            self.form = Form(S, sp.csr_matrix(B[:, touched]), block)
+        elif condense and len(touched) == 0:
+            self.touched = touched
+            self._factor = self.linear.factorise(system.K, system.near_kernel)
+            self.form = Form(np.zeros((0, 0)), sp.csr_matrix((0, 0)), block)
         else:
             self.touched = np.arange(n)
-            self._factor, S = factorise(system.K), system.K
-        self.form = Form(S, sp.csr_matrix(B[:, self.touched]), block)
+            self._factor = self.linear.factorise(system.K, system.near_kernel)
+            self.form = Form(system.K, B, block, self._factor)
         self._basis: list[tuple[Floats, Floats]] = []
 
     def reduce(self, phi: Floats) -> Reduced:
@@ -112,31 +122,3 @@ class Condensation:
             return self._factor.solve(phi)
         self._basis.append((rest, self._factor.solve(rest)))
         return x + self._basis[-1][1]
-
-
-def _eliminate(system: System, touched: Ints) -> tuple[Factor, Floats]:
-    """The factorised system, and the Schur complement onto the touched unknowns."""
-    order = minimum_degree(system.K) if system.order is None else system.order
-    last = np.zeros(system.n, dtype=bool)
-    last[touched] = True
-    order = np.concatenate([order[~last[order]], touched])
-    lu = sparse_lu(sp.csc_matrix(system.K[order][:, order]), "NATURAL")
-    factor = _Permuted(lu, order)
-    if len(touched) == 0:
-        return factor, np.zeros((0, 0))
-    # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
-    place = lu.perm_c[system.n - len(touched) :]
-    S = (lu.L[:, place][place] @ lu.U[:, place][place]).toarray()
-    return factor, 0.5 * (S + S.T)
-
-
-class _Permuted:
-    """A factor of K[order][:, order], used for K."""
-
-    def __init__(self, lu: Factor, order: Ints):
-        self._lu, self._order = lu, order
-
-    def solve(self, b: Floats) -> Floats:
-        x = np.empty_like(b)
-        x[self._order] = self._lu.solve(b[self._order])
-        return x

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.backward_euler import prepare, step
 from vemcvx.errors import SceneError
 from vemcvx.initial import initial_state
+from vemcvx.linear import LinearSolver
 from vemcvx.recorder import Recorder, stored_steps
 from vemcvx.solvers import Solver
 from vemcvx.system import System
@@ -31,6 +32,7 @@ def march(
     store: str | int = "all",
     check: bool = True,
     condense: bool = True,
+    linear: LinearSolver | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Trajectory:
     """March a System through time by backward Euler.
@@ -50,6 +52,8 @@ def march(
         Raise NotCertified when a step misses the solver's accuracy; otherwise go on.
     condense : bool
         Eliminate the unknowns that no norm term touches (default), or hand over the full program.
+    linear : LinearSolver, optional
+        SuperLU() or Multigrid(); by default by size.
     progress : callable (step, steps), optional
 
     Raises
@@ -65,7 +69,7 @@ def march(
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
     start = time.perf_counter()
-    run = prepare(system, solver, check, condense)
+    run = prepare(system, solver, check, condense, linear)
     prepared = time.perf_counter()
     state = initial_state(run, instants[0], initial)
     recorder = Recorder(run, kept)

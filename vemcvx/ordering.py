@@ -39,9 +39,13 @@ def nested_dissection(graph: sp.csr_matrix, points: Floats) -> Ints:
 def minimum_degree(K: sp.csr_matrix) -> Ints:
     """The sparse solver's own order of K, for matrices without coordinates.
 
-    An incomplete factorisation that drops everything costs little more than its order.
+    An incomplete factorisation that drops everything costs little more than its order. It is taken of the pattern of
+    K with a dominant diagonal, so that no pivot can fail.
     """
-    return np.argsort(spilu(sp.csc_matrix(K), drop_tol=1e6, fill_factor=1, permc_spec="MMD_AT_PLUS_A").perm_c)
+    pattern = sp.csc_matrix(K, copy=True)
+    pattern.data[:] = 1.0
+    dominant = pattern + K.shape[0] * sp.eye_array(K.shape[0], format="csc")
+    return np.argsort(spilu(dominant, drop_tol=1e6, fill_factor=1, permc_spec="MMD_AT_PLUS_A").perm_c)
 
 
 def _halve(graph: sp.csr_matrix, points: Floats, members: Ints, mark: NDArray[np.int8]) -> tuple[Ints, Ints, Ints]:

@@ -22,7 +22,7 @@ from vemcvx.rigid import refuse_floating
 from vemcvx.scene import Scene
 from vemcvx.supports import PARALLEL, Supports, resolve
 from vemcvx.system import Motion, Norms, System
-from vemcvx.vem import Space
+from vemcvx.vem import Space, rigid_modes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -92,6 +92,7 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
         _norms(terms, supports, mesh.points),
         None if supports.still else _motion(A, supports, terms.rows),
         _order(A, supports, mesh.points),
+        supports.P.T @ rigid_modes(mesh.points),
     )
     material = next(p.material for p in parts if p.material is not None)
     return Posed(scene, space, system, supports, A, loads, terms, _chain(p.surfaces for p in parts), material)

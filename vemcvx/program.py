@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.linear import Factor, factorise
+from vemcvx.linear import DenseCholesky, Factor, SuperLU
 
 Floats = NDArray[np.float64]
 
@@ -34,21 +34,24 @@ class Form:
     K : (n, n) dense array (condensed) or sparse matrix (full), symmetric positive definite
     B : (m * block, n) sparse matrix
     block : int
+    factor : Factor, optional
+        K factorised; needed only where K is sparse.
     """
 
     K: Floats | sp.csr_matrix
     B: sp.csr_matrix
     block: int = 1
+    factor: Factor = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.factor is None:
+            made = SuperLU().factorise(self.K) if sp.issparse(self.K) else DenseCholesky(self.K)
+            object.__setattr__(self, "factor", made)
 
     @property
     def count(self) -> int:
         """The number of norm terms m."""
         return self.B.shape[0] // self.block
-
-    @cached_property
-    def factor(self) -> Factor:
-        """K factorised, for the certificate and for solvers."""
-        return factorise(self.K)
 
     @cached_property
     def features(self) -> frozenset[str]:

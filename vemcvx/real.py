@@ -30,7 +30,9 @@ def real(raw: Any, subject: str, wanted: str) -> Floats:
             return array.astype(float)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise SceneError(f"{subject}: found {brief(raw)}, which does not read as an array of real numbers; wanted {wanted}.")
+    raise SceneError(
+        f"{subject}: found {brief(raw)}, which does not read as an array of real numbers; wanted {wanted}."
+    )
 
 
 def brief(raw: Any) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.linear import Scaled
 from vemcvx.program import Answer, Form, StepProgram
 
 Floats = NDArray[np.float64]
@@ -80,9 +81,8 @@ def scaling(form: Form) -> Scaling:
     rows = (abs(form.B) @ sp.diags_array(D)).max(axis=1).toarray().ravel() if form.count else np.zeros(0)
     sigma = power_of_two(form.blocks(rows).max(axis=1)) if form.count else np.zeros(0)
     spread = sp.diags_array(1.0 / np.repeat(sigma, form.block))
-    K = (
-        D[:, None] * form.K * (D / kappa)
-        if not sp.issparse(form.K)
-        else sp.csr_matrix(sp.diags_array(D) @ form.K @ sp.diags_array(D / kappa))
-    )
-    return Scaling(Form(K, sp.csr_matrix(spread @ form.B @ sp.diags_array(D)), form.block), kappa, D, sigma)
+    B = sp.csr_matrix(spread @ form.B @ sp.diags_array(D))
+    if sp.issparse(form.K):
+        K = sp.csr_matrix(sp.diags_array(D) @ form.K @ sp.diags_array(D / kappa))
+        return Scaling(Form(K, B, form.block, Scaled(form.factor, D, kappa)), kappa, D, sigma)
+    return Scaling(Form(D[:, None] * form.K * (D / kappa), B, form.block), kappa, D, sigma)

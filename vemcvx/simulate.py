@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
 from vemcvx.history import History, record
+from vemcvx.linear import LinearSolver
 from vemcvx.march import checked_times, march
 from vemcvx.meshes import PolygonMesh
 from vemcvx.pose import Posed, pose
@@ -33,6 +34,7 @@ def simulate(
     store: str | int = "all",
     check: bool = True,
     condense: bool = True,
+    linear: LinearSolver | None = None,
     progress: bool | Callable[[int, int], None] = False,
 ) -> History:
     """Simulate a scene on a mesh by backward Euler, every step certified.
@@ -53,6 +55,8 @@ def simulate(
         Raise NotCertified when a step misses the accuracy asked of the solver.
     condense : bool
         Solve on the contact unknowns (default), or on all of them.
+    linear : LinearSolver, optional
+        SuperLU() or Multigrid(); by default by size.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
 
@@ -87,6 +91,7 @@ def simulate(
         store=store,
         check=check,
         condense=condense,
+        linear=linear,
         progress=_log if progress is True else progress or None,
     )
     return record(posed, trajectory, assembled)

@@ -103,6 +103,8 @@ class System:
         Bookkeeping of supports that move; a plain system has none.
     order : (n,) permutation, optional
         An order of elimination with little fill; by default one is computed from K.
+    near_kernel : (n, k) array, optional
+        Motions of little energy (rigid ones), for iterative linear solvers.
     """
 
     K: sp.csr_matrix
@@ -110,6 +112,7 @@ class System:
     norms: Norms | None = None
     motion: Motion | None = None
     order: Ints | None = None
+    near_kernel: Floats | None = None
 
     def __post_init__(self) -> None:
         K = sp.csr_matrix(self.K, dtype=float)

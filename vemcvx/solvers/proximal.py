@@ -19,7 +19,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.linear import factorise
 from vemcvx.program import StepProgram
 
 Floats = NDArray[np.float64]
@@ -53,7 +52,8 @@ def _newton_step(program: StepProgram, d: Floats, lam: Floats, shift: Floats) ->
     """One damped Newton step on psi; also whether it moved by more than rounding."""
     q = lam + shift[:, None] * program.slip(d)
     gradient = -program.residual(d, program.project(q))
-    step = factorise(_hessian(program, q, shift)).solve(-gradient)
+    every = np.arange(len(d))
+    step = program.form.factor.within(_hessian(program, q, shift), every).solve(-gradient)
     slope = float(gradient @ step)
     start = _psi(program, d, lam, shift)
     if -slope <= 4 * np.finfo(float).eps * abs(start):

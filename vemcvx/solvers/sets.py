@@ -16,7 +16,6 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.linear import factorise
 from vemcvx.program import Form, StepProgram
 
 Floats = NDArray[np.float64]
@@ -69,8 +68,8 @@ def _held(M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Bools, valu
     """Minimise 1/2 d'Md - load'd subject to B_i d = value on the `held` rows; returns d and the reactions."""
     B = form.B[np.flatnonzero(held)]
     if coordinates(B):
-        return _held_coordinates(M, load, B, value)
-    factor = factorise(M)
+        return _held_coordinates(M, load, form, B, value)
+    factor = form.factor.within(M, np.arange(len(load)))
     spread = factor.solve(B.T.toarray())
     small = B @ spread
 
@@ -92,7 +91,7 @@ def coordinates(B: sp.csr_matrix) -> bool:
 
 
 def _held_coordinates(
-    M: Floats | sp.csr_matrix, load: Floats, B: sp.csr_matrix, value: Floats
+    M: Floats | sp.csr_matrix, load: Floats, form: Form, B: sp.csr_matrix, value: Floats
 ) -> tuple[Floats, Floats]:
     d = np.zeros(len(load))
     d[B.indices] = value / B.data
@@ -100,6 +99,6 @@ def _held_coordinates(
     free[B.indices] = False
     F = np.flatnonzero(free)
     rows = M[F]
-    d[F] = factorise(rows[:, F]).solve(load[F] - rows @ d if value.any() else load[F])
+    d[F] = form.factor.within(rows[:, F], F).solve(load[F] - rows @ d if value.any() else load[F])
     reaction = (load[B.indices] - M[B.indices] @ d) / B.data
     return d, reaction

@@ -1,0 +1,9 @@
+"""Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
+
+from vemcvx.linear.choose import choose_linear
+from vemcvx.linear.dense import DenseCholesky
+from vemcvx.linear.factor import Factor, LinearSolver, Scaled
+from vemcvx.linear.multigrid import Multigrid
+from vemcvx.linear.superlu import SuperLU
+
+__all__ = ["DenseCholesky", "Factor", "LinearSolver", "Multigrid", "Scaled", "SuperLU", "choose_linear"]

@@ -1,0 +1,76 @@
+"""What it means to solve with a symmetric positive definite matrix, whoever does it.
+
+This is the seam for linear algebra: everything above asks a :class:`LinearSolver` for factors, and a
+parallel one (PETSc, say) would stand here.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.errors import SceneError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Factor(Protocol):
+    """A matrix ready to be solved with."""
+
+    def solve(self, b: Floats) -> Floats:
+        """x with K x = b; (n,) or (n, k)."""
+
+    def within(self, K_FF: sp.csr_matrix, F: Ints) -> Factor:
+        """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness."""
+
+
+class Scaled:
+    """A factor of D K D / kappa, from one of K: K is factorised once for both."""
+
+    def __init__(self, factor: Factor, D: Floats, kappa: float):
+        self._factor, self._D, self._kappa = factor, D, kappa
+
+    def solve(self, b: Floats) -> Floats:
+        D = self._D if b.ndim == 1 else self._D[:, None]
+        return self._kappa * (self._factor.solve(b / D) / D)
+
+    def within(self, K_FF: sp.csr_matrix, F: Ints) -> Scaled:
+        D = self._D[F]
+        undo = sp.diags_array(1.0 / D)
+        plain = sp.csr_matrix(undo @ K_FF @ undo) * self._kappa
+        return Scaled(self._factor.within(plain, F), D, self._kappa)
+
+
+class LinearSolver(ABC):
+    """Settings of a linear solver; frozen."""
+
+    eliminates: ClassVar[bool]
+    """Whether it can give Schur complements, so that programs are condensed."""
+
+    @abstractmethod
+    def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:
+        """Factorise K (n, n), symmetric positive definite.
+
+        Parameters
+        ----------
+        near_kernel : (n, k) array, optional
+            Motions of little energy (the rigid ones): iterative solvers need them.
+
+        Raises
+        ------
+        SceneError
+            The matrix is singular, or an iterative solver does not converge.
+        """
+
+
+def singular() -> SceneError:
+    """The error for a stiffness matrix that some motion does not feel."""
+    return SceneError(
+        "the stiffness matrix is singular: some motion of the body costs no energy. "
+        "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that exclude it."
+    )

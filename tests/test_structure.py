@@ -21,7 +21,7 @@ LAYERS = [
     ["effects"],
     ["scene", "supports", "rigid"],
     ["linear"],
-    ["ordering", "system", "program", "scaling", "certificate", "condensation"],
+    ["rows", "ordering", "system", "program", "scaling", "certificate", "condensation"],
     ["pose"],
     ["solvers"],
     ["ledger"],

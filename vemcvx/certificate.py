@@ -23,7 +23,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.program import StepProgram
@@ -73,18 +72,38 @@ class Certificate:
 def certify(program: StepProgram, d: Floats, lam: Floats) -> Certificate:
     """Certify the increments `d` (n,) with the multipliers `lam` (m, block), projected first.
 
-    The floor follows the rounding of the two parts: r is known to eps (|g| + |B'||lam| + |K||d|), measured in
-    the norm of K^{-1}; s_i to eps (|B_i||d| + |b_i|), except where a row of B has one entry and b_i = 0:
-    there a sticking s_i = 0 is exact. In blocks of two and more |lam_i| = w_i holds to 2 eps w_i only.
+    The floor (:func:`rounding_floor`) follows the rounding of the two parts: r is known to
+    eps (|g| + |B'||lam| + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| + |b_i|), except where a row
+    of B has one entry and b_i = 0: there a sticking s_i = 0 is exact. In blocks of two and more |lam_i| = w_i holds to
+    2 eps w_i only.
     """
     lam = program.project(lam)
-    s = program.slip(d)
+    equilibrium, friction = _parts(program, d, lam)
+    return Certificate(equilibrium, friction, rounding_floor(program, d, lam))
+
+
+def duality_gap(program: StepProgram, d: Floats, lam: Floats) -> float:
+    """The gap alone, for an admissible lam: what solvers measure their progress by."""
+    equilibrium, friction = _parts(program, d, lam)
+    return equilibrium + float(friction.sum())
+
+
+def _parts(program: StepProgram, d: Floats, lam: Floats) -> tuple[float, Floats]:
     r = program.residual(d, lam)
-    factor = program.form.factor
-    equilibrium = 0.5 * float(r @ factor.solve(r))
-    blur = _residual_blur(program, d, lam)
-    floor = 0.5 * float(blur @ np.abs(factor.solve(blur))) + float(program.w @ _slip_blur(program, d, s))
-    return Certificate(max(equilibrium, 0.0), norm_gaps(program.w, lam, s), floor)
+    equilibrium = 0.5 * float(r @ program.form.factor.solve(r))
+    return max(equilibrium, 0.0), norm_gaps(program.w, lam, program.slip(d))
+
+
+def rounding_floor(program: StepProgram, d: Floats, lam: Floats) -> float:
+    """What round-off alone may hide in, or add to, the gap at (d, lam)."""
+    form, s = program.form, program.slip(d)
+    rows, size = form.rows.absolute, np.abs(d)
+    blur = EPS * (np.abs(program.g) + rows.pull(np.abs(lam.ravel())) + form.absolute @ size)
+    slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(program.b)
+    slip_blur = EPS * form.blocks(slip).sum(axis=1)
+    if form.block > 1:
+        slip_blur += 2 * EPS * np.linalg.norm(s, axis=1)
+    return 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
@@ -95,19 +114,3 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     direction[both] = lam[both] / size[both, None] - s[both] / slip[both, None]
     turned = np.einsum("ij,ij->i", direction, direction)
     return np.maximum(w - size, 0.0) * slip + 0.5 * size * slip * turned
-
-
-def _residual_blur(program: StepProgram, d: Floats, lam: Floats) -> Floats:
-    form = program.form
-    return EPS * (np.abs(program.g) + abs(form.B).T @ np.abs(lam.ravel()) + _absolute(form.K) @ np.abs(d))
-
-
-def _slip_blur(program: StepProgram, d: Floats, s: Floats) -> Floats:
-    form = program.form
-    rounding = abs(form.B) @ np.abs(d) * (np.diff(form.B.indptr) > 1) + np.abs(program.b)
-    length = 2 * np.linalg.norm(s, axis=1) if form.block > 1 else 0.0
-    return EPS * (form.blocks(rounding).sum(axis=1) + length)
-
-
-def _absolute(K: Floats | sp.csr_matrix) -> Floats | sp.csr_matrix:
-    return abs(K) if sp.issparse(K) else np.abs(K)

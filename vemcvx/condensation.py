@@ -76,7 +76,7 @@ class Condensation:
             self.touched = np.arange(n)
             self._factor = self.linear.factorise(system.K, system.near_kernel)
             self.form = Form(system.K, B, block, self._factor)
-        self._basis: list[tuple[Floats, Floats]] = []
+        self._basis: list[tuple[Floats, float, Floats]] = []
 
     def reduce(self, phi: Floats) -> Reduced:
         """The response to a force; a combination of forces seen before costs no solve."""
@@ -109,16 +109,18 @@ class Condensation:
         return float(phi.phi @ f.x + phi.x[self.touched] @ rho)
 
     def _respond(self, phi: Floats) -> Floats:
-        size = np.abs(phi).max(initial=0.0)
+        size = float(phi @ phi)
         if size == 0.0:
             return np.zeros_like(phi)
         rest, x = phi, np.zeros_like(phi)
-        for q, response in self._basis:
-            share = q @ rest / (q @ q)
-            rest, x = rest - share * q, x + share * response
-        if np.abs(rest).max() <= SAME_FIELD * size:
+        for q, square, response in self._basis:
+            share = float(q @ rest) / square
+            rest = rest - share * q
+            x += share * response
+        left = float(rest @ rest)
+        if left <= SAME_FIELD * SAME_FIELD * size:
             return x
         if len(self._basis) == MOST_FIELDS:
             return self._factor.solve(phi)
-        self._basis.append((rest, self._factor.solve(rest)))
-        return x + self._basis[-1][1]
+        self._basis.append((rest, left, self._factor.solve(rest)))
+        return x + self._basis[-1][2]

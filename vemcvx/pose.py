@@ -130,14 +130,14 @@ def _load(loads: tuple[Load, ...], A: sp.csr_matrix, supports: Supports) -> Call
         f = total_load(loads, A.shape[0], t)
         if not supports.still:
             f -= A @ supports.motion(t)
-        return supports.P.T @ f
+        return supports.gather(f)
 
     return load
 
 
 def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix) -> Motion:
     def stretch(t: float) -> Floats:
-        return supports.P.T @ (A @ supports.motion(t))
+        return supports.gather(A @ supports.motion(t))
 
     def drag(t: float) -> Floats:
         return tangential @ supports.motion(t)

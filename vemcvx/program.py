@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.linear import DenseCholesky, Factor, SuperLU
+from vemcvx.rows import Rows
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +48,16 @@ class Form:
         if self.factor is None:
             made = SuperLU().factorise(self.K) if sp.issparse(self.K) else DenseCholesky(self.K)
             object.__setattr__(self, "factor", made)
+
+    @cached_property
+    def rows(self) -> Rows:
+        """B, ready to be applied."""
+        return Rows(self.B)
+
+    @cached_property
+    def absolute(self) -> Floats | sp.csr_matrix:
+        """|K|, entry by entry, for bounds on rounding."""
+        return abs(self.K)
 
     @property
     def count(self) -> int:
@@ -97,11 +108,11 @@ class StepProgram:
 
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
-        return self.form.blocks(self.form.B @ d - self.b)
+        return self.form.blocks(self.form.rows.read(d) - self.b)
 
     def residual(self, d: Floats, lam: Floats) -> Floats:
         """r = g - B'lam - K d, the forces that do not balance, (n,)."""
-        return self.g - self.form.B.T @ lam.ravel() - self.form.K @ d
+        return self.g - self.form.rows.pull(lam.ravel()) - self.form.K @ d
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises."""

@@ -83,7 +83,7 @@ class Recorder:
         form = self._run.form
         if form.count == 0:
             return np.zeros(0, dtype=bool)
-        blur = EPS * np.abs(form.blocks(abs(form.B) @ np.abs(state.y))).max(axis=1)
+        blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
         error = state.certificate.error + state.certificate.error_floor
         return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
 
@@ -97,7 +97,7 @@ def full_certificate(run: Run, state: State, y: Floats) -> Certificate:
     pulled = np.zeros(system.n) if system.norms is None else system.norms.B.T @ state.lam.ravel()
     r = phi - pulled - system.K @ y
     blur = EPS * (np.abs(phi) + np.abs(pulled) + abs(system.K) @ np.abs(y))
-    solve = run.condensation.solve
-    equilibrium, floor = 0.5 * float(r @ solve(r)), 0.5 * float(blur @ np.abs(solve(blur)))
+    responses = run.condensation.solve(np.column_stack([r, blur]))
+    equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * float(blur @ np.abs(responses[:, 1]))
     condensed = state.certificate
     return Certificate(max(equilibrium, condensed.equilibrium), condensed.friction, max(floor, condensed.floor))

@@ -44,6 +44,10 @@ class Supports:
         """Whether every held value is zero at all times."""
         return all(slot.still for slot in self.rows)
 
+    def gather(self, f: Floats) -> Floats:
+        """P'f, forces on the free unknowns."""
+        return self.P.T @ f if self.columns is None else f[self.columns]
+
     def motion(self, t: float) -> Floats:
         """The held displacement u_D (n_u,) at the instant `t`.
 

@@ -63,6 +63,8 @@ class SparseFactor:
             raise singular() from error
 
     def solve(self, b: Floats) -> Floats:
+        if not b.any():
+            return np.zeros_like(b)
         x = np.empty_like(b)
         x[self._order] = self._lu.solve(b[self._order])
         return x

@@ -6,7 +6,6 @@ A family is called with n (cells per unit length) or with a pair of counts, and 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 
@@ -16,7 +15,8 @@ from ..errors import MeshError
 from .geometry import Floats
 
 Count = int | tuple[int, int]
-Interval = tuple[float, float]
+Corners = tuple[tuple[float, float], tuple[float, float]]
+UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Box:
         return self.top - self.bottom
 
 
-def check_box(box: Sequence[Interval]) -> Box:
+def check_box(box: Corners) -> Box:
     """Return the box as four finite numbers, or raise MeshError."""
     try:
         (left, right), (bottom, top) = box

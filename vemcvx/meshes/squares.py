@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from .geometry import Floats
-from .grid import Box, Count, Interval, cell_counts, check_box, ticks
+from .grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
 from .polygon_mesh import PolygonMesh
 from .topology import Ints
 
-UNIT_BOX: tuple[Interval, Interval] = ((0.0, 1.0), (0.0, 1.0))
 
-
-def squares(n: Count, box: tuple[Interval, Interval] = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     """Mesh a box with equal squares.
 
     Parameters

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .grid import Count, Interval, cell_counts, check_box
+from .grid import UNIT_BOX, Corners, Count, cell_counts, check_box
 from .polygon_mesh import PolygonMesh
-from .squares import UNIT_BOX, square_grid
+from .squares import square_grid
 
 
-def triangles(n: Count, box: tuple[Interval, Interval] = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     """Mesh a box with right-angled triangles, two to each square of `squares`.
 
     Parameters

@@ -20,6 +20,7 @@ from vemcvx.program import Form, StepProgram
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -52,23 +53,24 @@ def answer_on(program: StepProgram, sets: Sets) -> tuple[Floats, Floats]:
     """Increments d (n,) and multipliers lam (m, block), the latter not yet projected."""
     form = program.form
     pull = program.w[:, None] * sets.direction
-    M, load = form.K, program.g - form.B.T @ pull.ravel()
-    H = sets.curvature[:, None, None] * (np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction))
-    if sets.curvature.any():
+    M, load = form.K, program.g - form.rows.pull(pull.ravel())
+    bends = sets.curvature.any()
+    if bends:
+        tangential = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
+        H = sets.curvature[:, None, None] * tangential
         M = form.stiffened(H)
-        load = load + form.B.T @ np.einsum("ijk,ik->ij", H, form.blocks(program.b)).ravel()
-    held = np.repeat(sets.stick, form.block)
-    d, reaction = _held(M, load, form, held, program.b[held])
-    lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d))).ravel()
+        load = load + form.rows.pull(np.einsum("ijk,ik->ij", H, form.blocks(program.b)).ravel())
+    held = np.flatnonzero(np.repeat(sets.stick, form.block))
+    solve = _held if form.rows.columns is None else _held_coordinates
+    d, reaction = solve(M, load, form, held, program.b[held])
+    lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else pull).ravel()
     lam[held] = reaction
     return d, form.blocks(lam)
 
 
-def _held(M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Bools, value: Floats) -> tuple[Floats, Floats]:
-    """Minimise 1/2 d'Md - load'd subject to B_i d = value on the `held` rows; returns d and the reactions."""
-    B = form.B[np.flatnonzero(held)]
-    if coordinates(B):
-        return _held_coordinates(M, load, form, B, value)
+def _held(M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Ints, value: Floats) -> tuple[Floats, Floats]:
+    """Minimise 1/2 d'Md - load'd subject to B_i d = value on the rows `held`; returns d and the reactions."""
+    B = form.B[held]
     factor = form.factor.within(M, np.arange(len(load)))
     spread = factor.solve(B.T.toarray())
     small = B @ spread
@@ -85,20 +87,16 @@ def _held(M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Bools, valu
     return d + more, reaction + push
 
 
-def coordinates(B: sp.csr_matrix) -> bool:
-    """Whether every row of B reads its own unknown: then sticking is exact, and costs less."""
-    return bool((np.diff(B.indptr) == 1).all()) and len(np.unique(B.indices)) == B.shape[0]
-
-
 def _held_coordinates(
-    M: Floats | sp.csr_matrix, load: Floats, form: Form, B: sp.csr_matrix, value: Floats
+    M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Ints, value: Floats
 ) -> tuple[Floats, Floats]:
+    """The same where every row reads its own unknown: the held unknowns are known."""
+    columns, coefficient = form.rows.columns[held], form.B.data[held]  # type: ignore[index]
     d = np.zeros(len(load))
-    d[B.indices] = value / B.data
+    d[columns] = value / coefficient
     free = np.ones(len(load), dtype=bool)
-    free[B.indices] = False
+    free[columns] = False
     F = np.flatnonzero(free)
     rows = M[F]
     d[F] = form.factor.within(rows[:, F], F).solve(load[F] - rows @ d if value.any() else load[F])
-    reaction = (load[B.indices] - M[B.indices] @ d) / B.data
-    return d, reaction
+    return d, (load[columns] - M[columns] @ d) / coefficient

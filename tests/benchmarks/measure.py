@@ -1,0 +1,44 @@
+"""Seconds, ratios and peak memory, measured side by side in one run."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measured ratio."""
+
+    name: str
+    seconds: float
+    reference: str
+    reference_seconds: float
+    wanted: str
+
+    @property
+    def ratio(self) -> float:
+        return self.seconds / self.reference_seconds
+
+
+def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
+    """Median seconds of each action, run in turn so that a drift of the machine meets all of them."""
+    seconds: list[list[float]] = [[] for _ in actions]
+    for _ in range(repeats):
+        for taken, action in zip(seconds, actions, strict=True):
+            start = time.perf_counter()
+            action()
+            taken.append(time.perf_counter() - start)
+    return [statistics.median(taken) for taken in seconds]
+
+
+def in_a_process(code: str) -> dict:
+    """Run code that prints one JSON object, in a process of its own; its peak memory in GB is added."""
+    peak = "\nimport json, resource\nprint(json.dumps(dict(out, peak_gb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)))"
+    run = subprocess.run([sys.executable, "-c", code + peak], capture_output=True, text=True, check=True)
+    return json.loads(run.stdout.splitlines()[-1])

@@ -1,0 +1,58 @@
+"""Ratios measured side by side, printed, and written as CSV and picture.
+
+python tests/benchmarks/run.py [--quick] [--out results/benchmarks]
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+import cases
+from measure import Row
+from rich.console import Console
+from rich.table import Table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="n = 64 in place of 256, and no million unknowns")
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    arguments = parser.parse_args()
+    n = 64 if arguments.quick else 256
+    rows = [*cases.paper(n), *cases.assembly(n), *cases.imports()]
+    growth = cases.growth([32, 64, 128] if arguments.quick else [128, 181, 256, 362, 512, 707])
+    rows.append(cases.growth_row(growth))
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    write(rows, arguments.out / "ratios.csv")
+    with open(arguments.out / "growth.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(growth[0]))
+        writer.writeheader()
+        writer.writerows(growth)
+    cases.picture(rows, growth, arguments.out / "benchmarks.png")
+    show(rows, arguments.out)
+
+
+def write(rows: list[Row], path: Path) -> None:
+    with open(path, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["what", "seconds", "against", "its seconds", "ratio", "wanted"])
+        for row in rows:
+            writer.writerow([row.name, row.seconds, row.reference, row.reference_seconds, row.ratio, row.wanted])
+
+
+def show(rows: list[Row], folder: Path) -> None:
+    table = Table("what", "seconds", "against", "its seconds", "ratio", "wanted", title="measured side by side")
+    for row in rows:
+        numbers = f"{row.seconds:.3g}", row.reference, f"{row.reference_seconds:.3g}", f"{row.ratio:.3g}"
+        table.add_row(row.name, *numbers, row.wanted)
+    console = Console()
+    console.print(table)
+    console.print(f"written to {folder}")
+
+
+if __name__ == "__main__":
+    main()

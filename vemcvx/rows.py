@@ -1,0 +1,51 @@
+"""The rows B of a program's terms, which in a contact scene read one unknown each.
+
+Such rows are a selection with coefficients: reading and pulling are then index operations, a tenth of the
+cost of a small sparse product, and a sticking B_i d = b_i holds exactly.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Rows:
+    """B (k, n), with B d and B'lam as cheap as its pattern allows."""
+
+    def __init__(self, B: sp.csr_matrix):
+        self.B = B
+        single = np.diff(B.indptr) == 1
+        self.single = single
+        """(k,) which rows have one entry"""
+        self.columns: Ints | None = None
+        """(k,) the unknown that each row reads, if every row reads its own and no other; else None"""
+        if single.all() and len(np.unique(B.indices)) == B.shape[0]:
+            self.columns = B.indices.astype(np.int64)
+
+    @cached_property
+    def _transposed(self) -> sp.csr_matrix:
+        return sp.csr_matrix(self.B.T)
+
+    def read(self, d: Floats) -> Floats:
+        """B d, (k,)."""
+        return self.B @ d if self.columns is None else self.B.data * d[self.columns]
+
+    def pull(self, lam: Floats) -> Floats:
+        """B'lam, (n,)."""
+        if self.columns is None:
+            return self._transposed @ lam
+        force = np.zeros(self.B.shape[1])
+        force[self.columns] = self.B.data * lam
+        return force
+
+    @cached_property
+    def absolute(self) -> Rows:
+        """|B|, entry by entry, for bounds on rounding."""
+        return Rows(abs(self.B))

@@ -27,6 +27,14 @@ class NotAccepted(VemcvxError):
     """The chosen solver cannot take a term that the program has."""
 
 
+class HistoryError(VemcvxError):
+    """A folder holds no history that can be read, or none can be written to it."""
+
+
+class ProblemError(VemcvxError):
+    """A problem file, or what the command line asks of it, does not make a run."""
+
+
 class NotCertified(VemcvxError):
     """A step's answer misses the requested accuracy.
 

@@ -15,6 +15,7 @@ from vemcvx.backward_euler import Run, State, trial
 from vemcvx.certificate import Certificate
 from vemcvx.errors import SceneError
 from vemcvx.ledger import Drive, Ledger, drive, energy
+from vemcvx.real import real, shape_in_words
 
 Floats = NDArray[np.float64]
 
@@ -55,9 +56,14 @@ def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
             f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
             "'settled' (one step from zero)."
         )
-    y = np.asarray(initial, dtype=float)
-    if y.shape != (n,) or not np.isfinite(y).all():
-        raise SceneError(f"initial: found an array of shape {y.shape}; wanted {n} finite values, one an unknown.")
+    wanted = f"{n} finite values, one an unknown"
+    y = real(initial, "initial", wanted)
+    if y.shape != (n,):
+        raise SceneError(f"initial: found {shape_in_words(y)}; wanted {wanted}.")
+    if not np.isfinite(y).all():
+        raise SceneError(
+            f"initial: found NaN or infinity in unknown {int(np.argmin(np.isfinite(y)))}; wanted {wanted}."
+        )
     return y
 
 

@@ -15,6 +15,7 @@ from vemcvx.backward_euler import prepare, step
 from vemcvx.errors import SceneError
 from vemcvx.initial import initial_state
 from vemcvx.linear import LinearSolver
+from vemcvx.real import brief, real
 from vemcvx.recorder import Recorder, stored_steps
 from vemcvx.solvers import Solver
 from vemcvx.system import System
@@ -65,6 +66,7 @@ def march(
     NotCertified
         A step misses the accuracy asked for.
     """
+    _check_kinds(system, solver)
     instants = checked_times(times)
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
@@ -83,13 +85,22 @@ def march(
     return recorder.finish(instants, seconds)
 
 
+def _check_kinds(system: System, solver: Solver | None) -> None:
+    if not isinstance(system, System):
+        raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
+    if solver is not None and not isinstance(solver, Solver):
+        raise SceneError(
+            f"solver: found {brief(solver)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
+            "for the smallest that accepts the program."
+        )
+
+
 def checked_times(times: ArrayLike) -> Floats:
     """The instants as an increasing array of at least one."""
-    t = np.asarray(times, dtype=float)
+    wanted = "an increasing sequence of finite instants, such as np.linspace(0, 1, 65)"
+    t = real(times, "times", wanted)
     if t.ndim != 1 or len(t) == 0 or not np.isfinite(t).all():
-        raise SceneError(
-            f"times: found {times!r}; wanted an increasing sequence of finite instants, such as np.linspace(0, 1, 65)."
-        )
+        raise SceneError(f"times: found {brief(times)}; wanted {wanted}.")
     back = np.flatnonzero(np.diff(t) <= 0)
     if len(back):
         n = int(back[0])

@@ -18,9 +18,9 @@ Ints = NDArray[np.int64]
 
 def stored_steps(store: str | int, steps: int) -> Ints:
     """Step numbers to keep: "all", "last", or every `store`-th and the last."""
-    if store == "all":
+    if isinstance(store, str) and store == "all":
         return np.arange(steps + 1)
-    if store == "last":
+    if isinstance(store, str) and store == "last":
         return np.array([steps])
     if isinstance(store, (int, np.integer)) and not isinstance(store, bool) and store >= 1:
         return np.unique(np.append(np.arange(0, steps + 1, store), steps))

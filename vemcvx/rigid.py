@@ -1,4 +1,13 @@
-"""Bodies that float: rigid motions that no support resists."""
+"""Bodies that float: motions without strain that no support resists.
+
+A piece of the body is made of cells joined along edges; without strain it moves as a rigid body. Pieces that
+share single nodes only are hinged there. With c the rigid motion of every piece and R_q c_q its nodal values, the
+distance to the nearest admissible field, the same at every node for all pieces there and obeying the supports, is
+
+    sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
+
+and the body floats if and only if this vanishes for some c. Of one piece it is the part of c that meets a support.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +21,7 @@ from vemcvx.supports import Supports
 from vemcvx.vem import Space, rigid_modes
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
 # a million leaves 1e-6 of the translations and of the rotation, far above it.
@@ -20,44 +30,72 @@ FREE = 1e-12
 
 def refuse_floating(space: Space, supports: Supports) -> None:
     """Raise SceneError, naming the motion, if a connected part of the body can move without strain."""
-    parts, label = _parts(space)
-    points = space.mesh.points
+    piece, node = _pieces(space)
+    count = np.bincount(node, minlength=space.mesh.n_nodes)
+    R = _motions(piece, node, space.mesh.points)
+    k = R.shape[1] // (piece.max() + 1)
+    dim = space.mesh.points.shape[1]
+    free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
+    held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
+    joined = sp.csr_matrix((np.ones(len(piece)), (piece, node)))
+    parts, label = connected_components(joined @ joined.T, directed=False)
     for part in range(parts):
-        inside = np.repeat(label == part, points.shape[1])
-        modes = rigid_modes(_centred(points, label == part))
-        modes[~inside] = 0.0
-        modes /= np.linalg.norm(modes, axis=0)
-        free = supports.P.T @ modes
-        held = np.eye(modes.shape[1]) - free.T @ free
-        value, vector = np.linalg.eigh(0.5 * (held + held.T))
-        if value[0] < FREE * modes.shape[1]:
-            count = int((value < FREE * modes.shape[1]).sum())
+        columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
+        value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
+        loose = value < FREE * k
+        if loose.any():
             which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
-            raise SceneError(
-                f"supports: {which} floats: {count} rigid motion(s) meet no support, the first {_words(vector[:, 0])}. "
-                "Add Clamp, PrescribedDisplacement or BilateralContact on boundaries that exclude it."
-            )
+            hinges = [i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
+            raise SceneError(_words(which, int(loose.sum()), vector[:, 0], hinges, space.mesh.points))
 
 
-def _parts(space: Space) -> tuple[int, NDArray[np.int32]]:
+def _pieces(space: Space) -> tuple[Ints, Ints]:
+    """Every (piece, node) pair: pieces are the sets of cells that edges join."""
     mesh = space.mesh
-    cell = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.offsets))
-    incidence = sp.csr_matrix((np.ones(len(cell)), (cell, mesh.vertices)), shape=(mesh.n_cells, mesh.n_nodes))
-    n = mesh.n_cells + mesh.n_nodes
-    graph = sp.block_array([[None, incidence], [incidence.T, None]], format="csr")
-    if graph.shape != (n, n):
-        raise SceneError("supports: the mesh has no cells.")
-    parts, label = connected_components(graph, directed=False)
-    return parts, label[mesh.n_cells :]
+    one, other = mesh.neighbours.T
+    graph = sp.csr_matrix((np.ones(len(one)), (one, other)), shape=(mesh.n_cells, mesh.n_cells))
+    label = connected_components(graph, directed=False)[1].astype(np.int64)
+    pair = np.unique(np.repeat(label, np.diff(mesh.offsets)) * mesh.n_nodes + mesh.vertices)
+    return pair // mesh.n_nodes, pair % mesh.n_nodes
 
 
-def _centred(points: Floats, inside: NDArray[np.bool_]) -> Floats:
-    """Coordinates about the part's middle, in units of its size: rotations then weigh like translations."""
-    shifted = points - points[inside].mean(axis=0)
-    return shifted / np.abs(shifted[inside]).max()
+def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
+    """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns.
+
+    Taken about the piece's middle and in units of its size: rotations then weigh like translations.
+    """
+    pieces, dim = piece.max() + 1, points.shape[1]
+    inside = np.bincount(piece)
+    middle = np.stack([np.bincount(piece, weights=x) / inside for x in points[node].T], axis=1)
+    shifted = points[node] - middle[piece]
+    size = np.zeros(pieces)
+    np.maximum.at(size, piece, np.abs(shifted).max(axis=1))
+    modes = rigid_modes(shifted / size[piece, None]).reshape(len(piece), dim, -1)
+    k = modes.shape[2]
+    square = np.zeros((pieces, k))
+    np.add.at(square, piece, np.einsum("iak,iak->ik", modes, modes))
+    modes /= np.sqrt(square)[piece][:, None, :]
+    rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
+    columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
+    return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
 
 
-def _words(mode: Floats) -> str:
+def _words(which: str, count: int, mode: Floats, hinges: list[int], points: Floats) -> str:
+    if hinges:
+        return (
+            f"supports: {which} is a mechanism: {count} motion(s) without strain meet no support. Cells that share "
+            f"single nodes, such as node {hinges[0]} at {points[hinges[0]]}, turn about them like hinges. "
+            "Join the cells along edges, or support each piece."
+        )
+    motion = f"motion{'s' * (count > 1)}"
+    return (
+        f"supports: {which} floats: {count} rigid {motion} meet{'s' * (count == 1)} no support, the first "
+        f"{_name(mode)}. Add Clamp, PrescribedDisplacement or BilateralContact where they stop it; friction and loads "
+        "do not."
+    )
+
+
+def _name(mode: Floats) -> str:
     x, y, turn = mode
     if abs(turn) > 0.9:
         return "a rotation"

@@ -13,10 +13,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import SceneError
+from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.real import brief, real, shape_in_words
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+# Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
+SYMMETRIC = 1e-10
 
 
 @dataclass(frozen=True)
@@ -40,13 +44,12 @@ class Norms:
     places: Callable[[int], str] | None = None
 
     def __post_init__(self) -> None:
-        B = sp.csr_matrix(self.B, dtype=float)
-        if self.block < 1 or B.shape[0] % self.block:
+        B = _matrix(self.B, "Norms: B")
+        if not isinstance(self.block, (int, np.integer)) or self.block < 1 or B.shape[0] % self.block:
             raise SceneError(
-                f"Norms: found B with {B.shape[0]} rows and block = {self.block}; "
+                f"Norms: found B with {B.shape[0]} rows and block = {self.block!r}; "
                 "B must have a whole number of blocks of rows."
             )
-        _finite(B.data, "Norms: B")
         object.__setattr__(self, "B", B)
         if not callable(self.w):
             object.__setattr__(self, "w", self._checked(self.w))
@@ -62,15 +65,18 @@ class Norms:
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`."""
-        return self._checked(self.w(t)) if callable(self.w) else self.w  # type: ignore[return-value]
+        return self._checked(_at(self.w, t, "Norms: w")) if callable(self.w) else self.w  # type: ignore[return-value]
 
     def _checked(self, raw: ArrayLike) -> Floats:
-        w = np.asarray(raw, dtype=float)
+        wanted = f"a weight, or ({self.count},) of them, one a term"
+        w = real(raw, "Norms: w", wanted)
         if w.shape not in ((), (self.count,)):
-            raise SceneError(f"Norms: found weights of shape {w.shape}; there are {self.count} terms.")
+            raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
         _finite(w, "Norms: w")
         if (w < 0).any():
-            raise SceneError(f"Norms: found a weight of {w.min():.6g}; weights must be >= 0.")
+            raise SceneError(
+                f"Norms: found the weight {w.min():.6g} of {self.name(int(np.argmin(w)))}; weights must be >= 0."
+            )
         return np.array(np.broadcast_to(w, (self.count,)))
 
 
@@ -115,13 +121,20 @@ class System:
     near_kernel: Floats | None = None
 
     def __post_init__(self) -> None:
-        K = sp.csr_matrix(self.K, dtype=float)
-        if K.shape[0] != K.shape[1]:
-            raise SceneError(f"System: found K of shape {K.shape}; it must be square.")
-        _finite(K.data, "System: K")
+        K = _matrix(self.K, "System: K")
+        _check_stiffness(K)
         object.__setattr__(self, "K", K)
-        if self.norms is not None and self.norms.B.shape[1] != K.shape[0]:
-            raise SceneError(f"System: found norms over {self.norms.B.shape[1]} unknowns; K has {K.shape[0]}.")
+        if not callable(self.load):
+            raise SceneError(
+                f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
+            )
+        if self.norms is not None and not isinstance(self.norms, Norms):
+            raise SceneError(f"System: found norms = {brief(self.norms)}; wanted Norms(B, w), or None.")
+        if self.norms is not None and self.norms.B.shape[1] != self.n:
+            raise SceneError(
+                f"System: found norms over {self.norms.B.shape[1]} unknowns, but K has {self.n}; "
+                "B must have one column an unknown."
+            )
 
     @property
     def n(self) -> int:
@@ -130,11 +143,54 @@ class System:
 
     def force(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
-        f = np.asarray(self.load(t), dtype=float)
+        wanted = f"({self.n},) forces, one an unknown"
+        f = real(_at(self.load, t, "System: load"), f"System: load({t:.6g})", wanted)
         if f.shape != (self.n,):
-            raise SceneError(f"System: load({t:.6g}) has shape {f.shape}; there are {self.n} unknowns.")
+            raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
         _finite(f, f"System: load({t:.6g})")
         return f
+
+
+def _at(function: Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
+    try:
+        return function(t)
+    except VemcvxError:
+        raise
+    except Exception as error:
+        words = " ".join(str(error).split()).rstrip(".")
+        raise SceneError(
+            f"{subject}: its function failed when called as f(t) with t = {t:.6g}: {type(error).__name__}: {words}. "
+            "It must take an instant and return an array."
+        ) from error
+
+
+def _matrix(raw: object, subject: str) -> sp.csr_matrix:
+    if not sp.issparse(raw) or raw.dtype.kind not in "biuf":  # type: ignore[attr-defined]
+        raw = real(raw, subject, "a matrix of real numbers")
+        if raw.ndim != 2:
+            raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
+    matrix = sp.csr_matrix(raw, dtype=float)
+    _finite(matrix.data, subject)
+    return matrix
+
+
+def _check_stiffness(K: sp.csr_matrix) -> None:
+    if K.shape[0] != K.shape[1]:
+        raise SceneError(f"System: found K of shape {K.shape}; it must be square.")
+    if K.nnz == 0:
+        return
+    apart = abs(K - K.T).tocoo()
+    if apart.nnz and apart.data.max() > SYMMETRIC * np.abs(K.data).max():
+        worst = int(np.argmax(apart.data))
+        i, j = int(apart.row[worst]), int(apart.col[worst])
+        raise SceneError(
+            f"System: found K[{i}, {j}] = {K[i, j]:.6g} but K[{j}, {i}] = {K[j, i]:.6g}; K must be symmetric. "
+            "For the energy 1/2 y'Ky, give (K + K.T) / 2."
+        )
+    diagonal = K.diagonal()
+    if diagonal.min() <= 0:
+        i = int(np.argmin(diagonal))
+        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
 
 
 def _finite(values: Floats, subject: str) -> None:

@@ -38,7 +38,7 @@ def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floa
             known = ", ".join(repr(name) for name in cell_data) or "none"
             raise SceneError(
                 f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. "
-                "Add one with mesh.with_cell_data(name, values), or give a number, one value a cell, or a callable f(x)."
+                "Add one with mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
             )
         raw: Any = cell_data[value]
     else:

@@ -95,7 +95,7 @@ class PolygonMesh:
     def unchecked(cls, points: Floats, offsets: Ints, vertices: Ints, box: Box | None = None) -> PolygonMesh:
         """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
         mesh = object.__new__(cls)
-        mesh._fill(points, offsets, vertices, box=box)
+        mesh._fill(points, offsets, vertices, _box=box)
         return mesh
 
     def _fill(self, points: Floats, offsets: Ints, vertices: Ints, **others: object) -> None:

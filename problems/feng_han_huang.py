@@ -1,0 +1,41 @@
+"""A block pulled over a rough obstacle: Section 4 of Feng, Han and Huang.
+
+The unit square is the cross-section of an elastic body in plane strain, E = 200, nu = .3. It is clamped on its right
+side, x_1 = 1, and rests on a rigid obstacle below, x_2 = 0, in bilateral contact: it can slide there but not lift off.
+Sliding is resisted by Tresca friction with the bound g = 4. Its top is free; on its left side acts the traction
+
+    f_2(x, t) = (8 (1.25 - x_2) t, -.01 t),    0 <= t <= 1,
+
+which pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and u_0 = 0.
+Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
+
+What happens: the corner under the load slips at once; from there slip spreads to the right along the obstacle as the load
+grows, against friction that points to the left at its bound. Nearer to the clamp the block still sticks.
+
+    vemcvx run problems/feng_han_huang.py --mesh voronoi --n 24 --steps 64 --plot
+"""
+
+import numpy as np
+
+import vemcvx as vx
+
+
+def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, press=0.01):
+    def pull(x, t):
+        return np.column_stack([push * (1.25 - x[:, 1]) * t, np.full(len(x), -press * t)])
+
+    return vx.Scene(
+        vx.Elasticity(young=young, poisson=poisson),
+        vx.Clamp(on="right"),
+        vx.Traction(pull, on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=bound, on="bottom"),
+    )
+
+
+def mesh(n, family="squares"):
+    return vx.meshes.FAMILIES[family](n)
+
+
+def times(steps):
+    return np.linspace(0.0, 1.0, steps + 1)

@@ -1,0 +1,57 @@
+"""Drawing: the one file that knows matplotlib.
+
+Figures are made through matplotlib's objects, never through pyplot: no window, no global state, no display needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import VemcvxError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
+
+
+def new_axes(width: float = 6.4, height: float = 4.8) -> Axes:
+    """Return axes on a new figure, sizes in inches; ``axes.figure.savefig(path)`` writes it.
+
+    Raises
+    ------
+    VemcvxError
+        matplotlib is not installed.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise VemcvxError("drawing needs matplotlib, which is not installed: pip install 'vemcvx[plot]'") from None
+    return Figure(figsize=(width, height), layout="constrained").add_subplot()
+
+
+def draw_cells(
+    points: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    vertices: NDArray[np.int64],
+    values: NDArray[np.float64] | None,
+    ax: Axes | None,
+    style: Mapping[str, object],
+) -> Axes:
+    """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values``, one a cell."""
+    ax = new_axes() if ax is None else ax
+    from matplotlib.collections import PolyCollection
+
+    polygons = np.split(points[vertices], offsets[1:-1])
+    cells = PolyCollection(polygons, **{**CELL_STYLE, **style})
+    if values is not None:
+        cells.set_array(values)
+        ax.figure.colorbar(cells, ax=ax)
+    ax.add_collection(cells)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    return ax

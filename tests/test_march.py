@@ -178,3 +178,9 @@ def test_a_load_that_friction_carries_from_the_start(solver):
     assert history.certificate[0] == 0.0
     assert history.multipliers[0, :, 0] == pytest.approx([0.5, -0.2], abs=1e-5)
     assert history.state[1] == pytest.approx([2.0, -1.0 / 3], abs=1e-5)
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP(), vx.ThroughCvxpy("SCS", accuracy=1e-4)])
+def test_the_library_never_prints(solver, capfd):
+    vx.simulate(paper_scene(bound=lambda x, t: 0.0 if t < 0.5 else 4.0), small("squares", 4), [0, 0.3, 1], solver=solver)
+    assert capfd.readouterr() == ("", "")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import VemcvxError
+from vemcvx.errors import VemcvxError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

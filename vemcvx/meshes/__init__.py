@@ -1,14 +1,14 @@
 """Polygonal meshes: the mesh itself, seven families of meshes of a box, files."""
 
-from .distorted import distorted
-from .files import read
-from .hanging import hanging
-from .hexagons import hexagons
-from .nonconvex import nonconvex
-from .polygon_mesh import PolygonMesh
-from .squares import squares
-from .triangles import triangles
-from .voronoi import voronoi
+from vemcvx.meshes.distorted import distorted
+from vemcvx.meshes.files import read
+from vemcvx.meshes.hanging import hanging
+from vemcvx.meshes.hexagons import hexagons
+from vemcvx.meshes.nonconvex import nonconvex
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.squares import squares
+from vemcvx.meshes.triangles import triangles
+from vemcvx.meshes.voronoi import voronoi
 
 FAMILIES = {
     "squares": squares,

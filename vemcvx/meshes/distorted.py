@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .grid import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
-from .polygon_mesh import PolygonMesh
-from .squares import square_grid
+from vemcvx.meshes.grid import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.squares import square_grid
 
 
 def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float = 0.5) -> PolygonMesh:

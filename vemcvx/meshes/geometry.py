@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .topology import Ints, next_corner
+from vemcvx.meshes.topology import Ints, next_corner
 
 Floats = NDArray[np.float64]
 

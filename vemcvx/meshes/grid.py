@@ -11,8 +11,8 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from ..errors import MeshError
-from .geometry import Floats
+from vemcvx.errors import MeshError
+from vemcvx.meshes.geometry import Floats
 
 Count = int | tuple[int, int]
 Corners = tuple[tuple[float, float], tuple[float, float]]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .grid import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
-from .padded import padded_mesh
-from .polygon_mesh import PolygonMesh
-from .squares import square_grid
-from .topology import Ints
+from vemcvx.meshes.grid import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
+from vemcvx.meshes.padded import padded_mesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.squares import square_grid
+from vemcvx.meshes.topology import Ints
 
 # Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.
 AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])

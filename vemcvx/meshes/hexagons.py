@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .geometry import Floats
-from .grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
-from .padded import padded_mesh
-from .polygon_mesh import PolygonMesh
-from .topology import Ints
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
+from vemcvx.meshes.padded import padded_mesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.topology import Ints
 
 # Width of a regular hexagon of area 1, so that n means n * n cells a unit area: a^2 sqrt(3)/2 = 1.
 WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))

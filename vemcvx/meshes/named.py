@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MeshError
-from .geometry import Floats
-from .grid import Box
-from .topology import Ints, edge_keys
+from vemcvx.errors import MeshError
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import Box
+from vemcvx.meshes.topology import Ints, edge_keys
 
 WHOLE = "boundary"
 

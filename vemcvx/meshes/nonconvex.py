@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .geometry import Floats
-from .grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction
-from .padded import padded_mesh
-from .polygon_mesh import PolygonMesh
-from .squares import square_grid
-from .topology import Ints
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction
+from vemcvx.meshes.padded import padded_mesh
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.squares import square_grid
+from vemcvx.meshes.topology import Ints
 
 
 def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float = 0.15) -> PolygonMesh:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Floats
-from .grid import Box
-from .polygon_mesh import PolygonMesh
-from .topology import Ints
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import Box
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.topology import Ints
 
 
 def padded_mesh(points: Floats, present: NDArray[np.bool_], rows: Ints, box: Box) -> PolygonMesh:

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MeshError
-from . import geometry, topology
-from .geometry import Floats
-from .grid import Box
-from .named import check_boundaries, check_cell_data, choose_edges, side_edges
-from .topology import Ints
-from .validity import checked
+from vemcvx.errors import MeshError
+from vemcvx.meshes import geometry, topology
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import Box
+from vemcvx.meshes.named import check_boundaries, check_cell_data, choose_edges, side_edges
+from vemcvx.meshes.topology import Ints
+from vemcvx.meshes.validity import checked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -221,7 +221,7 @@ class PolygonMesh:
         MeshError
             The format would lose cells, or the file cannot be written.
         """
-        from .files import write  # imports this module
+        from vemcvx.meshes.files import write  # imports this module
 
         write(path, self)
 
@@ -258,8 +258,8 @@ class PolygonMesh:
         MeshError
             ``values`` or ``displacement`` do not fit the mesh.
         """
-        from ..canvas import draw_cells
-        from .named import plotted_points, plotted_values
+        from vemcvx.canvas import draw_cells
+        from vemcvx.meshes.named import plotted_points, plotted_values
 
         values = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
         return draw_cells(plotted_points(self.points, displacement), self.offsets, self.vertices, values, ax, style)

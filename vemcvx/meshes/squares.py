@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .geometry import Floats
-from .grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
-from .polygon_mesh import PolygonMesh
-from .topology import Ints
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.topology import Ints
 
 
 def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .grid import UNIT_BOX, Corners, Count, cell_counts, check_box
-from .polygon_mesh import PolygonMesh
-from .squares import square_grid
+from vemcvx.meshes.grid import UNIT_BOX, Corners, Count, cell_counts, check_box
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.squares import square_grid
 
 
 def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:

@@ -12,11 +12,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay
 
-from .geometry import Floats, areas_and_centroids
-from .grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction, check_whole
-from .polygon_mesh import PolygonMesh
-from .short_edges import collapse_short_edges, merge_coincident
-from .topology import Ints
+from vemcvx.meshes.geometry import Floats, areas_and_centroids
+from vemcvx.meshes.grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction, check_whole
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.short_edges import collapse_short_edges, merge_coincident
+from vemcvx.meshes.topology import Ints
 
 
 def voronoi(

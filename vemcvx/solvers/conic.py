@@ -9,6 +9,9 @@ of the inequalities (upper, lower) gives lam = upper - lower.
 
 from __future__ import annotations
 
+import contextlib
+import io
+import logging
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
     import cvxpy as cp
 
 Floats = NDArray[np.float64]
+
+log = logging.getLogger("vemcvx")
 
 
 @dataclass(frozen=True)
@@ -221,11 +226,14 @@ def _run(posed: Posed, settings: ThroughCvxpy, target: float) -> str:
     import cvxpy as cp
 
     options = {**settings.tolerances(target), **settings.options}
-    with warnings.catch_warnings():
-        # What cvxpy warns of (an inaccurate answer) the certificate measures.
+    said = io.StringIO()
+    # What cvxpy warns of (an inaccurate answer) the certificate measures; what solvers print is for the log.
+    with warnings.catch_warnings(), contextlib.redirect_stdout(said):
         warnings.simplefilter("ignore")
         try:
             posed.problem.solve(solver=settings.solver, **options)
         except cp.error.SolverError as error:
             return f"failed: {error}"
+    if said.getvalue():
+        log.debug("%s: %s", settings.name, said.getvalue().strip())
     return str(posed.problem.status)

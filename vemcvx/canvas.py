@@ -5,7 +5,7 @@ Figures are made through matplotlib's objects, never through pyplot: no window, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,12 +15,14 @@ from vemcvx.errors import VemcvxError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
 
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
-def new_axes(width: float = 6.4, height: float = 4.8) -> Axes:
-    """Return axes on a new figure, sizes in inches; ``axes.figure.savefig(path)`` writes it.
+def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
+    """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it.
 
     Raises
     ------
@@ -31,7 +33,14 @@ def new_axes(width: float = 6.4, height: float = 4.8) -> Axes:
         from matplotlib.figure import Figure
     except ImportError:
         raise VemcvxError("drawing needs matplotlib, which is not installed: pip install 'vemcvx[plot]'") from None
-    return Figure(figsize=(width, height), layout="constrained").add_subplot()
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def distinct(colours: Sequence[str]) -> Colormap:
+    """Return a colour map of as many levels as there are colours."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(list(colours))
 
 
 def draw_cells(
@@ -43,7 +52,7 @@ def draw_cells(
     style: Mapping[str, object],
 ) -> Axes:
     """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values``, one a cell."""
-    ax = new_axes() if ax is None else ax
+    ax = new_figure().add_subplot() if ax is None else ax
     from matplotlib.collections import PolyCollection
 
     polygons = np.split(points[vertices], offsets[1:-1])

@@ -28,7 +28,7 @@ class NotAccepted(VemcvxError):
 
 
 class HistoryError(VemcvxError):
-    """A folder holds no history that can be read, or none can be written to it."""
+    """A history cannot be read, written or drawn as asked."""
 
 
 class ProblemError(VemcvxError):

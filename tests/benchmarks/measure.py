@@ -27,8 +27,13 @@ class Row:
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
-    """Median seconds of each action, run in turn so that a drift of the machine meets all of them."""
+    """Median seconds of each action, run in turn so that a drift of the machine meets all of them.
+
+    One round before is not counted: memory that a process touches for the first time costs as much as the work.
+    """
     seconds: list[list[float]] = [[] for _ in actions]
+    for action in actions if repeats > 1 else ():
+        action()
     for _ in range(repeats):
         for taken, action in zip(seconds, actions, strict=True):
             start = time.perf_counter()
@@ -39,6 +44,9 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
 
 def in_a_process(code: str) -> dict:
     """Run code that prints one JSON object, in a process of its own; its peak memory in GB is added."""
-    peak = "\nimport json, resource\nprint(json.dumps(dict(out, peak_gb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)))"
+    peak = (
+        "\nimport json, resource\n"
+        "print(json.dumps(dict(out, peak_gb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)))"
+    )
     run = subprocess.run([sys.executable, "-c", code + peak], capture_output=True, text=True, check=True)
     return json.loads(run.stdout.splitlines()[-1])

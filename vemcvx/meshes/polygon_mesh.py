@@ -6,9 +6,11 @@ lie on a straight line between its neighbours (a hanging node of the cell next d
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import MeshError
+from vemcvx.errors import MeshWarning
 from vemcvx.meshes import geometry, topology
 from vemcvx.meshes.geometry import Floats
 from vemcvx.meshes.grid import Box
@@ -85,9 +87,11 @@ class PolygonMesh:
         boundaries: Mapping[str, ArrayLike] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,
     ):
-        points, offsets, vertices, node_map = checked(points, cells)
-        self._fill(points, offsets, vertices, node_map=node_map)
-        named = check_boundaries(boundaries or {}, self._boundary, len(points), node_map)
+        mesh = checked(points, cells)
+        for note in mesh.notes:
+            warnings.warn(note, MeshWarning, stacklevel=2)
+        self._fill(mesh.points, mesh.offsets, mesh.vertices, node_map=mesh.node_map)
+        named = check_boundaries(boundaries or {}, self._boundary, self.n_nodes, mesh.node_map)
         object.__setattr__(self, "_named", named)
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data or {}, self.n_cells)))
 
@@ -137,8 +141,7 @@ class PolygonMesh:
     @cached_property
     def cells(self) -> tuple[Ints, ...]:
         """Vertex numbers of each cell, counter-clockwise: one view an array of ``vertices`` a cell."""
-        ends = self.offsets.tolist()
-        return tuple(self.vertices[start:end] for start, end in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(self.vertices[start:end] for start, end in pairwise(self.offsets.tolist()))
 
     @cached_property
     def _areas_and_centroids(self) -> tuple[Floats, Floats]:

@@ -1,0 +1,373 @@
+"""What every effect must satisfy: one list of sentences, run over every effect that the package exports."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import FAMILIES
+
+import vemcvx as vx
+from vemcvx.effects import Contribution
+from vemcvx.vem import Space
+
+TIMES = np.array([0.0, 0.4, 1.0])
+OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature"}
+"""Fields of effects that carry no data f(x, t)."""
+
+
+def pull(x, t):
+    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
+
+
+def lift(x, t):
+    return 1e-3 * t * (1 + x[:, 0])
+
+
+def slide(x, t):
+    return 1e-3 * t * np.column_stack([np.ones(len(x)), x[:, 0]])
+
+
+def weigh(x, t):
+    return t * np.column_stack([3 + x[:, 1], -1 - x[:, 0]])
+
+
+def rough(x, t):
+    return 3 + x[:, 0] + 0 * t
+
+
+def stiff(x):
+    return 200 + 50 * x[:, 0]
+
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.3)
+HELD = vx.Clamp(on="right")
+PULLED = vx.Traction(pull, on="left")
+TOUCHING = vx.BilateralContact(on="bottom")
+RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """An effect, the scene it stands in, and what stands in its place when it is left out."""
+
+    effect: vx.Effect
+    beside: tuple[vx.Effect, ...]
+    instead: tuple[vx.Effect, ...] = ()
+    data: dict[str, int] = field(default_factory=dict)
+    """Names of the fields that carry data, and the number of components of each."""
+
+    @property
+    def name(self) -> str:
+        return type(self.effect).__name__
+
+
+SAMPLES = {
+    "Elasticity": Sample(
+        STEEL,
+        (HELD, PULLED, TOUCHING, RUBBING),
+        (vx.Elasticity(young=100.0, poisson=0.3),),
+        {"young": 1, "poisson": 1},
+    ),
+    "Elasticity, varying, plane stress": Sample(
+        vx.Elasticity(young=stiff, poisson=0.2, plane="stress", stabilisation="unit"),
+        (HELD, PULLED, TOUCHING, RUBBING),
+        (STEEL,),
+        {"young": 1, "poisson": 1},
+    ),
+    "Clamp": Sample(vx.Clamp(on=["top", "right"]), (STEEL, HELD, PULLED, TOUCHING, RUBBING)),
+    "PrescribedDisplacement": Sample(
+        vx.PrescribedDisplacement(slide, on="left"), (STEEL, HELD, TOUCHING, RUBBING), data={"value": 2}
+    ),
+    "PrescribedDisplacement, normal": Sample(
+        vx.PrescribedDisplacement(lift, on="left", direction="normal"),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"value": 1},
+    ),
+    "PrescribedDisplacement, oblique": Sample(
+        vx.PrescribedDisplacement(lift, on="left", direction=(1.0, 2.0)),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"value": 1},
+    ),
+    "BodyForce": Sample(vx.BodyForce(weigh), (STEEL, HELD, TOUCHING, RUBBING), data={"force": 2}),
+    "Traction": Sample(
+        vx.Traction(pull, on=("left", "top")), (STEEL, HELD, TOUCHING, RUBBING), data={"force": 2}
+    ),
+    "BilateralContact": Sample(TOUCHING, (STEEL, HELD, PULLED)),
+    "TrescaFriction": Sample(RUBBING, (STEEL, HELD, PULLED, TOUCHING), data={"bound": 1}),
+    "TrescaFriction, integral": Sample(
+        vx.TrescaFriction(rough, on="bottom", quadrature="integral"),
+        (STEEL, HELD, PULLED, TOUCHING),
+        (RUBBING,),
+        {"bound": 1},
+    ),
+}
+
+
+@cache
+def mesh(family: str = "squares", n: int = 3) -> vx.PolygonMesh:
+    return vx.meshes.FAMILIES[family](n)
+
+
+def answer(*effects, on=None):
+    return vx.simulate(vx.Scene(*effects), on or mesh(), TIMES)
+
+
+def content(thing):
+    """Everything that a contribution says, as comparable plain data; functions of time by their values."""
+    if dataclasses.is_dataclass(thing):
+        return {f.name: content(getattr(thing, f.name)) for f in dataclasses.fields(thing) if f.name != "value"} | {
+            "at": at_times(thing)
+        }
+    if sp.issparse(thing):
+        return content((thing.shape, thing.indptr, thing.indices, thing.data))
+    if isinstance(thing, np.ndarray):
+        return thing.shape, thing.dtype.str, thing.tobytes()
+    if isinstance(thing, tuple):
+        return tuple(map(content, thing))
+    if callable(thing):
+        return tuple(content(thing(t)) for t in TIMES)
+    return thing
+
+
+def at_times(thing):
+    """A load or a support as a function of time."""
+    if hasattr(thing, "vector"):
+        return tuple(content(thing.vector(t)) for t in TIMES)
+    return content(thing.value) if callable(getattr(thing, "value", None)) else None
+
+
+# The sentences: "every effect ..."
+
+
+def is_frozen(sample):
+    for setting in dataclasses.fields(sample.effect):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(sample.effect, setting.name, None)
+
+
+def contributes_the_same_arrays_when_asked_twice(sample):
+    space = Space(mesh())
+    first = content(sample.effect.contribute(space))
+    answer(sample.effect, *sample.beside)
+    assert content(sample.effect.contribute(space)) == first
+    assert content(dataclasses.replace(sample.effect).contribute(Space(mesh()))) == first
+
+
+def remembers_no_mesh(sample):
+    fine, coarse = Space(mesh("voronoi", 4)), Space(mesh())
+    alone = content(dataclasses.replace(sample.effect).contribute(coarse))
+    sample.effect.contribute(fine)
+    assert content(sample.effect.contribute(coarse)) == alone
+
+
+def contributes_finite_arrays_that_fit_the_space(sample):
+    space = Space(mesh("hanging", 3))
+    part = sample.effect.contribute(space)
+    assert isinstance(part, Contribution)
+    assert any(value for name, value in vars(part).items() if name != "stiffness") or part.stiffness is not None
+    n, nodes = space.n_unknowns, space.mesh.n_nodes
+    if part.stiffness is not None:
+        assert part.stiffness.shape == (n, n)
+        assert np.isfinite(part.stiffness.data).all()
+    for load in part.loads:
+        assert load.matrix.shape == (n, load.points.size)
+        assert np.isfinite(load.vector(1.0)).all()
+    for support in part.supports:
+        m = len(support.nodes)
+        assert support.directions.shape == support.points.shape == (m, 2)
+        assert np.abs(np.linalg.norm(support.directions, axis=1) - 1).max() < 1e-15 * 4
+        assert support.value is None or support.value(1.0).shape == (m,)
+    for rows in (*part.frictions, *part.surfaces):
+        assert ((rows.nodes >= 0) & (rows.nodes < nodes)).all()
+        assert (rows.lengths > 0).all()
+        assert np.abs(np.linalg.norm(rows.normals, axis=1) - 1).max() < 1e-15 * 4
+    for friction in part.frictions:
+        assert (friction.weights(1.0) >= 0).all()
+
+
+def names_an_unknown_boundary_and_what_exists(sample):
+    if not hasattr(sample.effect, "on"):
+        return
+    for on in ("bottm", ["left", "bottm"]):
+        lost = dataclasses.replace(sample.effect, on=on)
+        with pytest.raises(
+            vx.SceneError,
+            match=rf"^{sample.name}: there is no boundary named 'bottm'; this mesh has 'left', 'right', 'bottom', "
+            r"'top', 'boundary'; add one with mesh\.with_boundary\(name, predicate\)\.$",
+        ):
+            answer(lost, *sample.beside)
+
+
+def takes_a_name_or_a_list_of_names(sample):
+    if not hasattr(sample.effect, "on"):
+        return
+    space = Space(mesh())
+
+    def on(names):
+        part = content(dataclasses.replace(sample.effect, on=names).contribute(space))
+        return [{k: v for k, v in row.items() if k != "subject"} for rows in part.values() if rows for row in rows]
+
+    assert on("left") == on(["left"]) == on(("left", "left"))
+    assert on("boundary") == on(["left", "boundary", "right"])
+    assert on("left") != on(["left", "top"])
+
+
+def has_no_data_but_those_probed_here(sample):
+    assert {f.name for f in dataclasses.fields(sample.effect)} <= set(sample.data) | OTHER_FIELDS
+
+
+def refuses_data_that_are_not_finite(sample):
+    for name, components in sample.data.items():
+        for wrong in (np.nan, np.inf):
+            constant = wrong if components == 1 else (0.0, wrong)
+            shape = () if components == 1 else (2,)
+
+            def late(x, t=1.0, wrong=wrong, shape=shape):
+                values = np.zeros((len(x), *shape))
+                values[-1] = wrong if t > 0.5 else 0.0
+                return values
+
+            for value in (constant, late):
+                spoilt = dataclasses.replace(sample.effect, **{name: value})
+                with pytest.raises(vx.SceneError, match=rf"^{sample.name}.*found NaN or infinity .*must be finite"):
+                    answer(spoilt, *sample.beside)
+
+
+def takes_functions_that_reuse_one_array(sample):
+    fresh = answer(sample.effect, *sample.beside)
+    for name, components in sample.data.items():
+        given = getattr(sample.effect, name)
+
+        def reusing(x, *t, given=given, components=components, arrays={}):  # noqa: B006
+            array = arrays.setdefault(len(x), np.empty((len(x), components) if components > 1 else len(x)))
+            array[:] = given(x, *t) if callable(given) else given
+            return array
+
+        again = answer(dataclasses.replace(sample.effect, **{name: reusing}), *sample.beside)
+        assert np.array_equal(again.displacement, fresh.displacement)
+
+
+def describes_itself_in_one_line(sample):
+    words = sample.effect.describe()
+    assert words.startswith(sample.name + ":")
+    assert words.strip() == words
+    assert "\n" not in words
+    assert "0x" not in words
+    for name in np.atleast_1d(getattr(sample.effect, "on", [])):
+        assert name in words
+    for name, components in sample.data.items():
+        many = dataclasses.replace(sample.effect, **{name: np.ones((500, components))}).describe()
+        assert "\n" not in many
+        assert len(many) < 200
+
+
+def survives_a_copy_to_another_process(sample):
+    assert pickle.loads(pickle.dumps(sample.effect)) == sample.effect
+
+
+def does_not_depend_on_its_place_in_the_scene(sample):
+    effects = (sample.effect, *sample.beside)
+    reference = answer(*effects)
+    rng = np.random.default_rng(0)
+    orders = [tuple(reversed(range(len(effects)))), *(rng.permutation(len(effects)) for _ in range(5))]
+    for order in orders:
+        other = answer(*(effects[i] for i in order))
+        for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "iterations"):
+            assert np.array_equal(getattr(other, name), getattr(reference, name)), name
+        for name in ("slip", "traction", "pressure", "sticking"):
+            assert np.array_equal(getattr(other.contact, name), getattr(reference.contact, name)), name
+
+
+def changes_the_answer_of_a_scene(sample):
+    present, absent = answer(sample.effect, *sample.beside), answer(*sample.instead, *sample.beside)
+    scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
+    # The smallest change is that of the quadrature rule's weights; round-off is 1e-15.
+    assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
+
+
+SENTENCES: list[Callable[[Sample], None]] = [
+    is_frozen,
+    contributes_the_same_arrays_when_asked_twice,
+    remembers_no_mesh,
+    contributes_finite_arrays_that_fit_the_space,
+    names_an_unknown_boundary_and_what_exists,
+    takes_a_name_or_a_list_of_names,
+    has_no_data_but_those_probed_here,
+    refuses_data_that_are_not_finite,
+    takes_functions_that_reuse_one_array,
+    describes_itself_in_one_line,
+    survives_a_copy_to_another_process,
+    does_not_depend_on_its_place_in_the_scene,
+    changes_the_answer_of_a_scene,
+]
+
+
+@pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
+@pytest.mark.parametrize("sentence", SENTENCES, ids=lambda f: f.__name__)
+def test_every_effect(sentence, sample):
+    sentence(sample)
+
+
+@pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_effect_runs_on_every_family(sample, family):
+    history = answer(sample.effect, *sample.beside, on=mesh(family))
+    assert history.certificate.max() < 1e-8
+    assert np.isfinite(history.displacement).all()
+    assert history.energy[-1] > 0
+
+
+def test_no_exported_effect_is_missing_from_the_samples():
+    exported = {
+        thing
+        for space in (vx, vx.effects)
+        for thing in vars(space).values()
+        if isinstance(thing, type) and issubclass(thing, vx.Effect) and not inspect.isabstract(thing)
+    }
+    assert exported == {type(sample.effect) for sample in SAMPLES.values()}
+    assert {kind.__name__ for kind in exported} <= set(vx.__all__)
+
+
+def test_loads_that_print_alike_are_summed_in_one_order():
+    """Sums of three and more depend on their order in the last bit; arrays print eight digits, cut short when long."""
+    rng = np.random.default_rng(1)
+    like = [vx.Traction(np.array([1.0, 0.3]) + 1e-10 * rng.random(2), on="left") for _ in range(4)]
+    other = [vx.BodyForce(lambda x, t, c=c: c * np.ones((len(x), 2))) for c in (0.1, 0.7, 1 / 3)]
+    effects = [STEEL, HELD, *like, *other]
+    assert len({repr(effect) for effect in like}) == 1
+    reference = vx.simulate(vx.Scene(*effects), mesh(), [0.0, 1.0], initial="settled").displacement
+    for _ in range(10):
+        shuffled = vx.Scene(*(effects[i] for i in rng.permutation(len(effects))))
+        assert np.array_equal(vx.simulate(shuffled, mesh(), [0.0, 1.0], initial="settled").displacement, reference)
+
+
+def test_an_effect_of_ones_own_runs_beside_the_others():
+    """Effects are an open set: any class that contributes arrays of the known kinds is one."""
+
+    @dataclass(frozen=True)
+    class Springs(vx.Effect):
+        modulus: float
+        on: str
+
+        def contribute(self, space):
+            part = space.part(self.on, "Springs")
+            diagonal = np.zeros(space.n_unknowns)
+            diagonal[2 * part.nodes] = self.modulus * part.node_lengths
+            return Contribution(stiffness=sp.diags_array(diagonal).tocsr())
+
+        def describe(self):
+            return f"Springs: {self.modulus} on {self.on}"
+
+    soft, hard = (answer(STEEL, HELD, PULLED, TOUCHING, RUBBING, Springs(k, "left")) for k in (0.0, 1e6))
+    plain = answer(STEEL, HELD, PULLED, TOUCHING, RUBBING)
+    assert np.abs(soft.displacement - plain.displacement).max() < 1e-13 * np.abs(plain.displacement).max()
+    left = hard.mesh.points[:, 0] == 0
+    assert np.abs(hard.displacement[-1, left, 0]).max() < 1e-3 * np.abs(plain.displacement[-1, left, 0]).max()

@@ -1,0 +1,133 @@
+"""The contact boundary laid out on a line: where each contact node goes, and which part of the line it owns.
+
+A node owns the halves of its edges on Gamma_C. Where Gamma_C lies along an axis the line is that axis;
+otherwise it is the arc length, counter-clockwise, part after part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.errors import HistoryError
+from vemcvx.history import History
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# An edge that ends in a held node belongs to Gamma_C if it runs along the contact node's tangent; a corner
+# flatter than 25 degrees passes for straight, which costs half an edge in a picture.
+ALONG = 0.9
+FLAT = 1e-9
+
+
+@dataclass(frozen=True)
+class ContactLine:
+    """Contact nodes in the order of the line.
+
+    Attributes
+    ----------
+    order : (m,) rows of the contact arrays
+    position : (m,) places on the line
+    limits : (m, 2) the part of the line that each node owns
+    tangents : (m, 2) unit vectors towards larger positions
+    label : what the line measures
+    """
+
+    order: Ints
+    position: Floats
+    limits: Floats
+    tangents: Floats
+    label: str
+
+    def along(self, vectors: Floats) -> Floats:
+        """(..., m) components along the line of vectors (..., m, 2) at the contact nodes, in the line's order."""
+        return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
+
+    def spans(self, chosen: NDArray[np.bool_]) -> list[tuple[float, float]]:
+        """The stretches of the line that the chosen nodes (m,), in the line's order, own together."""
+        spans: list[tuple[float, float]] = []
+        for low, high in self.limits[chosen].tolist():
+            if spans and low - spans[-1][1] <= FLAT * max(abs(low), abs(high)):
+                spans[-1] = spans[-1][0], high
+            else:
+                spans.append((low, high))
+        return spans
+
+
+def contact_line(history: History, picture: str) -> ContactLine:
+    """Lay out the contact nodes of a history.
+
+    Raises
+    ------
+    HistoryError
+        There is no contact to be drawn.
+    """
+    contact = history.contact
+    if len(contact.nodes) == 0:
+        raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
+    edges = _edges(history)
+    order, arc = _walk(edges, history)
+    half = 0.5 * np.linalg.norm(np.diff(history.mesh.points[edges], axis=1)[:, 0], axis=1)
+    before, after = np.zeros(history.mesh.n_nodes), np.zeros(history.mesh.n_nodes)
+    after[edges[:, 0]], before[edges[:, 1]] = half, half
+    nodes, normals = contact.nodes[order], contact.normals[order]
+    limits = np.column_stack([arc - before[nodes], arc + after[nodes]])
+    tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
+    axis = _axis(contact.points)
+    if axis is None:
+        return ContactLine(order, arc, limits, tangents, "arc length along the contact boundary")
+    position = contact.points[order, axis]
+    sign = float(np.sign(tangents[0, axis]))
+    owned = np.sort(position[:, None] + sign * (limits - arc[:, None]), axis=1)
+    turn = slice(None, None, int(sign))
+    return ContactLine(order[turn], position[turn], owned[turn], (sign * tangents)[turn], f"$x_{axis + 1}$")
+
+
+def _axis(points: Floats) -> int | None:
+    """The axis along which all points lie, if there is one."""
+    spread = np.ptp(points, axis=0)
+    flat = spread <= FLAT * max(float(spread.max()), float(np.abs(points).max()))
+    return int(np.argmin(flat)) if flat.any() else None
+
+
+def _edges(history: History) -> Ints:
+    """Boundary edges of Gamma_C: both ends in contact, or one, and along its tangent."""
+    contact, points = history.contact, history.mesh.points
+    normal = np.zeros_like(points)
+    normal[contact.nodes] = contact.normals
+    edges = history.mesh.boundaries["boundary"]
+    chord = points[edges[:, 1]] - points[edges[:, 0]]
+    outward = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.linalg.norm(chord, axis=1)[:, None]
+    cosines = np.einsum("end,ed->en", normal[edges], outward)
+    # Nodes without contact have no normal, and cosine 0.
+    return edges[cosines.max(axis=1) > ALONG]
+
+
+def _walk(edges: Ints, history: History) -> tuple[Ints, Floats]:
+    """Contact nodes in counter-clockwise order, part after part, and their arc length."""
+    points, nodes = history.mesh.points, history.contact.nodes
+    row = {int(node): i for i, node in enumerate(nodes)}
+    following = {int(a): int(b) for a, b in edges if int(a) in row and int(b) in row}
+    preceded = set(following.values())
+    order: list[int] = []
+    arc: list[float] = []
+    here, seen = 0.0, set()
+    # Parts begin where nothing leads; what is left then are closed curves.
+    for start in [n for n in row if n not in preceded] + list(row):
+        node: int | None = start
+        while node is not None and node not in seen:
+            seen.add(node)
+            order.append(row[node])
+            arc.append(here)
+            ahead = following.get(node)
+            here += float(np.linalg.norm(points[ahead] - points[node])) if ahead is not None else _gap(history)
+            node = ahead
+    return np.array(order), np.array(arc)
+
+
+def _gap(history: History) -> float:
+    """Room on the line between separate parts: two cells."""
+    return 2.0 * history.mesh.h

@@ -1,0 +1,53 @@
+"""Friction traction along the contact boundary, between its bounds: at them it slips, inside them it sticks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vemcvx.canvas import new_figure
+from vemcvx.history import History
+from vemcvx.plots.contact_line import contact_line
+from vemcvx.plots.palette import GRID, SLIP, STICK
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def friction_traction(history: History, step: int = -1) -> Figure:
+    """Draw the friction traction on the body against +-g at a stored step.
+
+    Raises
+    ------
+    HistoryError
+        The history has no contact.
+    """
+    row = history.row(step)
+    line = contact_line(history, "friction_traction")
+    traction = line.along(history.contact.traction[row])
+    bound = history.contact.bound[row, line.order]
+    sticks = history.contact.sticking[row, line.order]
+    figure = new_figure(6.4, 3.6)
+    ax = figure.add_subplot()
+    for chosen, colour in ((sticks, STICK), (~sticks, SLIP)):
+        for low, high in line.spans(chosen):
+            ax.axvspan(low, high, color=colour, alpha=0.13, linewidth=0)
+    ax.plot(line.position, bound, color="black", linestyle="--", linewidth=1.2, label="bound $\\pm g$")
+    ax.plot(line.position, -bound, color="black", linestyle="--", linewidth=1.2)
+    ax.plot(line.position, traction, color="0.35", linewidth=1.0, zorder=1.5)
+    for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (~sticks, SLIP, "s", "slip")):
+        if chosen.any():
+            ax.plot(line.position[chosen], traction[chosen], marker, color=colour, markersize=4, clip_on=False, zorder=3, label=word)
+    top = 1.2 * max(float(bound.max()), float(np.abs(traction).max())) or 1.0
+    ax.set(
+        xlim=(line.limits.min(), line.limits.max()),
+        ylim=(-top, top),
+        xlabel=f"{line.label} (units of length)",
+        ylabel="friction on the body\n(units of force per length)",
+        title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip",
+    )
+    ax.grid(**GRID)
+    ax.set_axisbelow(True)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    return figure

@@ -1,0 +1,64 @@
+"""All pictures of a history, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vemcvx.errors import HistoryError
+from vemcvx.history import History
+from vemcvx.plots.deformed_mesh import deformed_mesh
+from vemcvx.plots.energy_ledger import energy_ledger
+from vemcvx.plots.friction_traction import friction_traction
+from vemcvx.plots.stick_slip_map import stick_slip_map
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PICTURES: dict[str, Callable[[History], Figure]] = {
+    "deformed_mesh.png": deformed_mesh,
+    "friction_traction.png": friction_traction,
+    "stick_slip_map.png": stick_slip_map,
+    "energy_ledger.png": energy_ledger,
+}
+OF_CONTACT = {"friction_traction.png", "stick_slip_map.png"}
+DPI = 200
+
+
+def write_plots(history: History, folder: str | Path) -> list[Path]:
+    """Write the pictures that a history has something to show for; without contact, those of the whole body.
+
+    Parameters
+    ----------
+    history : History
+    folder : str or Path
+        Made if need be.
+
+    Returns
+    -------
+    list of Path
+        The files written; those of an older run that this one does not write are removed.
+
+    Raises
+    ------
+    HistoryError
+        The folder cannot be written to.
+    VemcvxError
+        matplotlib is not installed.
+    """
+    drawn = {name: draw(history) for name, draw in PICTURES.items() if _has(history, name)}
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in PICTURES:
+            (folder / name).unlink(missing_ok=True)
+        for name, figure in drawn.items():
+            figure.savefig(folder / name, dpi=DPI)
+    except OSError as error:
+        raise HistoryError(f"{folder}: cannot write pictures there: {error}.") from error
+    return [folder / name for name in drawn]
+
+
+def _has(history: History, name: str) -> bool:
+    return name not in OF_CONTACT or (len(history.contact.nodes) > 0 and history.steps > 0)

@@ -1,0 +1,76 @@
+"""Where and when the contact boundary sticks or slips, and which way: a map over position and time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.canvas import distinct, new_figure
+from vemcvx.errors import HistoryError
+from vemcvx.history import History
+from vemcvx.plots.contact_line import ContactLine, contact_line
+from vemcvx.plots.palette import BACKWARD, FORWARD, STICK_AREA
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))
+
+
+def stick_slip_map(history: History) -> Figure:
+    """Draw, for every contact node and stored step, whether it sticks or slips and which way.
+
+    A step fills the time from the instant before it to its own; steps that are not stored remain white.
+
+    Raises
+    ------
+    HistoryError
+        The history has no contact, or no step.
+    """
+    line = contact_line(history, "stick_slip_map")
+    steps = history.stored[history.stored > 0]
+    if len(steps) == 0:
+        raise HistoryError("stick_slip_map: this history has no step after the initial instant.")
+    times, states = history.trajectory.times, directions(history, line)
+    figure = new_figure(6.4, 4.2)
+    ax = figure.add_subplot()
+    spans = np.column_stack([times[steps - 1], times[steps]])
+    colours = distinct([colour for _, colour, _ in STATES])
+    ax.pcolormesh(line.limits.ravel(), spans.ravel(), _with_gaps(states), cmap=colours, vmin=-1.5, vmax=1.5)
+    for state, colour, words in STATES:
+        if (states == state).any():
+            ax.plot([], [], "s", markersize=9, color=colour, label=words.format(line.label))
+    missing = history.steps - len(steps)
+    ax.set(
+        ylim=(times[0], times[-1]),
+        xlabel=f"{line.label} (units of length)",
+        ylabel="t (units of time)",
+        title="Stick and slip on the contact boundary" + (f" ({missing} steps not stored)" if missing else ""),
+    )
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def directions(history: History, line: ContactLine) -> Floats:
+    """0 where a node sticks, 1 or -1 where it slips towards larger or smaller positions; a row a stored step > 0.
+
+    Friction opposes the slip of its step, whether or not the step before is stored; where there is no friction
+    the slip since the last stored step tells.
+    """
+    contact, rows = history.contact, history.stored > 0
+    against = line.along(contact.traction)
+    moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)
+    way = np.sign(np.where(against == 0.0, moved, -against))
+    return np.where(contact.sticking[:, line.order], 0.0, way)[rows]
+
+
+def _with_gaps(states: Floats) -> Floats:
+    """Rows and columns of NaN between those of `states`: what no stored step and no node owns."""
+    rows, columns = states.shape
+    whole = np.full((2 * rows - 1, 2 * columns - 1), np.nan)
+    whole[::2, ::2] = states
+    return whole

@@ -6,11 +6,12 @@ Sliding is resisted by Tresca friction with the bound g = 4. Its top is free; on
 
     f_2(x, t) = (8 (1.25 - x_2) t, -.01 t),    0 <= t <= 1,
 
-which pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and u_0 = 0.
-Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
+which pushes the block to the right, most strongly at the bottom, and a little down. There is no body force, and
+u_0 = 0. Stresses, g and f_2 are in daN/mm^2, lengths in mm, time in s.
 
-What happens: the corner under the load slips at once; from there slip spreads to the right along the obstacle as the load
-grows, against friction that points to the left at its bound. Nearer to the clamp the block still sticks.
+What happens: at first everything sticks. After a fifth of the time the loaded corner begins to slip, and slip spreads
+to the right as the load grows, against friction that points to the left at its bound. In the end nearly half of the
+contact slips.
 
     vemcvx run problems/feng_han_huang.py --mesh voronoi --n 24 --steps 64 --plot
 """

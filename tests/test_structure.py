@@ -14,7 +14,7 @@ import vemcvx
 ROOT = Path(vemcvx.__file__).parent
 LAYERS = [
     ["errors"],
-    ["real"],
+    ["real", "storage"],
     ["canvas"],
     ["meshes"],
     ["vem"],
@@ -26,7 +26,7 @@ LAYERS = [
     ["solvers"],
     ["ledger"],
     ["backward_euler"],
-    ["initial", "trajectory"],
+    ["initial", "trajectory", "checkpoint"],
     ["recorder"],
     ["march"],
     ["history"],

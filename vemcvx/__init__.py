@@ -18,14 +18,17 @@ from vemcvx.effects import (
     TrescaFriction,
 )
 from vemcvx.errors import (
+    HistoryError,
     MeshError,
     MeshWarning,
     NotAccepted,
     NotCertified,
+    ProblemError,
     SceneError,
     SceneWarning,
     VemcvxError,
 )
+from vemcvx.files import read_history
 from vemcvx.history import Contact, History
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.march import march
@@ -49,6 +52,7 @@ __all__ = [
     "Effect",
     "Elasticity",
     "History",
+    "HistoryError",
     "LinearSolver",
     "MeshError",
     "MeshWarning",
@@ -59,6 +63,7 @@ __all__ = [
     "NotCertified",
     "PolygonMesh",
     "PrescribedDisplacement",
+    "ProblemError",
     "Scene",
     "SceneError",
     "SceneWarning",
@@ -72,5 +77,6 @@ __all__ = [
     "VemcvxError",
     "march",
     "meshes",
+    "read_history",
     "simulate",
 ]

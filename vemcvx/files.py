@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import tempfile
 import time
@@ -26,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.errors import HistoryError, VemcvxError
+from vemcvx.errors import HistoryError, MeshError, VemcvxError
 from vemcvx.history import Contact, History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.files import write_cells
@@ -49,8 +50,6 @@ class Origin:
     """The family of meshes, if it was one."""
     n: int | None = None
     """What that family was asked for: cells per unit length."""
-    accuracy: float | None = None
-    """The certified relative energy error asked of each step."""
 
 
 def write_history(history: History, folder: str | Path, origin: Origin | None = None) -> Path:
@@ -85,8 +84,8 @@ def write_history(history: History, folder: str | Path, origin: Origin | None = 
             (new / SUMMARY).write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
             for name in (*steps, ARRAYS, SERIES, SUMMARY):
                 os.replace(new / name, folder / name)
-    except OSError as error:
-        raise HistoryError(f"{folder}: cannot write a history there: {error}.") from error
+    except (OSError, MeshError) as error:
+        raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     for name in older - set(steps):
         (folder / name).unlink(missing_ok=True)
     return folder
@@ -106,7 +105,7 @@ def writable_folder(folder: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise HistoryError(f"{folder}: cannot be made a folder to write to: {error}.") from error
+        raise HistoryError(f"{folder}: cannot be made a folder to write to: {error}") from error
     return folder
 
 
@@ -216,22 +215,17 @@ def _write_step(history: History, row: int, folder: Path) -> str:
 
 
 def _at_nodes(history: History, row: int) -> Arrays:
-    """Displacement and contact as nodal fields, vectors with three components; zero away from contact."""
+    """Displacement and contact as nodal fields; zero away from contact."""
     contact, u = history.contact, history.displacement[row]
-    fields = {"displacement": _three(u)}
+    fields = {"displacement": u}
     for name in ("slip", "traction"):
         whole = np.zeros_like(u)
         whole[contact.nodes] = getattr(contact, name)[row]
-        fields[name] = _three(whole)
+        fields[name] = whole
     for name in ("pressure", "sticking"):
         fields[name] = np.zeros(len(u))
         fields[name][contact.nodes] = getattr(contact, name)[row]
     return fields
-
-
-def _three(vectors: Floats) -> Floats:
-    """Vectors padded with zeros: ParaView knows no others than of three components."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def _series(history: History, steps: list[str]) -> str:
@@ -267,7 +261,7 @@ def _summary(history: History, origin: Origin, writing: float) -> dict[str, Any]
         "steps": history.steps,
         "effects": list(history.effects),
         "solver": history.solver,
-        "accuracy": origin.accuracy,
+        "accuracy": _accuracy(history.solver),
         "certified_energy_error": _finite(last.certificate.max()),
         "energy": _finite(last.energy[-1]),
         "dissipated": _finite(last.dissipated[-1]),
@@ -275,6 +269,12 @@ def _summary(history: History, origin: Origin, writing: float) -> dict[str, Any]
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }
+
+
+def _accuracy(solver: str) -> float | None:
+    """The certified relative energy error asked of each step, which every solver names among its settings."""
+    found = re.search(r"accuracy=([^,)]+)", solver)
+    return float(found.group(1)) if found else None
 
 
 def _finite(value: float) -> float | None:

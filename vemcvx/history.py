@@ -17,6 +17,7 @@ from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.pose import Posed
 from vemcvx.scene import Scene
+from vemcvx.storage import Storage
 from vemcvx.trajectory import Trajectory
 from vemcvx.vem import Space, strains
 
@@ -198,10 +199,10 @@ class History:
         return write_history(self, Path(folder))
 
 
-def record(posed: Posed, trajectory: Trajectory, assembled: float) -> History:
+def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
     """The history of a posed scene."""
     shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
-    u, forces = np.empty(shape), np.empty(shape)
+    u, forces = storage.array("displacement", shape), storage.array("forces", shape)
     for row, n in enumerate(trajectory.stored):
         t = float(trajectory.times[n])
         u[row] = posed.displacement(trajectory.state[row], t).reshape(shape[1:])
@@ -231,15 +232,15 @@ def _contact(posed: Posed, trajectory: Trajectory, u: Floats, forces: Floats) ->
     bound = np.zeros((len(u), len(nodes)))
     sticking = np.ones((len(u), len(nodes)), dtype=bool)
     tangents = terms.rows.data.reshape(len(terms.nodes), block, dim) if len(terms.nodes) else np.zeros((0, block, dim))
+    contact_force = forces[:, nodes]
     pulled = np.einsum("smb,mbd->smd", lam, tangents)
-    normal_force = forces.copy()
     for row, n in enumerate(trajectory.stored):
         t = float(trajectory.times[n])
         np.add.at(traction[row], of, -pulled[row] / terms.lengths[:, None])
         np.add.at(bound[row], of, terms.weights(t) / terms.lengths)
         np.logical_and.at(sticking[row], of, trajectory.sticking[row])
-        np.add.at(normal_force[row], terms.nodes, pulled[row])
-    pressure = -np.einsum("smd,md->sm", normal_force[:, nodes], normals) / lengths
+        np.add.at(contact_force[row], of, pulled[row])
+    pressure = -np.einsum("smd,md->sm", contact_force, normals) / lengths
     along = np.einsum("smd,md->sm", u[:, nodes], normals)
     slip = u[:, nodes] - along[:, :, None] * normals
     points = posed.space.mesh.points[nodes]

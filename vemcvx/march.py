@@ -18,6 +18,7 @@ from vemcvx.linear import LinearSolver
 from vemcvx.real import brief, real
 from vemcvx.recorder import Recorder, stored_steps
 from vemcvx.solvers import Solver
+from vemcvx.storage import Memory, Storage
 from vemcvx.system import System
 from vemcvx.trajectory import Trajectory
 
@@ -35,6 +36,7 @@ def march(
     condense: bool = True,
     linear: LinearSolver | None = None,
     progress: Callable[[int, int], None] | None = None,
+    storage: Storage | None = None,
 ) -> Trajectory:
     """March a System through time by backward Euler.
 
@@ -56,6 +58,8 @@ def march(
     linear : LinearSolver, optional
         SuperLU() or Multigrid(); by default by size.
     progress : callable (step, steps), optional
+    storage : Storage, optional
+        Where rows are kept; a Folder that holds an interrupted run of the same system is gone on with.
 
     Raises
     ------
@@ -73,16 +77,19 @@ def march(
     start = time.perf_counter()
     run = prepare(system, solver, check, condense, linear)
     prepared = time.perf_counter()
-    state = initial_state(run, instants[0], initial)
-    recorder = Recorder(run, kept)
-    recorder.add(0, state)
-    for n in range(1, steps + 1):
+    recorder = Recorder(run, instants, kept, storage or Memory())
+    earlier = recorder.resume()
+    if earlier is None:
+        earlier = 0, initial_state(run, instants[0], initial)
+        recorder.add(*earlier)
+    begin, state = earlier
+    for n in range(begin + 1, steps + 1):
         state = step(run, state, n, instants[n])
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)
     seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
-    return recorder.finish(instants, seconds)
+    return recorder.finish(seconds)
 
 
 def _check_kinds(system: System, solver: Solver | None) -> None:

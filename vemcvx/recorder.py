@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from vemcvx.backward_euler import Run, State, insist
 from vemcvx.certificate import EPS, Certificate
+from vemcvx.checkpoint import check_same, fingerprint, from_arrays, to_arrays
 from vemcvx.errors import SceneError
+from vemcvx.storage import Storage
 from vemcvx.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
@@ -29,13 +31,45 @@ def stored_steps(store: str | int, steps: int) -> Ints:
     )
 
 
-class Recorder:
-    """Rows of a trajectory, collected as the march goes on."""
+SCALARS = ("energy", "dissipated", "work", "norm", "gap", "floor", "iterations")
 
-    def __init__(self, run: Run, kept: Ints):
-        self._run, self._kept = run, frozenset(kept.tolist())
-        self._rows: list[tuple[int, Floats, State]] = []
-        self._scalars: list[tuple[float, ...]] = []
+
+class Recorder:
+    """Rows of a trajectory, entered as the march goes on.
+
+    Parameters
+    ----------
+    run : Run
+    times : (N + 1,) array
+    kept : (S,) array
+        Numbers of the steps to keep.
+    storage : Storage
+        Where the rows go.
+    """
+
+    def __init__(self, run: Run, times: Floats, kept: Ints, storage: Storage):
+        self._run, self._times, self._kept, self._storage = run, times, kept, storage
+        self._row = {int(n): row for row, n in enumerate(kept)}
+        form, rows = run.form, len(kept)
+        self._mark = fingerprint(run, times, kept)
+        self._state = storage.array("state", (rows, run.system.n))
+        self._multipliers = storage.array("multipliers", (rows, form.count, form.block))
+        self._sticks = storage.array("sticking", (rows, form.count), bool)
+        self._scalars = storage.array("scalars", (len(times), len(SCALARS)))
+
+    def resume(self) -> tuple[int, State] | None:
+        """The last step that an earlier run completed, and its state.
+
+        Raises
+        ------
+        HistoryError
+            The storage holds another run.
+        """
+        arrays = self._storage.load()
+        if arrays is None:
+            return None
+        check_same(self._mark, arrays["mark"])
+        return from_arrays(self._run, arrays)
 
     def add(self, n: int, state: State) -> None:
         """Enter the state after step `n`.
@@ -45,35 +79,33 @@ class Recorder:
         NotCertified
             The answer of a kept step does not hold on the full system.
         """
-        if n in self._kept:
+        row = self._row.get(n)
+        if row is not None:
             y = self._run.condensation.recover(state.y, state.drive.force)
             if n > 0:
                 state = replace(state, certificate=full_certificate(self._run, state, y))
                 if self._run.check:
                     insist(self._run, state, n)
-            self._rows.append((n, y, state))
+            self._state[row], self._multipliers[row] = y, state.lam
+            self._sticks[row] = self._sticking(state) if n > 0 else True
         c, ledger = state.certificate, state.ledger
-        self._scalars.append(
-            (ledger.energy, ledger.dissipated, ledger.work, ledger.norm, c.gap, c.floor, state.iterations)
+        self._scalars[n] = (
+            *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
+            *(c.gap, c.floor, state.iterations),
         )
+        if row is not None:
+            self._storage.save({"mark": self._mark, **to_arrays(n, state)})
 
-    def finish(self, times: Floats, seconds: dict[str, float]) -> Trajectory:
+    def finish(self, seconds: dict[str, float]) -> Trajectory:
         """The trajectory."""
-        energy, dissipated, work, norm, gap, floor, iterations = np.array(self._scalars).T
-        steps, states, rows = zip(*self._rows, strict=True)
+        scalars = {name: np.array(column) for name, column in zip(SCALARS, self._scalars.T, strict=True)}
         return Trajectory(
-            times=times,
-            stored=np.array(steps),
-            state=np.array(states),
-            multipliers=np.array([row.lam for row in rows]),
-            sticking=np.array([self._sticking(row) for row in rows], dtype=bool),
-            energy=energy,
-            dissipated=dissipated,
-            work=work,
-            norm=norm,
-            gap=gap,
-            floor=floor,
-            iterations=iterations.astype(np.int64),
+            times=self._times,
+            stored=self._kept,
+            state=self._state,
+            multipliers=self._multipliers,
+            sticking=self._sticks,
+            **{**scalars, "iterations": scalars["iterations"].astype(np.int64)},
             seconds=seconds,
             solver=repr(self._run.solver),
         )

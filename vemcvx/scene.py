@@ -70,7 +70,17 @@ def _found(thing: object) -> str:
     return f"{brief(thing)}, which is not an effect"
 
 
-def _rank(effect: Effect) -> tuple[str, list[bytes]]:
-    # Arrays by their bytes: printed, they are cut short and rounded to eight digits.
-    settings = vars(effect).values()
-    return type(effect).__name__, [v.tobytes() if isinstance(v, np.ndarray) else repr(v).encode() for v in settings]
+def _rank(effect: Effect) -> tuple[str, list[bytes], list[int]]:
+    settings = list(vars(effect).values())
+    # Functions by where they are written, so that two runs of one script sum alike; their addresses decide last.
+    return type(effect).__name__, [_content(v) for v in settings], [id(v) for v in settings if callable(v)]
+
+
+def _content(setting: object) -> bytes:
+    if isinstance(setting, np.ndarray):
+        # Printed, arrays are cut short and rounded to eight digits.
+        return setting.tobytes()
+    if callable(setting):
+        line = getattr(getattr(setting, "__code__", None), "co_firstlineno", 0)
+        return f"{getattr(setting, '__module__', '')}.{getattr(setting, '__qualname__', '')}:{line:09}".encode()
+    return repr(setting).encode()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,7 @@ from vemcvx.pose import Posed, pose
 from vemcvx.real import brief, real, shape_in_words
 from vemcvx.scene import Scene
 from vemcvx.solvers import Solver
+from vemcvx.storage import Folder, Memory, Storage
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +38,8 @@ def simulate(
     condense: bool = True,
     linear: LinearSolver | None = None,
     progress: bool | Callable[[int, int], None] = False,
+    stream: str | Path | None = None,
+    resume: bool = False,
 ) -> History:
     """Simulate a scene on a mesh by backward Euler, every step certified.
 
@@ -59,6 +63,11 @@ def simulate(
         SuperLU() or Multigrid(); by default by size.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
+    stream : path, optional
+        A folder where rows are kept as files mapped into memory, so that neither the size of a history nor a
+        crash limits a run; it holds a checkpoint of the last stored step.
+    resume : bool
+        Go on with the run that `stream` holds; without it, what the folder holds is begun anew.
 
     Returns
     -------
@@ -81,6 +90,7 @@ def simulate(
     _check_kinds(scene, mesh)
     instants = checked_times(times)
     start = time.perf_counter()
+    storage = _storage(stream, resume)
     posed = pose(scene, mesh)
     assembled = time.perf_counter() - start
     trajectory = march(
@@ -93,8 +103,20 @@ def simulate(
         condense=condense,
         linear=linear,
         progress=_log if progress is True else progress or None,
+        storage=storage,
     )
-    return record(posed, trajectory, assembled)
+    return record(posed, trajectory, assembled, storage)
+
+
+def _storage(stream: str | Path | None, resume: bool) -> Storage:
+    if stream is None:
+        if resume:
+            raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")
+        return Memory()
+    folder = Folder(stream)
+    if not resume:
+        folder.clear()
+    return folder
 
 
 def _check_kinds(scene: Scene, mesh: PolygonMesh) -> None:

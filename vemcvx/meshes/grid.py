@@ -73,7 +73,7 @@ def check_fraction(name: str, value: object, high: float, *, closed: bool = Fals
 
 
 def cell_counts(n: Count, box: Box, stretch: float = 1.0) -> tuple[int, int]:
-    """Cells along x and y: the given pair, or n a unit length (n / stretch along x, n * stretch along y), at least one."""
+    """Cells along x and y: the given pair, or n / stretch and n * stretch a unit length, at least one."""
     if np.ndim(n) == 0:
         n = check_whole("n", n)
         return max(1, round(n * box.width / stretch)), max(1, round(n * box.height * stretch))

@@ -46,8 +46,8 @@ def choose_edges(
     midpoints = 0.5 * (points[boundary[:, 0]] + points[boundary[:, 1]])
     chosen = np.asarray(predicate(midpoints))
     if chosen.shape != (len(boundary),) or chosen.dtype != bool:
-        raise MeshError(f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), and "
-                        f"must return booleans of shape ({len(boundary)},); it returned {chosen.dtype} of shape "
+        raise MeshError(f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
+                        f"and must return booleans of shape ({len(boundary)},); it returned {chosen.dtype} of shape "
                         f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5.")
     if not chosen.any():
         low, high = midpoints.min(axis=0), midpoints.max(axis=0)
@@ -59,7 +59,7 @@ def choose_edges(
 def check_boundaries(
     boundaries: Mapping[str, ArrayLike], boundary: Ints, n_nodes: int, node_map: Ints | None
 ) -> dict[str, Ints]:
-    """Named edges, turned the way their cells run and in the order of the boundary; MeshError if one is not on it."""
+    """Named edges as their cells run them, in the order of the boundary; MeshError if one is not on it."""
     if not isinstance(boundaries, Mapping):
         raise MeshError(f"boundaries must map names to edges (m, 2); got {type(boundaries).__name__}.")
     keys = edge_keys(boundary[:, 0], boundary[:, 1], n_nodes)
@@ -71,8 +71,8 @@ def check_boundaries(
         strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
         if len(strange):
             a, b = given[strange[0]]
-            raise MeshError(f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary "
-                            f"({len(strange)} of {len(given)} are not). Name only edges that belong to exactly one cell.")
+            raise MeshError(f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
+                            f"{len(given)} are not). Name only edges that belong to exactly one cell.")
         named[name] = boundary[np.isin(keys, wanted)]
         named[name].flags.writeable = False
     return named
@@ -87,7 +87,8 @@ def _check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
         raise MeshError(f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
                         f"{edges.dtype} of shape {edges.shape}.")
     if edges.min() < 0 or edges.max() >= n_nodes:
-        raise MeshError(f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to {edges.max()}.")
+        raise MeshError(f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to "
+                        f"{edges.max()}.")
     return edges.astype(np.int64)
 
 
@@ -104,8 +105,8 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike], n_cells: int) -> dict[st
         except ValueError:  # ragged
             array = np.empty(0, dtype=object)
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
-            raise MeshError(f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} cells; "
-                            f"got {array.dtype} of shape {array.shape}.")
+            raise MeshError(f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
+                            f"cells; got {array.dtype} of shape {array.shape}.")
         array.flags.writeable = False
         checked[name] = array
     return checked
@@ -128,5 +129,5 @@ def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
     if displacement is None:
         return points
     if np.shape(displacement) != points.shape:
-        raise MeshError(f"displacement must have the shape of the points, {points.shape}; got {np.shape(displacement)}.")
+        raise MeshError(f"displacement must have the shape {points.shape} of the points; got {np.shape(displacement)}.")
     return points + np.asarray(displacement, dtype=float)

@@ -59,7 +59,7 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
 
 
 def _thirds(points: Floats, nx: int, ny: int, zigzag: float, box: Box) -> Floats:
-    """Two nodes an edge, level edges first: a third along and off to the left, two thirds along and off to the right."""
+    """Two nodes an edge, level edges first: off to the left at a third, off to the right at two thirds."""
     grid = points.reshape(ny + 1, nx + 1, 2)
     pitch = np.array([box.width / nx, box.height / ny])
     level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch

@@ -206,6 +206,17 @@ class PolygonMesh:
         edges = choose_edges(name, predicate, self.points, self._boundary)
         return self._replace(_named={**self._named, name: _frozen(edges)})
 
+    def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> PolygonMesh:
+        """Return this mesh with more named parts of its boundary: name -> edges (m, 2), in either direction.
+
+        Raises
+        ------
+        MeshError
+            A name is reserved, or an edge is not on the boundary.
+        """
+        added = check_boundaries(boundaries, self._boundary, self.n_nodes, None)
+        return self._replace(_named={**self._named, **added})
+
     def with_cell_data(self, name: str, values: ArrayLike) -> PolygonMesh:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
         added = check_cell_data({name: values}, self.n_cells)
@@ -218,6 +229,7 @@ class PolygonMesh:
         ----------
         path : str or Path
             The suffix chooses the format: .vtu and .vtk take every mesh, other formats of meshio triangles and quads.
+            (.vtk gives rows of two cell data back as rows of three, the last zero.)
 
         Raises
         ------

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from vemcvx.meshes.geometry import Floats, areas_and_centroids
-from vemcvx.meshes.topology import Ints, cell_of_corner, next_corner, next_vertex, previous_corner
+from vemcvx.meshes.topology import Ints, cell_of_corner, next_corner, next_vertex
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9

@@ -64,8 +64,8 @@ def _check_sharing(offsets: Ints, vertices: Ints, ends: Ints, cells: Ints, n_nod
         corners = shared.corners[first : first + shared.counts[crowded[0]]]
         a, b = ends[corners[0]]
         raise MeshError(
-            f"the edge ({a}, {b}) belongs to {len(corners)} cells: {', '.join(map(str, cells[corners[:6]]))}. At most two "
-            "cells can share an edge; remove or correct the others."
+            f"the edge ({a}, {b}) belongs to {len(corners)} cells: {', '.join(map(str, cells[corners[:6]]))}. At most "
+            "two cells can share an edge; remove or correct the others."
         )
     first = shared.first[shared.counts == 2]
     one, other = shared.corners[first], shared.corners[first + 1]
@@ -104,17 +104,18 @@ def _check_contacts(points: Floats, ends: Ints, cells: Ints, lengths: Floats, sh
         k = bad[0]
         a, b = edge[k]
         raise MeshError(
-            f"node {node[k]} lies on the edge ({a}, {b}) of cell {cell[k]} without being one of its vertices. A hanging "
-            f"node must be a vertex of the cells on both sides: insert {node[k]} between {a} and {b} in cell {cell[k]}."
+            f"node {node[k]} lies on the edge ({a}, {b}) of cell {cell[k]} without being one of its vertices. A "
+            f"hanging node must be a vertex of the cells on both sides: insert {node[k]} between {a} and {b} in cell "
+            f"{cell[k]}."
         )
     narrow = (side < 0.0) & (distance <= NARROW * np.minimum(shortest[node], length))
     bad = np.flatnonzero(narrow)
     if len(bad):
         k = bad[0]
         raise MeshError(
-            f"there is a gap of {distance[k]:.3g} between node {node[k]} and the edge {_edge(edge[k])} of cell {cell[k]}, "
-            f"less than {NARROW:g} of the edges there. Move the node onto the edge and make it a vertex of that cell, "
-            "or open the gap."
+            f"there is a gap of {distance[k]:.3g} between node {node[k]} and the edge {_edge(edge[k])} of cell "
+            f"{cell[k]}, less than {NARROW:g} of the edges there. Move the node onto the edge and make it a vertex "
+            "of that cell, or open the gap."
         )
 
 
@@ -123,15 +124,16 @@ def _check_winding(points: Floats, ends: Ints, cells: Ints) -> None:
     probes = _one_edge_a_chain(ends)
     vector = points[ends[:, 1]] - points[ends[:, 0]]
     steep = np.abs(vector[probes, 1]) >= np.abs(vector[probes, 0])
-    for chosen, turned in ((probes[steep], points), (probes[~steep], points[:, ::-1] * [1.0, -1.0])):
+    quarter_turned = points[:, ::-1] * [1.0, -1.0]
+    for chosen, plane in ((probes[steep], points), (probes[~steep], quarter_turned)):
         if not len(chosen):
             continue
-        bad = np.flatnonzero(_winding_inside(turned, ends, chosen) != 1)
+        bad = np.flatnonzero(_winding_inside(plane, ends, chosen) != 1)
         if len(bad):
             cell, edge = cells[chosen[bad[0]]], ends[chosen[bad[0]]]
             raise MeshError(
-                f"cell {cell} overlaps another cell: beside its edge {_edge(edge)} the plane is covered more than once. "
-                "Remove or correct one of the cells."
+                f"cell {cell} overlaps another cell: beside its edge {_edge(edge)} the plane is covered more than "
+                "once. Remove or correct one of the cells."
             )
 
 

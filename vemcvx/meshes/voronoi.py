@@ -112,7 +112,10 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
 
 
 def _circumcentres(corners: Floats) -> Floats:
-    """Circumcentres of triangles (m, 3, 2): a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c), J (x, y) = (y, -x), from corner a."""
+    """Circumcentres of triangles (m, 3, 2) with sides b, c from corner a; J turns by a quarter, J (x, y) = (y, -x).
+
+    a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
+    """
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     cross = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)

@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 # flatter than 25 degrees passes for straight, which costs half an edge in a picture.
 ALONG = 0.9
 FLAT = 1e-9
+ARC = "$s$"
 
 
 @dataclass(frozen=True)
@@ -33,28 +34,40 @@ class ContactLine:
     position : (m,) places on the line
     limits : (m, 2) the part of the line that each node owns
     tangents : (m, 2) unit vectors towards larger positions
-    label : what the line measures
+    symbol : what the line measures, as a symbol
     """
 
     order: Ints
     position: Floats
     limits: Floats
     tangents: Floats
-    label: str
+    symbol: str
+
+    @property
+    def label(self) -> str:
+        """What the line measures, in words."""
+        return "arc length $s$" if self.symbol == ARC else self.symbol
 
     def along(self, vectors: Floats) -> Floats:
         """(..., m) components along the line of vectors (..., m, 2) at the contact nodes, in the line's order."""
         return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
 
-    def spans(self, chosen: NDArray[np.bool_]) -> list[tuple[float, float]]:
-        """The stretches of the line that the chosen nodes (m,), in the line's order, own together."""
-        spans: list[tuple[float, float]] = []
-        for low, high in self.limits[chosen].tolist():
-            if spans and low - spans[-1][1] <= FLAT * max(abs(low), abs(high)):
-                spans[-1] = spans[-1][0], high
-            else:
-                spans.append((low, high))
-        return spans
+    @property
+    def gaps(self) -> Ints:
+        """Nodes between which and their predecessors the line is broken."""
+        apart = self.limits[1:, 0] - self.limits[:-1, 1]
+        return 1 + np.flatnonzero(apart > FLAT * np.abs(self.limits).max())
+
+    def broken(self, values: Floats) -> tuple[Floats, Floats]:
+        """Positions and values (m,), with NaN where the line is broken."""
+        return np.insert(self.position, self.gaps, np.nan), np.insert(values, self.gaps, np.nan)
+
+    def spans(self, chosen: NDArray[np.bool_]) -> Floats:
+        """(k, 2) stretches of the line that the chosen nodes (m,), in the line's order, own together."""
+        starts = chosen & ~np.append(False, chosen[:-1])
+        starts[self.gaps] |= chosen[self.gaps]
+        ends = np.append(starts[1:] | ~chosen[1:], True) & chosen
+        return np.column_stack([self.limits[starts, 0], self.limits[ends, 1]])
 
 
 def contact_line(history: History, picture: str) -> ContactLine:
@@ -78,7 +91,7 @@ def contact_line(history: History, picture: str) -> ContactLine:
     tangents = np.column_stack([-normals[:, 1], normals[:, 0]])
     axis = _axis(contact.points)
     if axis is None:
-        return ContactLine(order, arc, limits, tangents, "arc length along the contact boundary")
+        return ContactLine(order, arc, limits, tangents, ARC)
     position = contact.points[order, axis]
     sign = float(np.sign(tangents[0, axis]))
     owned = np.sort(position[:, None] + sign * (limits - arc[:, None]), axis=1)

@@ -43,12 +43,13 @@ def deformed_mesh(history: History, step: int = -1) -> Figure:
     row, mesh = history.row(step), history.mesh
     u = history.displacement[row]
     factor = magnification(u, _size(history))
-    figure = new_figure(6.0, 5.6)
+    figure = new_figure(6.0, 1.6 + 4.2 * _slenderness(mesh.points))
     ax = mesh.plot(ax=figure.add_subplot(), displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.15")
     cells = ax.collections[0]
     cells.set_array(cell_means(history, np.linalg.norm(u, axis=1)))
-    cells.set_cmap("viridis")
-    figure.colorbar(cells, ax=ax, label="$|u|$ (units of length)", shrink=0.85)
+    cells.set(cmap="viridis", clim=(0.0, cells.get_array().max() or 1.0))
+    # In axes of its own beside these, the bar stays as high as the body's frame, whatever its shape.
+    figure.colorbar(cells, cax=ax.inset_axes((1.04, 0.0, 0.045, 1.0)), label="$|u|$ (units of length)")
     _outline(ax, history)
     title = f"t = {history.times[row]:.4g}, displacements magnified {factor:g} times"
     if len(history.contact.nodes):
@@ -80,6 +81,12 @@ def cell_means(history: History, at_nodes: Floats) -> Floats:
 
 def _size(history: History) -> float:
     return float(np.ptp(history.mesh.points, axis=0).max())
+
+
+def _slenderness(points: Floats) -> float:
+    """Height over width, within what fits on a page."""
+    width, height = np.ptp(points, axis=0)
+    return float(np.clip(height / width, 0.2, 1.6))
 
 
 def _line(cells: int) -> float:

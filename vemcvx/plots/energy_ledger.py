@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vemcvx.canvas import new_figure
+from vemcvx.errors import HistoryError
 from vemcvx.history import History
 from vemcvx.plots.palette import DISSIPATED, GRID, NUMERICAL, STORED, WORK
 
@@ -21,8 +22,16 @@ if TYPE_CHECKING:
 
 
 def energy_ledger(history: History) -> Figure:
-    """Draw the energies of all steps, stored or not, and their certificates on a logarithmic axis."""
-    figure = new_figure(7.2, 3.6)
+    """Draw the energies of all steps, stored or not, and their certificates on a logarithmic axis.
+
+    Raises
+    ------
+    HistoryError
+        The history has no step.
+    """
+    if history.steps == 0:
+        raise HistoryError("energy_ledger: this history has no step after the initial instant.")
+    figure = new_figure(7.6, 3.9)
     left, right = figure.subplots(1, 2)
     _energies(left, history)
     _certificates(right, history)
@@ -30,7 +39,7 @@ def energy_ledger(history: History) -> Figure:
         ax.set_xlabel("t (units of time)")
         ax.grid(**GRID)
         ax.set_axisbelow(True)
-        ax.legend(frameon=False, fontsize=8.5)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
     return figure
 
 
@@ -38,10 +47,10 @@ def _energies(ax: Axes, history: History) -> None:
     run = history.trajectory
     stored = run.energy - run.energy[0]
     lines = (
-        (run.work, WORK, "-", "work of forces and supports"),
-        (stored, STORED, "--", "stored in the body" if run.energy[0] == 0 else "stored in the body since the start"),
+        (run.work, WORK, "-", "work done on the body"),
+        (stored, STORED, "--", "stored" if run.energy[0] == 0 else "stored since the start"),
         (run.dissipated, DISSIPATED, "-.", "dissipated by friction"),
-        (run.work - stored - run.dissipated, NUMERICAL, ":", "remainder: time stepping"),
+        (run.work - stored - run.dissipated, NUMERICAL, ":", "lost by time stepping"),
     )
     for values, colour, style, label in lines:
         ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=label)
@@ -52,8 +61,8 @@ def _certificates(ax: Axes, history: History) -> None:
     run = history.trajectory
     lines = (
         (run.certificate, STORED, "o", "each step"),
-        (run.certificate_total, DISSIPATED, "-", "all steps so far, added up"),
-        (run.certificate_floor, WORK, ":", "each step's rounding floor"),
+        (run.certificate_total, DISSIPATED, "-", "all steps so far"),
+        (run.certificate_floor, WORK, ":", "rounding floor"),
     )
     ax.set(ylabel="relative energy error, at most", title="Certificate", yscale="log")
     for values, colour, style, label in lines:

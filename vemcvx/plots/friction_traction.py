@@ -33,12 +33,13 @@ def friction_traction(history: History, step: int = -1) -> Figure:
     for chosen, colour in ((sticks, STICK), (~sticks, SLIP)):
         for low, high in line.spans(chosen):
             ax.axvspan(low, high, color=colour, alpha=0.13, linewidth=0)
-    ax.plot(line.position, bound, color="black", linestyle="--", linewidth=1.2, label="bound $\\pm g$")
-    ax.plot(line.position, -bound, color="black", linestyle="--", linewidth=1.2)
-    ax.plot(line.position, traction, color="0.35", linewidth=1.0, zorder=1.5)
+    for sign, label in ((1, "bound $\\pm g$"), (-1, None)):
+        ax.plot(*line.broken(sign * bound), color="black", linestyle="--", linewidth=1.2, label=label)
+    ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
+    style = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
     for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (~sticks, SLIP, "s", "slip")):
         if chosen.any():
-            ax.plot(line.position[chosen], traction[chosen], marker, color=colour, markersize=4, clip_on=False, zorder=3, label=word)
+            ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
     top = 1.2 * max(float(bound.max()), float(np.abs(traction).max())) or 1.0
     ax.set(
         xlim=(line.limits.min(), line.limits.max()),

@@ -23,11 +23,12 @@ PICTURES: dict[str, Callable[[History], Figure]] = {
     "energy_ledger.png": energy_ledger,
 }
 OF_CONTACT = {"friction_traction.png", "stick_slip_map.png"}
+OF_STEPS = {"stick_slip_map.png", "energy_ledger.png"}
 DPI = 200
 
 
 def write_plots(history: History, folder: str | Path) -> list[Path]:
-    """Write the pictures that a history has something to show for; without contact, those of the whole body.
+    """Write the pictures that a history has something to show for; without contact or steps there are fewer.
 
     Parameters
     ----------
@@ -61,4 +62,5 @@ def write_plots(history: History, folder: str | Path) -> list[Path]:
 
 
 def _has(history: History, name: str) -> bool:
-    return name not in OF_CONTACT or (len(history.contact.nodes) > 0 and history.steps > 0)
+    contact, steps = len(history.contact.nodes) > 0, (history.stored > 0).any()
+    return (contact or name not in OF_CONTACT) and (steps or name not in OF_STEPS)

@@ -43,10 +43,10 @@ def stick_slip_map(history: History) -> Figure:
     ax.pcolormesh(line.limits.ravel(), spans.ravel(), _with_gaps(states), cmap=colours, vmin=-1.5, vmax=1.5)
     for state, colour, words in STATES:
         if (states == state).any():
-            ax.plot([], [], "s", markersize=9, color=colour, label=words.format(line.label))
+            ax.plot([], [], "s", markersize=9, color=colour, label=words.format(line.symbol))
     missing = history.steps - len(steps)
     ax.set(
-        ylim=(times[0], times[-1]),
+        ylim=(spans[0, 0], spans[-1, 1]),
         xlabel=f"{line.label} (units of length)",
         ylabel="t (units of time)",
         title="Stick and slip on the contact boundary" + (f" ({missing} steps not stored)" if missing else ""),

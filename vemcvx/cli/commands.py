@@ -1,0 +1,112 @@
+"""The commands and their options; what they do stands in the modules they call, imported when needed.
+
+Exit codes: 0 done, 2 invalid input, 3 not certified. Results go to standard output; errors, warnings and the
+progress bar (on a terminal only) go to standard error.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vemcvx import __version__
+from vemcvx.errors import NotCertified, VemcvxError
+
+INVALID, NOT_CERTIFIED = 2, 3
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Quasistatic frictional contact on polygonal meshes, posed as certified convex programs.",
+    epilog="Exit codes: 0 done, 2 invalid input, 3 not certified.",
+)
+
+File = Annotated[
+    str, typer.Argument(metavar="FILE", help="A problem file: Python with scene(**parameters), mesh(n), times(steps).")
+]
+Mesh = Annotated[
+    str | None, typer.Option(help="Family of meshes: squares, triangles, voronoi ... (default: the problem's own)")
+]
+N = Annotated[int, typer.Option("--n", min=1, help="Cells per unit length.")]
+Settings = Annotated[
+    list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")
+]
+
+
+@app.command()
+def run(
+    file: File,
+    mesh: Mesh = None,
+    n: N = 64,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 64,
+    solver: Annotated[
+        str, typer.Option(help="newton, clarabel, osqp, direct, or what cvxpy finds: SCS, HIGHS ...")
+    ] = "newton",
+    accuracy: Annotated[
+        float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write the history there, for ParaView and scripts.")
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Draw it: into DIR, or results/<problem>.")] = False,
+    store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all",
+    condense: Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")] = True,
+    settings: Settings = [],  # noqa: B006 - typer wants a list and never changes it
+) -> None:
+    """Simulate a problem, and say what came out and how certain it is."""
+    with reported():
+        from vemcvx.cli.problem_file import read_problem
+        from vemcvx.cli.simulation import Run, simulate_problem
+
+        asked = Run(mesh, n, steps, solver, accuracy, out, plot, store, condense, tuple(settings))
+        typer.echo(simulate_problem(read_problem(file), asked))
+
+
+@app.command()
+def show(file: File, mesh: Mesh = None, n: N = 64, settings: Settings = []) -> None:  # noqa: B006 - as above
+    """Say a problem's scene in words: effects, unknowns, the convex program, who can solve it."""
+    with reported():
+        from vemcvx.cli.problem_file import read_problem
+        from vemcvx.cli.scene_in_words import print_scene
+
+        print_scene(read_problem(file), mesh, n, tuple(settings))
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"vemcvx {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
+) -> None:
+    """Options of the program itself."""
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Turn errors into a line and an exit code, and warnings into a line."""
+
+    def warn(message: Warning | str, *_: object, **__: object) -> None:
+        typer.echo(f"vemcvx: warning: {message}", err=True)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = warn
+            yield
+    except VemcvxError as error:
+        typer.echo(f"vemcvx: {error}", err=True)
+        raise typer.Exit(NOT_CERTIFIED if isinstance(error, NotCertified) else INVALID) from error
+
+
+def main() -> None:
+    """Run the command line on the program's arguments."""
+    app(prog_name="vemcvx")

@@ -1,0 +1,120 @@
+"""A problem file: Python that defines `scene(**parameters)`, `mesh(n, family=...)` and `times(steps)`."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import inspect
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.meshes import FAMILIES, PolygonMesh
+from vemcvx.real import brief
+from vemcvx.scene import Scene
+
+PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a problem file defines."""
+
+    path: Path
+    module: ModuleType
+
+    @property
+    def name(self) -> str:
+        """The name of the file, without its suffix."""
+        return self.path.stem
+
+    @property
+    def title(self) -> str:
+        """The first line of its docstring."""
+        return (self.module.__doc__ or self.name).strip().splitlines()[0]
+
+    def scene(self, settings: Sequence[str] = ()) -> Scene:
+        """The scene, with parameters given as "name=value"."""
+        made = self._call("scene", **dict(self._parameter(setting) for setting in settings))
+        return self._checked(made, Scene, "scene", "a vemcvx.Scene")
+
+    def mesh(self, n: int, family: str | None = None) -> PolygonMesh:
+        """The mesh, of the problem's own family by default."""
+        if family is not None and family not in (*FAMILIES, self.family):
+            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(FAMILIES)}.")
+        made = self._call("mesh", n) if family is None else self._call("mesh", n, family=family)
+        return self._checked(made, PolygonMesh, "mesh", "a vemcvx.PolygonMesh")
+
+    @property
+    def family(self) -> str | None:
+        """The family of meshes that it takes when none is asked for, if it says so."""
+        default = inspect.signature(self.module.mesh).parameters.get("family")
+        return default.default if default is not None and isinstance(default.default, str) else None
+
+    def times(self, steps: int) -> Any:
+        """The instants; `simulate` checks them."""
+        return self._call("times", steps)
+
+    def _parameter(self, setting: str) -> tuple[str, Any]:
+        name, equals, text = setting.partition("=")
+        known = inspect.signature(self.module.scene).parameters
+        if not equals:
+            raise ProblemError(f"--set: found {setting!r}; wanted name=value, such as {next(iter(known), 'a')}=1.")
+        if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
+            there_are = ", ".join(map(str, known.values())) or "none"
+            raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
+        try:
+            return name, ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            return name, text
+
+    def _call(self, part: str, *given: Any, **named: Any) -> Any:
+        words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
+        return _own(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named))
+
+    def _checked(self, made: Any, kind: type, part: str, wanted: str) -> Any:
+        if not isinstance(made, kind):
+            raise ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {wanted}.")
+        return made
+
+
+def read_problem(file: str | Path) -> Problem:
+    """Execute a problem file.
+
+    Raises
+    ------
+    ProblemError
+        There is no such file, it fails, or it lacks one of its three functions.
+    """
+    path = Path(file)
+    if not path.is_file():
+        here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
+        raise ProblemError(f"{path}: there is no such problem file; here are {here or 'no Python files'}.")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ProblemError(f"{path}: a problem file is Python and ends in .py.")
+    module = importlib.util.module_from_spec(spec)
+    _own(path, "executing it", lambda: spec.loader.exec_module(module))
+    missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
+    if missing:
+        raise ProblemError(
+            f"{path}: does not define {' nor '.join(missing)}; a problem file defines {', '.join(PARTS.values())}."
+        )
+    return Problem(path, module)
+
+
+def _own(path: Path, what: str, action: Callable[[], Any]) -> Any:
+    """Do what a problem file asks for; an error of its own making is named with its line."""
+    try:
+        return action()
+    except VemcvxError:
+        raise
+    except Exception as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        where = f", line {lines[-1]}" if lines else ""
+        words = " ".join(str(error).split())
+        raise ProblemError(f"{path}{where}: {what} failed: {type(error).__name__}: {words}") from error

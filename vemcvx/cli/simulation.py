@@ -1,0 +1,97 @@
+"""`vemcvx run`: simulate a problem, write what is asked for, and say what came out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from vemcvx.cli.problem_file import Problem
+from vemcvx.cli.solver_names import named_solver
+from vemcvx.files import ARRAYS, SERIES, SUMMARY, Origin, writable_folder, write_history
+from vemcvx.history import History
+from vemcvx.simulate import simulate
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the command line asks for."""
+
+    family: str | None
+    n: int
+    steps: int
+    solver: str
+    accuracy: float | None
+    out: Path | None
+    plot: bool
+    store: str
+    condense: bool
+    settings: tuple[str, ...]
+
+
+def simulate_problem(problem: Problem, asked: Run) -> str:
+    """Do it; the summary in words.
+
+    Raises
+    ------
+    VemcvxError
+        Something asked for does not exist, cannot be solved, certified or written.
+    """
+    solver = named_solver(asked.solver, asked.accuracy)
+    scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
+    drawings = asked.out or Path("results") / problem.name
+    _refuse_early(asked, drawings)
+    with progress_bar() as progress:
+        history = simulate(
+            scene,
+            mesh,
+            problem.times(asked.steps),
+            solver=solver,
+            store=int(asked.store) if asked.store.isdecimal() else asked.store,
+            condense=asked.condense,
+            progress=progress,
+        )
+    lines = [f"{problem.name}: {problem.title}", history.summary()]
+    lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
+    return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
+
+
+def _refuse_early(asked: Run, drawings: Path) -> None:
+    """What could not be written or drawn in the end is not worth simulating for."""
+    if asked.plot:
+        from vemcvx.canvas import new_figure
+
+        new_figure()
+    if asked.plot or asked.out:
+        writable_folder(drawings)
+
+
+def _written(history: History, asked: Run, origin: Origin) -> list[str]:
+    if asked.out is None:
+        return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
+    folder = write_history(history, asked.out, origin)
+    return [f"files       {folder}: {SERIES} with {len(history.stored)} steps, {SUMMARY}, {ARRAYS}"]
+
+
+def _drawn(history: History, folder: Path) -> list[str]:
+    from vemcvx.plots import write_plots
+
+    return [f"pictures    {folder}: {', '.join(path.name for path in write_plots(history, folder))}"]
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[int, int], None]]:
+    """A bar on standard error while it is a terminal, and nothing otherwise."""
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("assembling", total=None)
+
+        def advance(step: int, steps: int) -> None:
+            bar.update(task, description="marching", completed=step, total=steps)
+
+        yield advance

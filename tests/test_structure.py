@@ -21,7 +21,7 @@ LAYERS = [
     ["effects"],
     ["scene", "supports", "rigid"],
     ["linear"],
-    ["rows", "ordering", "system", "program", "scaling", "certificate", "condensation"],
+    ["rows", "ordering", "extended", "system", "program", "scaling", "certificate", "condensation", "refine"],
     ["pose"],
     ["solvers"],
     ["ledger"],

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.certificate import Certificate, certify
+from vemcvx.certificate import EPS, Certificate, certify, norm_gaps
 from vemcvx.condensation import Condensation
 from vemcvx.errors import NotCertified
 from vemcvx.ledger import Drive, Ledger, advance, drive
 from vemcvx.linear import LinearSolver
 from vemcvx.program import Answer, Form, StepProgram
+from vemcvx.refine import full_certificate, needs_refinement, refined
 from vemcvx.scaling import Scaling, scaling
 from vemcvx.solvers import Prepared, Solver, choose
 from vemcvx.system import System
@@ -37,6 +38,8 @@ class Run:
     solver: Solver
     prepared: Prepared
     check: bool
+    refines: bool
+    """whether the factors are too coarse for the accuracy, so that every step is refined"""
 
     @property
     def form(self) -> Form:
@@ -63,6 +66,8 @@ class State:
     scale: float
     """largest energy norm of the states so far"""
     iterations: int
+    full: Floats | None = None
+    """(n,) all unknowns, once somebody has asked for them"""
 
 
 def prepare(
@@ -72,7 +77,8 @@ def prepare(
     condensation = Condensation(system, condense, linear)
     chosen = choose(condensation.form, solver)
     scales = scaling(condensation.form)
-    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form), check)
+    refines = condensation.form.rows.columns is not None and needs_refinement(system, condensation, chosen.accuracy)
+    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form), check, refines)
 
 
 def step(run: Run, before: State, n: int, t: float) -> State:
@@ -91,9 +97,49 @@ def step(run: Run, before: State, n: int, t: float) -> State:
         state = attempt.enter(guess, before.certificate)
     else:
         state = attempt.solve()
+    if run.refines:
+        state = sharpened(run, state)
     if run.check:
         insist(run, state, n)
     return state
+
+
+def sticking(run: Run, state: State) -> NDArray[np.bool_]:
+    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
+    form = run.form
+    if form.count == 0:
+        return np.zeros(0, dtype=bool)
+    blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
+    error = state.certificate.error + state.certificate.error_floor
+    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
+
+
+def sharpened(run: Run, state: State) -> State:
+    """The state after iterative refinement against the original K."""
+    force = state.drive.force
+    y = run.condensation.recover(state.y, force)
+    y, lam = refined(run.condensation, run.form, force.phi, y, state.lam, sticking(run, state))
+    size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
+    lam = lam * np.minimum(1.0, state.weights / size)[:, None]
+    certificate = full_certificate(run.condensation, force.phi, y, lam, norm_gaps(state.weights, lam, state.slip))
+    touched = y[run.condensation.touched]
+    return replace(
+        state, y=touched, unbalanced=run.form.rows.pull(lam.ravel()), lam=lam, certificate=certificate, full=y
+    )
+
+
+def completed(run: Run, state: State, given: bool) -> State:
+    """The state with all its unknowns and the certificate of the full system; one that was given has none."""
+    if state.full is not None:
+        return state
+    force = state.drive.force
+    y = run.condensation.recover(state.y, force)
+    if given:
+        return replace(state, full=y)
+    own = state.certificate
+    full = full_certificate(run.condensation, force.phi, y, state.lam, own.friction)
+    worse = max(full.equilibrium, own.equilibrium), own.friction, max(full.floor, own.floor)
+    return replace(state, full=y, certificate=Certificate(*worse))
 
 
 def trial(run: Run, before: State, now: Drive, weights: Floats) -> Trial:

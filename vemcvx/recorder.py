@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.backward_euler import Run, State, insist
-from vemcvx.certificate import EPS, Certificate
+from vemcvx.backward_euler import Run, State, completed, insist, sticking
 from vemcvx.checkpoint import check_same, fingerprint, from_arrays, to_arrays
 from vemcvx.errors import SceneError
 from vemcvx.storage import Storage
@@ -81,13 +78,11 @@ class Recorder:
         """
         row = self._row.get(n)
         if row is not None:
-            y = self._run.condensation.recover(state.y, state.drive.force)
-            if n > 0:
-                state = replace(state, certificate=full_certificate(self._run, state, y))
-                if self._run.check:
-                    insist(self._run, state, n)
-            self._state[row], self._multipliers[row] = y, state.lam
-            self._sticks[row] = self._sticking(state) if n > 0 else True
+            state = completed(self._run, state, given=n == 0)
+            if n > 0 and self._run.check:
+                insist(self._run, state, n)
+            self._state[row], self._multipliers[row] = state.full, state.lam
+            self._sticks[row] = sticking(self._run, state) if n > 0 else True
         c, ledger = state.certificate, state.ledger
         self._scalars[n] = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
@@ -109,27 +104,3 @@ class Recorder:
             seconds=seconds,
             solver=repr(self._run.solver),
         )
-
-    def _sticking(self, state: State) -> NDArray[np.bool_]:
-        """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
-        form = self._run.form
-        if form.count == 0:
-            return np.zeros(0, dtype=bool)
-        blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
-        error = state.certificate.error + state.certificate.error_floor
-        return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
-
-
-def full_certificate(run: Run, state: State, y: Floats) -> Certificate:
-    """The certificate with the residual of the full system in place of the condensed one, if that is larger.
-
-    r = load - B'lam - K y over all unknowns; the norm terms see touched unknowns only and stay as they are.
-    """
-    system, phi = run.system, state.drive.force.phi
-    pulled = np.zeros(system.n) if system.norms is None else system.norms.B.T @ state.lam.ravel()
-    r = phi - pulled - system.K @ y
-    blur = EPS * (np.abs(phi) + np.abs(pulled) + abs(system.K) @ np.abs(y))
-    responses = run.condensation.solve(np.column_stack([r, blur]))
-    equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * float(blur @ np.abs(responses[:, 1]))
-    condensed = state.certificate
-    return Certificate(max(equilibrium, condensed.equilibrium), condensed.friction, max(floor, condensed.floor))

@@ -12,7 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.files import ARRAYS, SERIES, SUMMARY, Origin, writable_folder, write_history
+from vemcvx.files import Origin, writable_folder, write_history
+from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY
 from vemcvx.history import History
 from vemcvx.simulate import simulate
 
@@ -74,7 +75,7 @@ def _written(history: History, asked: Run, origin: Origin) -> list[str]:
     if asked.out is None:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
     folder = write_history(history, asked.out, origin)
-    return [f"files       {folder}: {SERIES} with {len(history.stored)} steps, {SUMMARY}, {ARRAYS}"]
+    return [f"files       {folder}: {SERIES} with {len(history.stored)} steps, {SUMMARY}, {ARCHIVE}"]
 
 
 def _drawn(history: History, folder: Path) -> list[str]:

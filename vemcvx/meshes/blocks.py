@@ -1,7 +1,7 @@
 """A mesh as files hold it: cells in blocks of one kind, data in one array a block, and back.
 
-A block holds cells of one vertex count, which permutes cells of mixed counts; the datum `CELL` carries the number of
-each cell, and reading restores the order. Every named boundary goes along as a block of lines, marked by a datum
+A block holds cells of one vertex count. In files that keep data, one block a count permutes the cells, the datum
+`CELL` carries the number of each, and reading restores the order; in others a block is a run of equal counts. Every named boundary goes along as a block of lines, marked by a datum
 "boundary:<name>" (1 on its lines, 0 elsewhere); otherwise lines have the data of the cells they bound, so that
 colouring by a datum looks the same with and without them.
 """
@@ -48,11 +48,17 @@ class Blocks:
     surfaces: Data = field(default_factory=dict)
 
 
-def cell_blocks(mesh: PolygonMesh, cell_data: Mapping[str, NDArray[Any]]) -> Blocks:
-    """Return the polygons of a mesh in one block a vertex count, with the given data and the cell numbers."""
+def cell_blocks(mesh: PolygonMesh, cell_data: Mapping[str, NDArray[Any]], *, in_order: bool = False) -> Blocks:
+    """Return the polygons of a mesh with the given data and the cell numbers.
+
+    There is one block a vertex count, or, ``in_order``, a new one whenever the count changes.
+    """
     counts = np.diff(mesh.offsets)
     blocks = Blocks([])
-    members = [np.flatnonzero(counts == count) for count in np.unique(counts)]
+    if in_order:
+        members = np.split(np.arange(mesh.n_cells), np.flatnonzero(np.diff(counts)) + 1)
+    else:
+        members = [np.flatnonzero(counts == count) for count in np.unique(counts)]
     for cells in members:
         count = counts[cells[0]]
         corners = mesh.vertices[mesh.offsets[cells, None] + np.arange(count)]

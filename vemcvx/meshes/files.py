@@ -77,7 +77,7 @@ def write(path: str | Path, mesh: PolygonMesh) -> None:
     if suffix not in ANY_POLYGON and np.diff(mesh.offsets).max() > 4:
         raise MeshError(f"{path}: {suffix} files do not keep polygons of more than four vertices, and this mesh has "
                         f"some. Write {' or '.join(ANY_POLYGON)}.")
-    blocks = cell_blocks(mesh, mesh.cell_data)
+    blocks = cell_blocks(mesh, mesh.cell_data, in_order=suffix not in ANY_POLYGON)
     if suffix in (*ANY_POLYGON, ".msh"):
         add_boundaries(blocks, mesh)
     lost = _save(path, suffix, _file_of(suffix, mesh.points, blocks, {}), mesh if suffix not in ANY_POLYGON else None)

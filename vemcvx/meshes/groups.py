@@ -15,7 +15,10 @@ from vemcvx.meshes.blocks import PHYSICAL, POLYGONS, Blocks, Data
 
 
 def physical_groups(blocks: Blocks) -> tuple[Data, dict[str, NDArray[np.int64]]]:
-    """Data with a physical group for every named block of lines, and the numbers (tag, dimension) of their names."""
+    """Data that put every named block of lines into a physical group, and the numbers (tag, dimension) of their names.
+
+    Other data stay behind: meshio writes them into a Gmsh file in a way that it cannot read.
+    """
     tags = [np.zeros(len(cells), dtype=np.int64) for _, cells in blocks.cells]
     for number, parts in enumerate(blocks.lines.values(), start=1):
         for tag, part in zip(tags, parts, strict=True):
@@ -24,7 +27,7 @@ def physical_groups(blocks: Blocks) -> tuple[Data, dict[str, NDArray[np.int64]]]
         if kind != "line":
             tag[:] = given
     names = {name: np.array([number, 1]) for number, name in enumerate(blocks.lines, start=1)}
-    return {**blocks.data, PHYSICAL: tags, "gmsh:geometrical": tags}, names
+    return {PHYSICAL: tags, "gmsh:geometrical": tags}, names
 
 
 def take_physical_groups(blocks: Blocks, names: Mapping[str, NDArray[Any]]) -> None:

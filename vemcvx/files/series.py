@@ -1,0 +1,59 @@
+"""The stored steps for ParaView and PyVista: one VTU file a step, and a PVD file that lists them in time.
+
+At nodes: displacement, slip, traction, pressure and sticking (zero away from contact). On cells: stress (xx, yy, xy)
+and strain_energy, the density 1/2 sigma : eps, both of Pi u.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.history import History
+from vemcvx.meshes.files import write_cells
+from vemcvx.vem import Space, strains
+
+Fields = dict[str, NDArray[np.float64]]
+
+
+def write_series(history: History, path: Path) -> None:
+    """Write the PVD file `path` and the steps beside it."""
+    root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+    collection = ET.SubElement(root, "Collection")
+    digits = max(4, len(str(history.steps)))
+    for row, step in enumerate(history.stored):
+        name = f"step_{step:0{digits}d}.vtu"
+        write_cells(path.with_name(name), history.mesh, at_nodes(history, row), on_cells(history, row))
+        ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def listed_steps(path: Path) -> set[str]:
+    """Names of the step files that the PVD file `path` lists, if it is there and ours."""
+    try:
+        listed = [str(item.get("file")) for item in ET.parse(path).iter("DataSet")]
+    except (OSError, ET.ParseError):
+        return set()
+    return {name for name in listed if name.startswith("step_") and name == Path(name).name}
+
+
+def at_nodes(history: History, row: int) -> Fields:
+    """Displacement, and contact as fields of the whole body."""
+    contact, u = history.contact, history.displacement[row]
+    fields = {"displacement": u}
+    for name in ("slip", "traction", "pressure", "sticking"):
+        values = getattr(contact, name)[row]
+        fields[name] = np.zeros((len(u), *values.shape[1:]))
+        fields[name][contact.nodes] = values
+    return fields
+
+
+def on_cells(history: History, row: int) -> Fields:
+    """Stress and strain energy per area."""
+    stress = history.stress(int(history.stored[row]))
+    strain = strains(Space(history.mesh), history.displacement[row])
+    return {"stress": stress, "strain_energy": 0.5 * np.einsum("ci,ci->c", stress, strain)}

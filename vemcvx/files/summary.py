@@ -1,0 +1,79 @@
+"""The summary of a run as JSON, for scripts."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vemcvx.files.archive import FORMAT
+from vemcvx.history import History
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a history comes from."""
+
+    problem: str = "unnamed"
+    family: str | None = None
+    """The family of meshes, if it was one."""
+    n: int | None = None
+    """What that family was asked for: cells per unit length."""
+
+
+def write_summary(history: History, origin: Origin, writing: float, path: Path) -> None:
+    """Write the summary; `writing` is how many seconds the other files took."""
+    text = json.dumps(summary(history, origin, writing), indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def summary(history: History, origin: Origin, writing: float) -> dict[str, Any]:
+    """The summary as a dictionary; energies and certificates are those at the end, None where infinite."""
+    from vemcvx import __version__
+
+    mesh, run = history.mesh, history.trajectory
+    seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
+    size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
+    return {
+        "format": FORMAT,
+        "version": __version__,
+        "problem": origin.problem,
+        "mesh": {"family": origin.family, "n": origin.n, **size},
+        "unknowns": run.state.shape[1],
+        "steps": history.steps,
+        "effects": list(history.effects),
+        "solver": history.solver,
+        "accuracy": _accuracy(history.solver),
+        "certified_energy_error": _finite(run.certificate.max()),
+        "energy": _finite(run.energy[-1]),
+        "dissipated": _finite(run.dissipated[-1]),
+        "work": _finite(run.work[-1]),
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "peak_memory_mb": peak_memory_mb(),
+    }
+
+
+def _accuracy(solver: str) -> float | None:
+    """The certified relative energy error asked of each step, which every solver names among its settings."""
+    found = re.search(r"accuracy=([^,)]+)", solver)
+    return float(found.group(1)) if found else None
+
+
+def _finite(value: float) -> float | None:
+    # JSON has no infinity.
+    return float(value) if np.isfinite(value) else None
+
+
+def peak_memory_mb() -> float | None:
+    """The most memory that this process has held so far, in MB; None where the system does not tell (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

@@ -28,18 +28,19 @@ def pull(x, t):
 
 
 def lift(x, t):
-    return 1e-3 * t * (1 + x[:, 0])
+    # Zero where the clamp begins, so that it may stand beside it.
+    return 1e-3 * t * (1 - x[:, 0]) * (1 + x[:, 1])
 
 
 def slide(x, t):
-    return 1e-3 * t * np.column_stack([np.ones(len(x)), x[:, 0]])
+    return lift(x, t)[:, None] * [1.0, 0.5]
 
 
 def weigh(x, t):
     return t * np.column_stack([3 + x[:, 1], -1 - x[:, 0]])
 
 
-def rough(x, t):
+def uneven(x, t):
     return 3 + x[:, 0] + 0 * t
 
 
@@ -63,6 +64,8 @@ class Sample:
     instead: tuple[vx.Effect, ...] = ()
     data: dict[str, int] = field(default_factory=dict)
     """Names of the fields that carry data, and the number of components of each."""
+    others: dict[str, object] = field(default_factory=dict)
+    """For every field another value."""
 
     @property
     def name(self) -> str:
@@ -75,36 +78,58 @@ SAMPLES = {
         (HELD, PULLED, TOUCHING, RUBBING),
         (vx.Elasticity(young=100.0, poisson=0.3),),
         {"young": 1, "poisson": 1},
+        {"young": 150.0, "poisson": 0.2, "plane": "stress", "stabilisation": "unit"},
     ),
     "Elasticity, varying, plane stress": Sample(
         vx.Elasticity(young=stiff, poisson=0.2, plane="stress", stabilisation="unit"),
         (HELD, PULLED, TOUCHING, RUBBING),
         (STEEL,),
         {"young": 1, "poisson": 1},
+        {"young": 225.0, "poisson": 0.1, "plane": "strain", "stabilisation": "shear"},
     ),
-    "Clamp": Sample(vx.Clamp(on=["top", "right"]), (STEEL, HELD, PULLED, TOUCHING, RUBBING)),
+    "Clamp": Sample(
+        vx.Clamp(on=["top", "right"]), (STEEL, HELD, PULLED, TOUCHING, RUBBING), others={"on": ["right", "bottom"]}
+    ),
     "PrescribedDisplacement": Sample(
-        vx.PrescribedDisplacement(slide, on="left"), (STEEL, HELD, TOUCHING, RUBBING), data={"value": 2}
+        vx.PrescribedDisplacement(slide, on="left"),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"value": 2},
+        others={"value": (0.0, 0.0), "on": "bottom", "direction": "normal"},
     ),
     "PrescribedDisplacement, normal": Sample(
         vx.PrescribedDisplacement(lift, on="left", direction="normal"),
         (STEEL, HELD, TOUCHING, RUBBING),
         data={"value": 1},
+        others={"value": 0.0, "on": "bottom", "direction": "tangent"},
     ),
     "PrescribedDisplacement, oblique": Sample(
         vx.PrescribedDisplacement(lift, on="left", direction=(1.0, 2.0)),
         (STEEL, HELD, TOUCHING, RUBBING),
         data={"value": 1},
+        others={"value": 0.0, "on": "bottom", "direction": (2.0, 1.0)},
     ),
-    "BodyForce": Sample(vx.BodyForce(weigh), (STEEL, HELD, TOUCHING, RUBBING), data={"force": 2}),
-    "Traction": Sample(vx.Traction(pull, on=("left", "top")), (STEEL, HELD, TOUCHING, RUBBING), data={"force": 2}),
-    "BilateralContact": Sample(TOUCHING, (STEEL, HELD, PULLED)),
-    "TrescaFriction": Sample(RUBBING, (STEEL, HELD, PULLED, TOUCHING), data={"bound": 1}),
+    "BodyForce": Sample(
+        vx.BodyForce(weigh), (STEEL, HELD, TOUCHING, RUBBING), data={"force": 2}, others={"force": pull}
+    ),
+    "Traction": Sample(
+        vx.Traction(pull, on=("left", "top")),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"force": 2},
+        others={"force": weigh, "on": "left"},
+    ),
+    "BilateralContact": Sample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
+    "TrescaFriction": Sample(
+        vx.TrescaFriction(uneven, on="bottom"),
+        (STEEL, HELD, PULLED, TOUCHING),
+        data={"bound": 1},
+        others={"bound": 2.0, "on": "left", "quadrature": "integral"},
+    ),
     "TrescaFriction, integral": Sample(
-        vx.TrescaFriction(rough, on="bottom", quadrature="integral"),
+        vx.TrescaFriction(uneven, on="bottom", quadrature="integral"),
         (STEEL, HELD, PULLED, TOUCHING),
         (RUBBING,),
         {"bound": 1},
+        {"bound": 2.0, "on": "left", "quadrature": "nodes"},
     ),
 }
 
@@ -162,7 +187,7 @@ def contributes_the_same_arrays_when_asked_twice(sample):
 def remembers_no_mesh(sample):
     fine, coarse = Space(mesh("voronoi", 4)), Space(mesh())
     alone = content(dataclasses.replace(sample.effect).contribute(coarse))
-    sample.effect.contribute(fine)
+    assert content(sample.effect.contribute(fine)) != alone
     assert content(sample.effect.contribute(coarse)) == alone
 
 
@@ -239,18 +264,19 @@ def refuses_data_that_are_not_finite(sample):
                     answer(spoilt, *sample.beside)
 
 
-def takes_functions_that_reuse_one_array(sample):
-    fresh = answer(sample.effect, *sample.beside)
+def leaves_the_arrays_of_the_user_alone(sample):
     for name, components in sample.data.items():
-        given = getattr(sample.effect, name)
+        handed = {}
 
-        def reusing(x, *t, given=given, components=components, arrays={}):  # noqa: B006
-            array = arrays.setdefault(len(x), np.empty((len(x), components) if components > 1 else len(x)))
-            array[:] = given(x, *t) if callable(given) else given
-            return array
+        def given(x, *t, handed=handed, components=components):
+            shape = (len(x), components) if components > 1 else len(x)
+            return handed.setdefault(len(x), np.full(shape, 0.25))
 
-        again = answer(dataclasses.replace(sample.effect, **{name: reusing}), *sample.beside)
-        assert np.array_equal(again.displacement, fresh.displacement)
+        effect = dataclasses.replace(sample.effect, **{name: given})
+        first = content(effect.contribute(Space(mesh())))
+        assert handed
+        assert all((array == 0.25).all() for array in handed.values())
+        assert content(effect.contribute(Space(mesh()))) == first
 
 
 def describes_itself_in_one_line(sample):
@@ -291,6 +317,17 @@ def changes_the_answer_of_a_scene(sample):
     assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
 
 
+def changes_the_answer_by_each_of_its_settings(sample):
+    assert set(sample.others) == {f.name for f in dataclasses.fields(sample.effect)}
+    reference = answer(sample.effect, *sample.beside).displacement
+    for name, other in sample.others.items():
+        changes = {name: other}
+        if name == "direction" and sample.effect.direction is None:
+            changes["value"] = lift
+        found = answer(dataclasses.replace(sample.effect, **changes), *sample.beside).displacement
+        assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
+
+
 SENTENCES: list[Callable[[Sample], None]] = [
     is_frozen,
     contributes_the_same_arrays_when_asked_twice,
@@ -300,14 +337,16 @@ SENTENCES: list[Callable[[Sample], None]] = [
     takes_a_name_or_a_list_of_names,
     has_no_data_but_those_probed_here,
     refuses_data_that_are_not_finite,
-    takes_functions_that_reuse_one_array,
+    leaves_the_arrays_of_the_user_alone,
     describes_itself_in_one_line,
     survives_a_copy_to_another_process,
     does_not_depend_on_its_place_in_the_scene,
     changes_the_answer_of_a_scene,
+    changes_the_answer_by_each_of_its_settings,
 ]
 
 
+@pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
 @pytest.mark.parametrize("sample", SAMPLES.values(), ids=SAMPLES)
 @pytest.mark.parametrize("sentence", SENTENCES, ids=lambda f: f.__name__)
 def test_every_effect(sentence, sample):

@@ -42,7 +42,7 @@ def scene(**instead):
 
 def run(mesh=MESH, times=TIMES, of=None, **changes):
     """Simulate; keywords of `simulate` go there, others replace parts of the scene."""
-    options = {k: changes.pop(k) for k in ("solver", "initial", "store", "linear", "check") if k in changes}
+    options = {k: changes.pop(k) for k in ("solver", "initial", "store", "linear", "progress") if k in changes}
     return vx.simulate(of or scene(**changes), mesh, times, **options)
 
 
@@ -458,6 +458,15 @@ CHOICES = {
         lambda: run(solver="newton"),
         r"^solver: found 'newton'; wanted a solver with its settings, such as Newton\(accuracy=1e-8\), or None",
     ),
+    "a linear solver's name": (
+        lambda: run(linear="superlu"),
+        r"^linear: found 'superlu'; wanted SuperLU\(\), Multigrid\(\), or None \(chosen by size\)\.$",
+    ),
+    "a linear solver's class": (
+        lambda: run(linear=vx.SuperLU),
+        r"^linear: found <class .*SuperLU'>; wanted SuperLU\(\), Multigrid\(\), or None",
+    ),
+    "progress": (lambda: run(progress="yes"), r"^progress: found 'yes'; wanted a function of \(step, steps\)\.$"),
     "a solver's class": (
         lambda: run(solver=vx.Newton),
         r"^solver: found <class .*Newton'>; wanted a solver with its settings, such as Newton\(accuracy=1e-8\), "
@@ -494,7 +503,7 @@ SYSTEMS = {
     ),
     "singular": (
         lambda: vx.march(vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [0, 0]), TIMES),
-        r"^the stiffness matrix is singular: some motion of the body costs no energy\. Add supports",
+        r"^the stiffness matrix is singular or indefinite: some motion of the body costs no energy\. Add supports",
     ),
     "load of a constant": (
         lambda: vx.System(SYMMETRIC, np.ones(2)),
@@ -545,6 +554,10 @@ SYSTEMS = {
     "norms that are a matrix": (
         lambda: vx.System(SYMMETRIC, pull, np.eye(2)),
         r"^System: found norms = array.*; wanted Norms\(B, w\), or None\.$",
+    ),
+    "an order that is none": (
+        lambda: vx.System(SYMMETRIC, pull, order=np.array([0, 0])),
+        r"^System: found order = array\(\[0, 0\]\); wanted a permutation of the 2 unknowns, or None\.$",
     ),
     "a scene for a system": (
         lambda: vx.march(scene(), TIMES),
@@ -662,3 +675,47 @@ class Bar(vx.Effect):
 def test_errors_of_ones_own_effects_pass_unchanged():
     with pytest.raises(ZeroDivisionError, match="mine"):
         run(other=Bar())
+
+
+def test_friction_without_contact_is_doubted():
+    """The likeliest slip of all: the body rubs on a boundary that nothing presses it against."""
+    warned = (
+        r"^TrescaFriction on bottom: at 3 of 4 places nothing holds the body in the normal direction; add Bilateral"
+    )
+    with pytest.warns(vx.SceneWarning, match=warned):
+        run(contact=None)
+
+
+def test_an_indefinite_stiffness_is_refused():
+    K = np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    system = vx.System(K, lambda t: np.ones(3) * t, vx.Norms(np.eye(3)[2:], [1.0]))
+    with pytest.raises(vx.SceneError, match="^the stiffness matrix is singular or indefinite"):
+        vx.march(system, TIMES)
+
+
+@pytest.mark.parametrize("limit", [0, -1, 2.5, "many"])
+def test_newton_needs_an_iteration(limit):
+    with pytest.raises(
+        vx.SceneError, match=r"^Newton: found max_iterations = .*whole number of linear solves, at least 1"
+    ):
+        vx.Newton(max_iterations=limit)
+
+
+@pytest.mark.parametrize("solver", [vx.Clarabel(options={"speed": 9}), vx.ThroughCvxpy("SCS", options={"speed": 9})])
+def test_an_unknown_option_of_a_solver_is_named(solver):
+    with pytest.raises(vx.NotAccepted, match=r"^solver (Clarabel|SCS): refused the options {'speed': 9}.*its own"):
+        run(solver=solver)
+
+
+def test_accuracies_of_any_real_type_are_taken():
+    assert run(solver=vx.Newton(accuracy=np.float32(1e-3))).certificate.max() < 1e-3
+
+
+def test_advice_can_be_followed():
+    """What NotCertified advises must not be refused in turn."""
+    lost = vx.OSQP(accuracy=1e-9, options={"max_iter": 1, "polishing": False, "rho": 1e-6, "adaptive_rho": False})
+    with pytest.raises(vx.NotCertified) as caught:
+        run(solver=lost)
+    advised = re.search(r"accuracy=(\S+) or more", str(caught.value))
+    assert advised is None or 0 < float(advised.group(1)) < 1
+    assert "The solver said: user_limit" in str(caught.value)

@@ -101,16 +101,17 @@ def test_friction_is_drawn_against_its_bound(history, step):
 def test_shading_covers_what_sticks_and_what_slips(history):
     ax, contact = friction_traction(history, 3).axes[0], history.contact
     line = contact_line(history, "test")
-    shaded = {}
+    shaded, width = {}, 0.0
     for patch in ax.patches:
-        low, width = patch.get_x(), patch.get_width()
-        inside = (contact.points[:, 0] >= low) & (contact.points[:, 0] <= low + width)
+        span = patch.get_path().transformed(patch.get_patch_transform()).get_extents()
+        inside = (contact.points[:, 0] >= span.x0) & (contact.points[:, 0] <= span.x1)
         shaded.setdefault(matplotlib.colors.to_hex(patch.get_facecolor()).upper(), []).extend(np.flatnonzero(inside))
+        width += span.width
     sticks = contact.sticking[history.row(3)]
     assert 0 < sticks.sum() < len(sticks)
     assert set(shaded["#0072B2"]) == set(np.flatnonzero(sticks))
     assert set(shaded["#D55E00"]) == set(np.flatnonzero(~sticks))
-    assert sum(patch.get_width() for patch in ax.patches) == pytest.approx(np.ptp(line.limits), rel=1e-12)
+    assert width == pytest.approx(np.ptp(line.limits), rel=1e-12)
 
 
 def test_the_map_shows_every_node_and_step(history):

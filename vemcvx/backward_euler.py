@@ -66,6 +66,8 @@ class State:
     scale: float
     """largest energy norm of the states so far"""
     iterations: int
+    status: str = ""
+    """in the solver's own words"""
     full: Floats | None = None
     """(n,) all unknowns, once somebody has asked for them"""
 
@@ -200,6 +202,7 @@ class Trial:
             ledger,
             max(before.scale, ledger.norm),
             answer.iterations,
+            answer.status,
         )
 
 
@@ -209,23 +212,28 @@ def insist(run: Run, state: State, n: int) -> None:
     error, floor = state.certificate.error, state.certificate.error_floor
     if error <= accuracy * state.scale:
         return
-    reached, floor = error / state.scale if state.scale else np.inf, floor / state.scale if state.scale else np.inf
+    scale = state.scale or np.nan
+    reached, floor = error / scale, floor / scale
     worst = ""
     if run.system.norms is not None and run.form.count:
         place = run.system.norms.name(int(np.argmax(state.certificate.friction)))
         worst = f" The largest share of the gap sits at {place}."
-    advice = (
-        f"Round-off alone allows {floor:.1e}: ask for no more than that"
-        if floor > accuracy
-        else f"Ask for accuracy={2 * reached:.0e} or more, use polish=True where the solver has it, or vx.Newton()"
-    )
+    said = f" The solver said: {state.status}." if state.status else ""
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {run.solver.name} reached a certified relative energy error of "
-        f"{reached:.1e}, asked was {accuracy:.1e} (round-off floor {floor:.1e}).{worst} {advice}, or pass "
-        "check=False to go on regardless.",
+        f"{reached:.1e}, asked was {accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} "
+        f"{_advice(reached, accuracy, floor)}, or pass check=False to go on regardless.",
         step=n,
         time=state.t,
         reached=reached,
         asked=accuracy,
         floor=floor,
     )
+
+
+def _advice(reached: float, accuracy: float, floor: float) -> str:
+    if not reached < 0.5:
+        return "Nothing was answered that could be relied on: use polish=True where the solver has it, or vx.Newton()"
+    if floor > accuracy:
+        return f"Round-off alone allows {floor:.1e}: ask for no more than that"
+    return f"Ask for accuracy={2 * reached:.0e} or more, use polish=True where the solver has it, or vx.Newton()"

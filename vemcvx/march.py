@@ -70,7 +70,7 @@ def march(
     NotCertified
         A step misses the accuracy asked for.
     """
-    _check_kinds(system, solver)
+    _check_kinds(system, solver, linear, progress)
     instants = checked_times(times)
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
@@ -92,7 +92,7 @@ def march(
     return recorder.finish(seconds)
 
 
-def _check_kinds(system: System, solver: Solver | None) -> None:
+def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | None, progress: object) -> None:
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
     if solver is not None and not isinstance(solver, Solver):
@@ -100,6 +100,10 @@ def _check_kinds(system: System, solver: Solver | None) -> None:
             f"solver: found {brief(solver)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
             "for the smallest that accepts the program."
         )
+    if linear is not None and not isinstance(linear, LinearSolver):
+        raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Multigrid(), or None (chosen by size).")
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
 
 
 def checked_times(times: ArrayLike) -> Floats:

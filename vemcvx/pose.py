@@ -8,6 +8,7 @@ projections at the contact nodes,
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.effects import ContactSurface, Friction, Load, Material
+from vemcvx.errors import SceneWarning
 from vemcvx.meshes import PolygonMesh
 from vemcvx.ordering import nested_dissection
 from vemcvx.rigid import refuse_floating
@@ -167,8 +169,28 @@ def _friction(frictions: Sequence[Friction], supports: Supports, points: Floats)
     def weights(t: float) -> Floats:
         return gather @ np.concatenate([f.weights(t) for f in frictions])
 
+    _warn_of_loose_normals(frictions, supports, points)
     kept = np.flatnonzero(np.repeat(slides, dim - 1))
     return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights)
+
+
+def _warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, points: Floats) -> None:
+    """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
+    dim = points.shape[1]
+    for friction in frictions:
+        k = len(friction.nodes)
+        columns = (friction.nodes[:, None] * dim + np.arange(dim)).ravel()
+        normal = sp.csr_matrix(
+            (friction.normals.ravel(), columns, np.arange(0, k * dim + 1, dim)), shape=(k, points.size)
+        )
+        free = abs(sp.csr_matrix(normal @ supports.P)).max(axis=1).toarray().ravel() > PARALLEL
+        if free.any():
+            warnings.warn(
+                f"{friction.subject}: at {free.sum()} of {k} places nothing holds the body in the normal direction; "
+                "add BilateralContact on the same boundary, unless it is meant to slide on air.",
+                SceneWarning,
+                stacklevel=2,
+            )
 
 
 def _on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

@@ -135,6 +135,10 @@ class System:
                 f"System: found norms over {self.norms.B.shape[1]} unknowns, but K has {self.n}; "
                 "B must have one column an unknown."
             )
+        if self.order is not None and not np.array_equal(np.sort(self.order), np.arange(self.n)):
+            raise SceneError(
+                f"System: found order = {brief(self.order)}; wanted a permutation of the {self.n} unknowns, or None."
+            )
 
     @property
     def n(self) -> int:

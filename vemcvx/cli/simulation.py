@@ -85,11 +85,14 @@ def _drawn(history: History, folder: Path) -> list[str]:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error while it is a terminal, and nothing otherwise."""
+def progress_bar() -> Iterator[bool | Callable[[int, int], None]]:
+    """A bar on standard error while it is a terminal, and nothing otherwise: what `simulate` takes for progress."""
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield False
+        return
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("assembling", total=None)
 
         def advance(step: int, steps: int) -> None:

@@ -71,6 +71,6 @@ class LinearSolver(ABC):
 def singular() -> SceneError:
     """The error for a stiffness matrix that some motion does not feel."""
     return SceneError(
-        "the stiffness matrix is singular: some motion of the body costs no energy. "
+        "the stiffness matrix is singular or indefinite: some motion of the body costs no energy. "
         "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that exclude it."
     )

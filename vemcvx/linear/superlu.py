@@ -73,10 +73,12 @@ class SparseFactor:
         return SparseFactor(K_FF, None)
 
     def trailing(self, m: int) -> Floats:
-        """L_cc U_cc of the last m unknowns in the order, (m, m)."""
+        """L_cc U_cc of the last m unknowns in the order, (m, m); pivots must be positive."""
         if m == 0:
             return np.zeros((0, 0))
         # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
+        if not (self._lu.U.diagonal() > 0).all():
+            raise singular()
         place = self._lu.perm_c[len(self._order) - m :]
         S = (self._lu.L[:, place][place] @ self._lu.U[:, place][place]).toarray()
         return 0.5 * (S + S.T)

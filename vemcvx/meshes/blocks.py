@@ -98,8 +98,11 @@ def mesh_of(points: Floats, blocks: Blocks) -> tuple[PolygonMesh, list[str]]:
     if not polygons:
         raise MeshError(f"it holds no polygons, only {', '.join(kind for kind, _ in blocks.cells) or 'nothing'}.")
     cells, order = _cells_in_order(blocks, polygons)
-    data = {name: np.concatenate([parts[k] for k in polygons])[order] for name, parts in blocks.data.items()
-            if name != CELL and not name.startswith(MARK)}
+    data = {
+        name: np.concatenate([parts[k] for k in polygons])[order]
+        for name, parts in blocks.data.items()
+        if name != CELL and not name.startswith(MARK)
+    }
     for name, parts in blocks.surfaces.items():
         data[name] = np.concatenate([parts[k] for k in polygons])[order].astype(np.uint8)
     numbers = {name: _native(values) for name, values in data.items() if values.dtype.kind in "biuf"}

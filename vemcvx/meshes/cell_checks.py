@@ -31,7 +31,7 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     if thin.any():
         cell = int(np.flatnonzero(thin)[0])
         raise MeshError(
-            f"cell {cell} has no area: its vertices {_brief(vertices[offsets[cell]:offsets[cell + 1]])} lie on one "
+            f"cell {cell} has no area: its vertices {_brief(vertices[offsets[cell] : offsets[cell + 1]])} lie on one "
             f"line (area {areas[cell]:.3g}, diameter {sizes[cell]:.3g}). Remove it or correct its vertices."
         )
     _check_touching(points, cells, first, second)

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.blocks import MARK, POLYGONS, Blocks, add_boundaries, cell_blocks, mesh_of
+from vemcvx.meshes.damaged import impatient
 from vemcvx.meshes.groups import physical_groups, take_physical_groups, take_sets
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     import meshio
 
 ANY_POLYGON = (".vtu", ".vtk")
+SOLID_ONLY = (".ele", ".node")  # TetGen's
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -75,15 +77,20 @@ def write(path: str | Path, mesh: PolygonMesh) -> None:
     path = _path(path)
     suffix = _check_target(path)
     if suffix not in ANY_POLYGON and np.diff(mesh.offsets).max() > 4:
-        raise MeshError(f"{path}: {suffix} files do not keep polygons of more than four vertices, and this mesh has "
-                        f"some. Write {' or '.join(ANY_POLYGON)}.")
+        raise MeshError(
+            f"{path}: {suffix} files do not keep polygons of more than four vertices, and this mesh has "
+            f"some. Write {' or '.join(ANY_POLYGON)}."
+        )
     blocks = cell_blocks(mesh, mesh.cell_data, in_order=suffix not in ANY_POLYGON)
     if suffix in (*ANY_POLYGON, ".msh"):
         add_boundaries(blocks, mesh)
     lost = _save(path, suffix, _file_of(suffix, mesh.points, blocks, {}), mesh if suffix not in ANY_POLYGON else None)
     if lost:
-        warnings.warn(f"{path}: {suffix} files do not keep {lost}; {' and '.join(ANY_POLYGON)} files do.",
-                      MeshWarning, stacklevel=3)
+        warnings.warn(
+            f"{path}: {suffix} files do not keep {lost}; {' and '.join(ANY_POLYGON)} files do.",
+            MeshWarning,
+            stacklevel=3,
+        )
 
 
 def write_cells(path: str | Path, mesh: PolygonMesh, point_data: Arrays, cell_data: Arrays) -> None:
@@ -130,7 +137,7 @@ def _three(values: ArrayLike) -> NDArray[Any]:
 def _formats() -> tuple[str, ...]:
     import meshio
 
-    return tuple(sorted(meshio.extension_to_filetypes))
+    return tuple(sorted(set(meshio.extension_to_filetypes) - set(SOLID_ONLY)))
 
 
 def _suffix(path: Path) -> str:
@@ -140,8 +147,10 @@ def _suffix(path: Path) -> str:
     for ending in endings:
         if ending in known:
             return ending
-    raise MeshError(f"{path}: the suffix {path.suffix!r} is no mesh format; {' and '.join(ANY_POLYGON)} hold every "
-                    f"mesh, others are {', '.join(known)}.")
+    raise MeshError(
+        f"{path}: the suffix {path.suffix!r} is no mesh format; {' and '.join(ANY_POLYGON)} hold every "
+        f"mesh, others are {', '.join(known)}."
+    )
 
 
 def _check_target(path: Path) -> str:
@@ -159,7 +168,7 @@ def _file_of(suffix: str, points: NDArray[np.float64], blocks: Blocks, point_dat
     spelled = {".vtu": _xml_name, ".vtk": quote}.get(suffix, str)
     data, names = {}, {}
     if suffix in ANY_POLYGON:
-        marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.lines.items()}
+        marks = {MARK + name: [part.astype(np.int32) for part in parts] for name, parts in blocks.lines.items()}
         data = blocks.data | marks
     elif suffix == ".msh":
         data, names = physical_groups(blocks)
@@ -180,9 +189,10 @@ def _xml_name(name: str) -> str:
 def _save(path: Path, suffix: str, file: meshio.Mesh, mesh: PolygonMesh | None = None) -> str:
     """Write a file in one go; if a mesh is given, first compare what it reads as, and return what is lost."""
     lost = ""
-    with _translated(path, "cannot be written"), tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    failure = "cannot be written" if suffix in ANY_POLYGON else "cannot be written; .vtu and .vtk hold every mesh"
+    with _translated(path, failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
         draft = Path(folder) / path.name  # some formats are more than one file
-        file.write(draft, file_format="gmsh22" if suffix == ".msh" else None)
+        file.write(draft, file_format="gmsh22" if suffix == ".msh" else None)  # version 4 wants a geometry
         if mesh is not None:
             lost = _lost(mesh, draft, suffix)
         for made in Path(folder).iterdir():
@@ -212,9 +222,12 @@ def _read(path: Path) -> tuple[PolygonMesh, list[str]]:
         raise MeshError(f"{path} is a folder; name a file." if path.is_dir() else f"{path}: there is no such file.")
     suffix = _suffix(path)
     with _translated(path, "cannot be read as a mesh"):
-        # meshio takes .msh files for those of Ansys first, and says so on the terminal.
+        formats = meshio.extension_to_filetypes[suffix]
+        # .msh is Ansys' as well as Gmsh's; only the latter begins with a dollar.
         gmsh = suffix == ".msh" and path.read_bytes()[:100].lstrip().startswith(b"$")
-        file = meshio.read(path, file_format="gmsh" if gmsh else None)
+        source = impatient(path, formats[0])
+        with contextlib.nullcontext() if source is path else source:
+            file = meshio.read(source, file_format="gmsh" if gmsh else formats[0])
         blocks = _blocks_of(file, suffix)
     with _named(path):
         return mesh_of(file.points, blocks)

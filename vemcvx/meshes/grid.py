@@ -86,6 +86,8 @@ def ticks(low: float, high: float, count: int) -> Floats:
     """Return count + 1 equally spaced numbers, both ends exact, or raise MeshError if rounding makes them meet."""
     line = np.linspace(low, high, count + 1)
     if not np.all(np.diff(line) > 0.0):
-        raise MeshError(f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
-                        "numbers there; use fewer cells or a box nearer to the origin.")
+        raise MeshError(
+            f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
+            "numbers there; use fewer cells or a box nearer to the origin."
+        )
     return line

@@ -46,13 +46,17 @@ def choose_edges(
     midpoints = 0.5 * (points[boundary[:, 0]] + points[boundary[:, 1]])
     chosen = np.asarray(predicate(midpoints))
     if chosen.shape != (len(boundary),) or chosen.dtype != bool:
-        raise MeshError(f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
-                        f"and must return booleans of shape ({len(boundary)},); it returned {chosen.dtype} of shape "
-                        f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5.")
+        raise MeshError(
+            f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
+            f"and must return booleans of shape ({len(boundary)},); it returned {chosen.dtype} of shape "
+            f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5."
+        )
     if not chosen.any():
         low, high = midpoints.min(axis=0), midpoints.max(axis=0)
-        raise MeshError(f"boundary {name!r}: the predicate selects none of the {len(boundary)} boundary edges; their "
-                        f"midpoints lie in [{low[0]:g}, {high[0]:g}] x [{low[1]:g}, {high[1]:g}].")
+        raise MeshError(
+            f"boundary {name!r}: the predicate selects none of the {len(boundary)} boundary edges; their "
+            f"midpoints lie in [{low[0]:g}, {high[0]:g}] x [{low[1]:g}, {high[1]:g}]."
+        )
     return boundary[chosen]
 
 
@@ -71,8 +75,10 @@ def check_boundaries(
         strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
         if len(strange):
             a, b = given[strange[0]]
-            raise MeshError(f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
-                            f"{len(given)} are not). Name only edges that belong to exactly one cell.")
+            raise MeshError(
+                f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
+                f"{len(given)} are not). Name only edges that belong to exactly one cell."
+            )
         named[name] = boundary[np.isin(keys, wanted)]
         named[name].flags.writeable = False
     return named
@@ -84,11 +90,14 @@ def _check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
     except ValueError:  # ragged
         edges = np.empty(0)
     if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.dtype.kind not in "iu":
-        raise MeshError(f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
-                        f"{edges.dtype} of shape {edges.shape}.")
+        raise MeshError(
+            f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
+            f"{edges.dtype} of shape {edges.shape}."
+        )
     if edges.min() < 0 or edges.max() >= n_nodes:
-        raise MeshError(f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to "
-                        f"{edges.max()}.")
+        raise MeshError(
+            f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to {edges.max()}."
+        )
     return edges.astype(np.int64)
 
 
@@ -105,8 +114,10 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike], n_cells: int) -> dict[st
         except ValueError:  # ragged
             array = np.empty(0, dtype=object)
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
-            raise MeshError(f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
-                            f"cells; got {array.dtype} of shape {array.shape}.")
+            raise MeshError(
+                f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
+                f"cells; got {array.dtype} of shape {array.shape}."
+            )
         array.flags.writeable = False
         checked[name] = array
     return checked

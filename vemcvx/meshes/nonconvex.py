@@ -49,10 +49,14 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
     edges = first[:, None] + np.array([0, 1])
     level_edges, upright_edges = edges[:level].reshape(ny + 1, nx, 2), edges[level:].reshape(ny, nx + 1, 2)
     around = [
-        corners[:, :1], level_edges[:-1].reshape(-1, 2),
-        corners[:, 1:2], upright_edges[:, 1:].reshape(-1, 2),
-        corners[:, 2:3], level_edges[1:, :, ::-1].reshape(-1, 2),
-        corners[:, 3:], upright_edges[:, :-1, ::-1].reshape(-1, 2),
+        corners[:, :1],
+        level_edges[:-1].reshape(-1, 2),
+        corners[:, 1:2],
+        upright_edges[:, 1:].reshape(-1, 2),
+        corners[:, 2:3],
+        level_edges[1:, :, ::-1].reshape(-1, 2),
+        corners[:, 3:],
+        upright_edges[:, :-1, ::-1].reshape(-1, 2),
     ]
     present = np.concatenate([np.ones(len(points), dtype=bool), inner])
     return padded_mesh(np.concatenate([points, along]), present, np.concatenate(around, axis=1), box)

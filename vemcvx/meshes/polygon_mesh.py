@@ -103,8 +103,16 @@ class PolygonMesh:
         return mesh
 
     def _fill(self, points: Floats, offsets: Ints, vertices: Ints, **others: object) -> None:
-        fields = {"points": _frozen(points), "offsets": _frozen(offsets), "vertices": _frozen(vertices),
-                  "cell_data": MappingProxyType({}), "node_map": None, "_named": {}, "_box": None, **others}
+        fields = {
+            "points": _frozen(points),
+            "offsets": _frozen(offsets),
+            "vertices": _frozen(vertices),
+            "cell_data": MappingProxyType({}),
+            "node_map": None,
+            "_named": {},
+            "_box": None,
+            **others,
+        }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 

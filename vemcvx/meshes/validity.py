@@ -115,9 +115,7 @@ def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, 
         raise MeshError(f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}.") from None
     for number, row in enumerate(rows):
         if row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):
-            raise MeshError(
-                f"cell {number} must be a list of node numbers; got {row.dtype} of shape {row.shape}."
-            )
+            raise MeshError(f"cell {number} must be a list of node numbers; got {row.dtype} of shape {row.shape}.")
     offsets = np.zeros(len(rows) + 1, dtype=np.int64)
     np.cumsum([len(row) for row in rows], out=offsets[1:])
     flat = [row.astype(np.int64) for row in rows if row.size]

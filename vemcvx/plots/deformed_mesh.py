@@ -44,7 +44,7 @@ def deformed_mesh(history: History, step: int = -1) -> Figure:
     u = history.displacement[row]
     factor = magnification(u, _size(history))
     figure = new_figure(6.0, 1.6 + 4.2 * _slenderness(mesh.points))
-    ax = mesh.plot(ax=figure.add_subplot(), displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.15")
+    ax = mesh.plot(ax=figure.add_subplot(), displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.75")
     cells = ax.collections[0]
     cells.set_array(cell_means(history, np.linalg.norm(u, axis=1)))
     cells.set(cmap="viridis", clim=(0.0, cells.get_array().max() or 1.0))

@@ -248,6 +248,13 @@ def _run(posed: Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> str:
             posed.problem.solve(solver=settings.solver, **{**options, **settings.options})
         except cp.error.SolverError as error:
             return f"failed: {error}"
+        except (TypeError, ValueError, AttributeError) as error:
+            if not settings.options:
+                raise
+            raise NotAccepted(
+                f"solver {settings.name}: refused the options {dict(settings.options)}: {error}. "
+                "They must be its own, by the names that cvxpy passes on."
+            ) from error
     if said.getvalue():
         log.debug("%s: %s", settings.name, said.getvalue().strip())
     return str(posed.problem.status)

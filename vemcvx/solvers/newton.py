@@ -16,6 +16,7 @@ sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitel
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.certificate import duality_gap, rounding_floor
+from vemcvx.errors import SceneError
 from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Answer, Form, StepProgram
 from vemcvx.solvers.proximal import proximal_points
 from vemcvx.solvers.sets import Sets, answer_on, sets_at
@@ -59,6 +61,11 @@ class Newton(Solver):
 
     def __post_init__(self) -> None:
         checked_accuracy(self.accuracy, "Newton")
+        if not isinstance(self.max_iterations, numbers.Integral) or self.max_iterations < 1:
+            raise SceneError(
+                f"Newton: found max_iterations = {self.max_iterations!r}; it is a whole number of "
+                "linear solves, at least 1."
+            )
 
     def prepare(self, form: Form) -> _PreparedNewton:
         return _PreparedNewton(self.max_iterations)

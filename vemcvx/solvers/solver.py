@@ -6,6 +6,7 @@ believed in nothing: the caller certifies every answer.
 
 from __future__ import annotations
 
+import numbers
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
@@ -62,7 +63,7 @@ class Solver(ABC):
 
 def checked_accuracy(accuracy: float, solver: str) -> None:
     """Refuse accuracies that mean nothing."""
-    if not isinstance(accuracy, (int, float)) or not 0 < accuracy < 1:
+    if not isinstance(accuracy, numbers.Real) or not 0 < accuracy < 1:
         raise SceneError(
             f"{solver}: found accuracy = {accuracy!r}; it is a relative energy error between 0 and 1, such as 1e-6."
         )

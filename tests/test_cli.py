@@ -1,0 +1,271 @@
+"""The command line: what it prints, what it writes, how it fails, and that it stays light."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import vemcvx as vx
+from vemcvx.cli import app
+
+PROBLEM = str(Path(vx.__file__).parent.parent / "problems" / "feng_han_huang.py")
+MINIMAL = """
+import numpy as np, vemcvx as vx
+def scene(young=200.0, on="bottom"):
+    return vx.Scene(vx.Elasticity(young, 0.3), vx.Clamp(on=on), vx.BodyForce(lambda x, t: t + 0 * x))
+def mesh(n):
+    return vx.meshes.squares(n)
+def times(steps):
+    return np.linspace(0, 1, steps + 1)
+"""
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def written(tmp_path, text, name="problem.py"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_run_writes_what_it_says(tmp_path):
+    done = invoke("run", PROBLEM, "--n", 8, "--steps", 8, "--store", 4, "--out", tmp_path / "out", "--plot")
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert told["problem"] == "feng_han_huang"
+    assert (told["mesh"]["family"], told["mesh"]["n"], told["steps"]) == ("squares", 8, 8)
+    # Pinned: Newton's answer, which Clarabel's at 1e-6 shares in 12 digits.
+    assert told["energy"] == pytest.approx(0.051934851760595, rel=1e-12)
+    assert told["dissipated"] == pytest.approx(0.008598564142584, rel=1e-12)
+    history = vx.read_history(tmp_path / "out")
+    assert history.stored.tolist() == [0, 4, 8]
+    assert history.summary() in done.output
+    pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png"]
+    files = ["history.npz", "history.pvd", "step_0000.vtu", "step_0004.vtu", "step_0008.vtu", "summary.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(pictures + files)
+    assert f"files       {tmp_path / 'out'}: history.pvd with 3 steps, summary.json, history.npz" in done.output
+    assert f"pictures    {tmp_path / 'out'}: deformed_mesh.png" in done.output
+
+
+def test_a_pipe_gets_words_only(tmp_path):
+    done = invoke("run", PROBLEM, "--n", 4, "--steps", 3)
+    assert done.exit_code == 0
+    assert not {c for c in done.output if ord(c) < 32} - {"\n"}
+    assert done.output.splitlines()[0].startswith("feng_han_huang: A block pulled over a rough obstacle")
+    assert done.output.splitlines()[-1].startswith("files       none; --out DIR")
+    shown = invoke("show", PROBLEM, "--n", 4)
+    assert not {c for c in shown.output if ord(c) < 32} - {"\n"}
+
+
+def test_settings_reach_the_scene(tmp_path):
+    frozen = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--set", "bound=1e6", "--out", tmp_path)
+    assert frozen.exit_code == 0
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["dissipated"] == 0.0
+    assert "TrescaFriction: |friction| <= 1000000.0 on bottom" in told["effects"]
+    moved = written(tmp_path, MINIMAL)
+    assert "Clamp: u = 0 on top" in invoke("show", moved, "--n", 2, "--set", "on=top").output
+
+
+@pytest.mark.parametrize(
+    ("solver", "says"),
+    [("Newton", "Newton("), ("clarabel", "Clarabel("), ("osqp", "OSQP("), ("SCS", "ThroughCvxpy(solver='SCS'")],
+)
+def test_solvers_by_name(solver, says):
+    accuracy = "1e-3" if solver == "SCS" else "1e-5"
+    done = invoke("run", PROBLEM, "--n", 3, "--steps", 2, "--solver", solver, "--accuracy", accuracy)
+    assert done.exit_code == 0, done.output
+    assert f"solver      {says}" in done.output
+    assert f"accuracy={float(accuracy)}" in done.output
+
+
+def test_mesh_store_and_condensation_by_name(tmp_path):
+    options = ("--n", 3, "--steps", 4, "--mesh", "voronoi", "--store", "last", "--no-condense", "--out", tmp_path)
+    done = invoke("run", PROBLEM, *options)
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "summary.json").read_text())["mesh"]["family"] == "voronoi"
+    assert vx.read_history(tmp_path).stored.tolist() == [4]
+
+
+def test_pictures_alone_go_where_results_go(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = invoke("run", written(tmp_path, MINIMAL, "loose.py"), "--n", 2, "--steps", 1, "--plot")
+    assert done.exit_code == 0, done.output
+    folder = tmp_path / "results" / "loose"
+    assert sorted(path.name for path in folder.iterdir()) == ["deformed_mesh.png", "energy_ledger.png"]
+
+
+def test_a_miss_exits_with_three(tmp_path):
+    missed = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--accuracy", "1e-17", "--out", tmp_path / "out")
+    assert missed.exit_code == 3
+    assert "step 1 at t = 0.5: Newton reached a certified relative energy error" in missed.output
+    assert "Traceback" not in missed.output
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            ["--mesh", "penrose"],
+            "--mesh: there is no family 'penrose'; there are squares, triangles, hexagons, voronoi",
+        ),
+        (
+            ["--solver", "Gurobi"],
+            "--solver: there is no solver 'Gurobi'; there are newton, clarabel, osqp, direct, and",
+        ),
+        (["--solver", "GUROBY"], "solver 'GUROBY': cvxpy does not find it here; it finds .*CLARABEL"),
+        (["--solver", "direct"], "Direct: the program has absolute values.*accept the program: Newton, OSQP, Clarabel"),
+        (["--set", "gravity=9.81"], "has no parameter 'gravity'; its scene has young=200.0, poisson=0.3, bound=4.0"),
+        (["--set", "young"], "--set: found 'young'; wanted name=value, such as young=1"),
+        (["--set", "poisson=0.5"], r"Elasticity: found poisson = 0\.5 in cell 0"),
+        (["--set", "young=stiff"], "Elasticity: young"),
+        (["--store", "some"], "store: found 'some'; there are 'all', 'last', or an integer"),
+        (["--accuracy", "2"], "accuracy = 2.0; it is a relative energy error between 0 and 1"),
+        (["--n", "0"], "Invalid value for '--n'"),
+        (["--steps", "many"], "Invalid value for '--steps'"),
+        (["--out", PROBLEM], "cannot be made a folder to write to"),
+    ],
+)
+def test_invalid_options_exit_with_two(options, says):
+    refused = invoke("run", PROBLEM, "--n", 4, "--steps", 2, *options)
+    assert refused.exit_code == 2, refused.output
+    assert "Traceback" not in refused.output
+    # Usage errors come in a frame, broken into lines.
+    flat = " ".join(refused.output.replace("│", " ").split())
+    assert re.search(says, flat), flat
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("import nowhere", "line 1: executing it failed: ModuleNotFoundError: No module named 'nowhere'"),
+        ("def scene(:", "executing it failed: SyntaxError: invalid syntax"),
+        (
+            "def scene(): ...",
+            'does not define mesh(n, family="squares") nor times(steps); a problem file defines scene(',
+        ),
+        (MINIMAL + "scene = None", "does not define scene(**parameters);"),
+        (MINIMAL + "def scene(): return 3", "scene(...) returned 3; wanted a vemcvx.Scene"),
+        (MINIMAL + "def mesh(n): return [n]", "mesh(...) returned [2]; wanted a vemcvx.PolygonMesh"),
+        (MINIMAL + "def mesh(n):\n    return 1 / 0", "line 10: mesh(2) failed: ZeroDivisionError: division by zero"),
+        (MINIMAL + "def times(n): return [0, 0]", "times: instant 1 is 0, which does not come after instant 0"),
+    ],
+)
+def test_invalid_problem_files_exit_with_two(tmp_path, text, says):
+    refused = invoke("run", written(tmp_path, text), "--n", 2)
+    assert refused.exit_code == 2, refused.output
+    assert str(tmp_path / "problem.py") in refused.output or "times:" in refused.output
+    assert says in refused.output
+
+
+def test_problem_files_that_are_not_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    empty = invoke("show", "problem.py")
+    assert empty.exit_code == 2
+    assert "problem.py: there is no such problem file; here are no Python files." in empty.output
+    (tmp_path / "problems").mkdir()
+    written(tmp_path / "problems", MINIMAL, "slope.py")
+    assert f"here are {Path('problems') / 'slope.py'}." in invoke("run", "problem.py").output
+    foreign = invoke("run", written(tmp_path, "{}", "scene.json"))
+    assert foreign.exit_code == 2
+    assert "scene.json: a problem file is Python and ends in .py" in foreign.output
+
+
+def test_a_family_is_asked_for_only_where_there_is_one(tmp_path):
+    refused = invoke("run", written(tmp_path, MINIMAL), "--n", 2, "--mesh", "voronoi")
+    assert refused.exit_code == 2
+    assert "mesh(2, family='voronoi') failed: TypeError" in refused.output
+
+
+@pytest.mark.filterwarnings("default")
+def test_warnings_are_a_line(tmp_path):
+    text = MINIMAL.replace("vx.meshes.squares(n)", "vx.meshes.triangles(n)").replace("0.3", "0.4999")
+    done = invoke("run", written(tmp_path, text), "--n", 2, "--steps", 1)
+    assert done.exit_code == 0, done.output
+    assert "vemcvx: warning: Elasticity: poisson = 0.4999 on a mesh of triangles" in done.output
+    assert "vemcvx/" not in done.output
+
+
+def test_show_says_the_scene_in_words(tmp_path):
+    shown = invoke("show", PROBLEM, "--n", 8)
+    assert shown.exit_code == 0
+    rows = {line[:14].strip(): line[14:].strip() for line in shown.output.splitlines() if line[:14].strip()}
+    assert rows["unknowns"] == "136 in all, 8 after condensation"
+    assert rows["norm terms"] == "8 absolute values"
+    assert rows["solvers"] == "Newton, OSQP, Clarabel; the smallest is Newton"
+    assert rows["not"] == "Direct (no absolute values)"
+    assert rows["mesh"] == "squares, n = 8: 64 cells, 81 nodes, h = 0.1768"
+    assert rows["linear solve"].startswith("SuperLU on 136 x 136 with ")
+    for effect in (
+        "Clamp: u = 0 on right",
+        "Traction: pull(x, t) on left",
+        "TrescaFriction: |friction| <= 4.0 on bottom",
+    ):
+        assert effect in shown.output
+    loose = invoke("show", written(tmp_path, MINIMAL), "--n", 3).output
+    assert "quadratic, no norm terms" in loose
+    assert "Direct, Newton, OSQP, Clarabel; the smallest is Direct" in loose
+    assert "not " not in loose
+    assert "mesh          its own, n = 3: 9 cells" in loose
+
+
+def test_version_and_help():
+    assert invoke("--version").output == f"vemcvx {vx.__version__}\n"
+    said = invoke("--help").output
+    for word in ("run", "show", "0 done, 2 invalid input, 3 not certified"):
+        assert word in said
+
+
+def test_help_is_quick_and_newton_light(tmp_path):
+    """Neither needs cvxpy (2 s), matplotlib or meshio; processor time, so that a busy machine does not matter."""
+    code = f"""
+import sys, time
+from vemcvx.cli import app
+try:
+    app(["--help"])
+except SystemExit:
+    pass
+print("took", time.process_time())
+try:
+    app(["run", {PROBLEM!r}, "--n", "4", "--steps", "2"])
+except SystemExit as end:
+    assert not end.code
+print("heavy", sorted({{"cvxpy", "matplotlib", "meshio", "clarabel", "osqp"}} & set(sys.modules)))
+"""
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    told = dict(line.split(" ", 1) for line in ran.stdout.splitlines() if line.startswith(("took", "heavy")))
+    assert float(told["took"]) < 1.0
+    assert told["heavy"] == "[]"
+    assert ran.stderr == ""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
+def test_a_terminal_gets_a_progress_bar(tmp_path):
+    import pty
+
+    main, side = pty.openpty()
+    code = f"from vemcvx.cli import app; app(['run', {PROBLEM!r}, '--n', '4', '--steps', '6'])"
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=side, env=environment, check=True)
+    os.close(side)
+    said = b""
+    while True:
+        try:
+            piece = os.read(main, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        said += piece
+    os.close(main)
+    assert b"6/6" in said

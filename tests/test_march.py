@@ -190,3 +190,16 @@ def test_the_library_never_prints(solver, capfd):
         paper_scene(bound=lambda x, t: 0.0 if t < 0.5 else 4.0), small("squares", 4), [0, 0.3, 1], solver=solver
     )
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("store", ["all", "last"])
+def test_contact_nodes_without_friction_slide(store):
+    scene = vx.Scene(*(e for e in paper_scene(lambda t: min(t, 0.5)) if not isinstance(e, vx.TrescaFriction)))
+    history = vx.simulate(scene, small("squares", 4), [0, 0.25, 0.5, 0.75], store=store)
+    kept = history.contact.sticking
+    assert kept[-1].all()
+    if store == "all":
+        assert kept[0].all()
+        assert not kept[1:3].any()
+    assert (history.contact.bound == 0).all()
+    assert (history.contact.traction == 0).all()

@@ -117,3 +117,23 @@ def test_a_killed_run_goes_on(tmp_path):
     assert first[0] == done + 1
     whole = vx.simulate(scene, mesh, TIMES)
     assert np.abs(resumed.displacement - whole.displacement).max() <= 1e-12 * np.abs(whole.displacement).max()
+
+
+def test_the_command_line_resumes(tmp_path):
+    """vemcvx run, killed, then the same with --resume DIR: the files of a run that was not."""
+    problem = str(Path(__file__).parent.parent / "problems" / "feng_han_huang.py")
+    common = [problem, "--n", "16", "--steps", "400", "--mesh", "voronoi"]
+    command = [sys.executable, "-m", "vemcvx", "run", *common]
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = subprocess.Popen([*command, "--out", str(killed)], stdout=subprocess.DEVNULL)
+    deadline = time.time() + 60
+    while not (killed / "rows" / "checkpoint.npz").exists() and time.time() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not (killed / "summary.json").exists()
+    subprocess.run([*command, "--resume", str(killed)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([*command, "--out", str(whole)], check=True, stdout=subprocess.DEVNULL)
+    assert not (killed / "rows").exists()
+    one, two = vx.read_history(killed), vx.read_history(whole)
+    assert np.abs(one.displacement - two.displacement).max() <= 1e-12 * np.abs(two.displacement).max()

@@ -29,10 +29,12 @@ LAYERS = [
     ["initial", "trajectory", "checkpoint"],
     ["recorder"],
     ["march"],
+    ["contact"],
     ["history"],
     ["simulate"],
     ["plots", "files"],
     ["cli"],
+    ["__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 HEAVY = {"cvxpy": "solvers/conic.py", "matplotlib": "canvas.py", "meshio": "meshes/files.py"}

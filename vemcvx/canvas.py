@@ -15,7 +15,7 @@ from vemcvx.errors import VemcvxError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap
+    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
@@ -36,8 +36,8 @@ def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def distinct(colours: Sequence[str]) -> Colormap:
-    """Return a colour map of as many levels as there are colours."""
+def distinct(colours: Sequence[str]) -> ListedColormap:
+    """Return a colour map of these colours alone, in steps of equal width."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap(list(colours))
@@ -52,15 +52,19 @@ def draw_cells(
     style: Mapping[str, object],
 ) -> Axes:
     """Draw polygons (see `PolygonMesh.plot`), with a colour bar if there are ``values``, one a cell."""
-    ax = new_figure().add_subplot() if ax is None else ax
+    width, height = np.ptp(points, axis=0)
+    if ax is None:
+        ax = new_figure(6.4, float(np.clip(6.4 * height / width, 1.6, 9.0))).add_subplot()
+    from matplotlib.cbook import normalize_kwargs
     from matplotlib.collections import PolyCollection
 
     polygons = np.split(points[vertices], offsets[1:-1])
-    cells = PolyCollection(polygons, **{**CELL_STYLE, **style})
-    if values is not None:
-        cells.set_array(values)
-        ax.figure.colorbar(cells, ax=ax)
+    cells = PolyCollection(polygons, **{**CELL_STYLE, **normalize_kwargs(dict(style), PolyCollection)})
     ax.add_collection(cells)
     ax.set_aspect("equal")
     ax.autoscale_view()
+    if values is not None:
+        cells.set_array(values)
+        # In axes of its own beside these, the bar stays as high as the mesh, whatever its shape.
+        ax.figure.colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)))
     return ax

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.contact import Contact, contact_history
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.pose import Posed
@@ -24,36 +25,6 @@ from vemcvx.vem import Space, strains
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Contact:
-    """The contact boundary over time: m nodes that are not held otherwise, S stored instants.
-
-    Attributes
-    ----------
-    nodes : (m,) int, points : (m, dim), normals : (m, dim)
-        Node numbers, places and outward normals.
-    slip : (S, m, dim)
-        Tangential displacement.
-    traction : (S, m, dim)
-        Friction force per length on the body: minus the multiplier over int phi_i.
-    bound : (S, m)
-        Friction bound per length: w_i over int phi_i; 0 without friction.
-    pressure : (S, m)
-        Normal force per length, compression positive; of either sign where contact is bilateral.
-    sticking : (S, m) bool
-        Whether the increment of the step is zero to round-off; true in row 0.
-    """
-
-    nodes: Ints
-    points: Floats
-    normals: Floats
-    slip: Floats
-    traction: Floats
-    bound: Floats
-    pressure: Floats
-    sticking: Bools
 
 
 @dataclass(frozen=True)
@@ -213,35 +184,8 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
         effects=tuple(effect.describe() for effect in posed.scene.canonical),
         displacement=u,
         forces=forces,
-        contact=_contact(posed, trajectory, u, forces),
+        contact=contact_history(posed, trajectory, u, forces),
         moduli=np.stack([posed.material.lam, posed.material.mu]),
         trajectory=trajectory,
         seconds={"assemble": assembled, **trajectory.seconds},
     )
-
-
-def _contact(posed: Posed, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
-    nodes, normals, lengths = posed.contact
-    terms, block = posed.terms, trajectory.multipliers.shape[2]
-    place = np.full(len(posed.space.mesh.points), -1)
-    place[nodes] = np.arange(len(nodes))
-    of = place[terms.nodes]
-    lam = trajectory.multipliers
-    dim = u.shape[2]
-    traction = np.zeros((len(u), len(nodes), dim))
-    bound = np.zeros((len(u), len(nodes)))
-    sticking = np.ones((len(u), len(nodes)), dtype=bool)
-    tangents = terms.rows.data.reshape(len(terms.nodes), block, dim) if len(terms.nodes) else np.zeros((0, block, dim))
-    contact_force = forces[:, nodes]
-    pulled = np.einsum("smb,mbd->smd", lam, tangents)
-    for row, n in enumerate(trajectory.stored):
-        t = float(trajectory.times[n])
-        np.add.at(traction[row], of, -pulled[row] / terms.lengths[:, None])
-        np.add.at(bound[row], of, terms.weights(t) / terms.lengths)
-        np.logical_and.at(sticking[row], of, trajectory.sticking[row])
-        np.add.at(contact_force[row], of, pulled[row])
-    pressure = -np.einsum("smd,md->sm", contact_force, normals) / lengths
-    along = np.einsum("smd,md->sm", u[:, nodes], normals)
-    slip = u[:, nodes] - along[:, :, None] * normals
-    points = posed.space.mesh.points[nodes]
-    return Contact(nodes, points, normals, slip, traction, bound, pressure, sticking)

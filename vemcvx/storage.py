@@ -8,6 +8,7 @@ which a run that was interrupted goes on. The disk's space is claimed before the
 from __future__ import annotations
 
 import os
+import shutil
 import zipfile
 from pathlib import Path
 from typing import Any, Protocol
@@ -84,6 +85,10 @@ class Folder:
     def clear(self) -> None:
         """Forget an earlier run."""
         (self.path / CHECKPOINT).unlink(missing_ok=True)
+
+    def remove(self) -> None:
+        """Take the folder away; arrays that are still mapped stay as they are."""
+        shutil.rmtree(self.path, ignore_errors=True)
 
     def save(self, arrays: Arrays) -> None:
         """Write beside the old checkpoint, then move over it: at no moment is there none."""

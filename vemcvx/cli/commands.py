@@ -57,6 +57,9 @@ def run(
     plot: Annotated[bool, typer.Option("--plot", help="Draw it: into DIR, or results/<problem>.")] = False,
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all",
     condense: Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")] = True,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Go on with a run that was interrupted; its --out was DIR.")
+    ] = None,
     settings: Settings = [],  # noqa: B006 - typer wants a list and never changes it
 ) -> None:
     """Simulate a problem, and say what came out and how certain it is."""
@@ -64,7 +67,10 @@ def run(
         from vemcvx.cli.problem_file import read_problem
         from vemcvx.cli.simulation import Run, simulate_problem
 
-        asked = Run(mesh, n, steps, solver, accuracy, out, plot, store, condense, tuple(settings))
+        folder = out if resume is None else resume
+        asked = Run(
+            mesh, n, steps, solver, accuracy, folder, plot, store, condense, tuple(settings), resume is not None
+        )
         typer.echo(simulate_problem(read_problem(file), asked))
 
 

@@ -16,6 +16,11 @@ from vemcvx.files import Origin, writable_folder, write_history
 from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY
 from vemcvx.history import History
 from vemcvx.simulate import simulate
+from vemcvx.storage import Folder
+
+
+ROWS = "rows"
+"""Where, in the output folder, a run keeps what it has completed until the history is written."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class Run:
     store: str
     condense: bool
     settings: tuple[str, ...]
+    resume: bool = False
 
 
 def simulate_problem(problem: Problem, asked: Run) -> str:
@@ -55,6 +61,8 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
             store=int(asked.store) if asked.store.isdecimal() else asked.store,
             condense=asked.condense,
             progress=progress,
+            stream=None if asked.out is None else asked.out / ROWS,
+            resume=asked.resume,
         )
     lines = [f"{problem.name}: {problem.title}", history.summary()]
     lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
@@ -75,6 +83,7 @@ def _written(history: History, asked: Run, origin: Origin) -> list[str]:
     if asked.out is None:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
     folder = write_history(history, asked.out, origin)
+    Folder(asked.out / ROWS).remove()
     return [f"files       {folder}: {SERIES} with {len(history.stored)} steps, {SUMMARY}, {ARCHIVE}"]
 
 

@@ -1,7 +1,8 @@
 """A mesh as files hold it: cells in blocks of one kind, data in one array a block, and back.
 
 A block holds cells of one vertex count. In files that keep data, one block a count permutes the cells, the datum
-`CELL` carries the number of each, and reading restores the order; in others a block is a run of equal counts. Every named boundary goes along as a block of lines, marked by a datum
+`CELL` carries the number of each, and reading restores the order; in others a block is a run of equal counts. Every
+named boundary goes along as a block of lines, marked by a datum
 "boundary:<name>" (1 on its lines, 0 elsewhere); otherwise lines have the data of the cells they bound, so that
 colouring by a datum looks the same with and without them.
 """

@@ -168,8 +168,10 @@ def _file_of(suffix: str, points: NDArray[np.float64], blocks: Blocks, point_dat
     spelled = {".vtu": _xml_name, ".vtk": quote}.get(suffix, str)
     data, names = {}, {}
     if suffix in ANY_POLYGON:
-        marks = {MARK + name: [part.astype(np.int32) for part in parts] for name, parts in blocks.lines.items()}
+        marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.lines.items()}
         data = blocks.data | marks
+        if suffix == ".vtk":
+            data = {name: [_wide(part) for part in parts] for name, parts in data.items()}
     elif suffix == ".msh":
         data, names = physical_groups(blocks)
     return meshio.Mesh(
@@ -179,6 +181,11 @@ def _file_of(suffix: str, points: NDArray[np.float64], blocks: Blocks, point_dat
         cell_data={spelled(name): parts for name, parts in data.items()},
         field_data=names,
     )
+
+
+def _wide(values: NDArray[Any]) -> NDArray[Any]:
+    """Whole numbers in 64 bits: the names that meshio gives the other widths in legacy files are unknown to VTK."""
+    return values.astype(np.int64) if values.dtype.kind in "iu" else values
 
 
 def _xml_name(name: str) -> str:
@@ -210,9 +217,10 @@ def _lost(mesh: PolygonMesh, draft: Path, suffix: str) -> str:
     except MeshError:
         same = False
     if not same:
-        raise MeshError(f"{suffix} files do not give this mesh back; write {' or '.join(ANY_POLYGON)}.")
+        raise MeshError(f"what a {suffix} file gives back is another mesh.")
     names = [*(set(mesh.boundaries) - set(back.boundaries)), *(set(mesh.cell_data) - set(back.cell_data))]
-    return ", ".join(map(repr, sorted(names)))
+    rounded = [] if np.array_equal(back.points, mesh.points) else ["all digits of the points"]
+    return ", ".join([*rounded, *map(repr, sorted(names))])
 
 
 def _read(path: Path) -> tuple[PolygonMesh, list[str]]:

@@ -16,6 +16,11 @@ from vemcvx.meshes.geometry import Floats
 
 Count = int | tuple[int, int]
 Corners = tuple[tuple[float, float], tuple[float, float]]
+# A mesh of that size takes 10 GB before anything is assembled.
+MOST_CELLS = 10**8
+# Areas and moments of cells must neither overflow nor vanish.
+SHORTEST, LARGEST = 1e-60, 1e60
+
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
 
 
@@ -51,6 +56,11 @@ def check_box(box: Corners) -> Box:
     for axis, low, high in (("x", values[0], values[1]), ("y", values[2], values[3])):
         if not low < high:
             raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
+        if high - low < SHORTEST or max(-low, high) > LARGEST:
+            raise MeshError(
+                f"box must have sides above {SHORTEST:g} and coordinates below {LARGEST:g}, or areas underflow and "
+                f"overflow; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units."
+            )
     return Box(*values)
 
 
@@ -74,12 +84,22 @@ def check_fraction(name: str, value: object, high: float, *, closed: bool = Fals
 
 def cell_counts(n: Count, box: Box, stretch: float = 1.0) -> tuple[int, int]:
     """Cells along x and y: the given pair, or n / stretch and n * stretch a unit length, at least one."""
-    if np.ndim(n) == 0:
+    if isinstance(n, (tuple, list, np.ndarray)):
+        if len(n) != 2:
+            raise MeshError(f"n must be a whole number or a pair (nx, ny); got {n!r}.")
+        nx, ny = check_whole("nx", n[0]), check_whole("ny", n[1])
+    else:
         n = check_whole("n", n)
-        return max(1, round(n * box.width / stretch)), max(1, round(n * box.height * stretch))
-    if np.shape(n) != (2,):
-        raise MeshError(f"n must be a whole number or a pair (nx, ny); got {n!r}.")
-    return check_whole("nx", n[0]), check_whole("ny", n[1])
+        nx, ny = max(1, round(n * box.width / stretch)), max(1, round(n * box.height * stretch))
+    check_total(nx * ny)
+    return nx, ny
+
+
+def check_total(cells: int) -> int:
+    """Return the number of cells if a mesh of so many is no slip of the keyboard, or raise MeshError."""
+    if cells > MOST_CELLS:
+        raise MeshError(f"that would be {cells:.3g} cells; at most {MOST_CELLS:g} are made. Ask for fewer.")
+    return cells
 
 
 def ticks(low: float, high: float, count: int) -> Floats:

@@ -15,11 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.errors import MeshError
 from vemcvx.meshes.cell_checks import check_cells, turned
 from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.grid import LARGEST
 from vemcvx.meshes.tiling_checks import check_coincident, check_tiling
 from vemcvx.meshes.topology import Ints, cell_of_corner
-
-# Areas, products of areas and moments must neither overflow nor vanish.
-LARGEST = 1e60
 
 
 @dataclass(frozen=True, eq=False)

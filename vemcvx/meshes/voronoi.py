@@ -13,7 +13,17 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from vemcvx.meshes.geometry import Floats, areas_and_centroids
-from vemcvx.meshes.grid import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction, check_whole
+from vemcvx.meshes.grid import (
+    UNIT_BOX,
+    Box,
+    Corners,
+    Count,
+    cell_counts,
+    check_box,
+    check_fraction,
+    check_total,
+    check_whole,
+)
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.short_edges import collapse_short_edges, merge_coincident
 from vemcvx.meshes.topology import Ints
@@ -73,9 +83,9 @@ def voronoi(
 
 def _number_of_cells(n: Count | None, cells: int | None, box: Box) -> int:
     if cells is not None:
-        return check_whole("cells", cells)
+        return check_total(check_whole("cells", cells))
     if np.ndim(n) == 0:
-        return max(1, round(check_whole("n", n) ** 2 * box.width * box.height))
+        return check_total(max(1, round(check_whole("n", n) ** 2 * box.width * box.height)))
     nx, ny = cell_counts(n, box)
     return nx * ny
 

@@ -1,0 +1,5 @@
+"""python -m vemcvx: the command line."""
+
+from vemcvx.cli import main
+
+main()

@@ -18,7 +18,6 @@ from vemcvx.history import History
 from vemcvx.simulate import simulate
 from vemcvx.storage import Folder
 
-
 ROWS = "rows"
 """Where, in the output folder, a run keeps what it has completed until the history is written."""
 

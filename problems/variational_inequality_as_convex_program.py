@@ -8,26 +8,28 @@ Run it as a script, or cell by cell; each cell prints what it claims beside what
 # %% [markdown]
 # # 1. One slider, by hand
 #
-# A block on a rough table hangs on a spring of stiffness $K$ and is pulled by a force $f(t)$. Its position is $u$, and
-# friction can hold or resist it with a force of at most $g$. Slow motion means that forces balance at every instant:
+# A block on a rough table hangs on a spring of stiffness $K$ and is pulled by a force $f(t)$. Its position is
+# $u$, and friction can hold or resist it with a force of at most $g$. Slow motion means that forces balance at
+# every instant:
 #
 # $$K u(t) + r(t) = f(t), \qquad |r| \le g, \qquad r = g\,\mathrm{sign}(u') \text{ wherever } u' \ne 0.$$
 #
-# The three conditions on $r$ say that $r$ is a *subgradient* of $v \mapsto g|v|$ at $u'$: $g|v| \ge g|u'| + r (v - u')$
-# for all $v$. Replace $r$ by $f - Ku$, and friction has left the equation and become an inequality,
+# The three conditions on $r$ say that $r$ is a *subgradient* of $v \mapsto g|v|$ at $u'$: $g|v| \ge g|u'| + r
+# (v - u')$ for all $v$. Replace $r$ by $f - Ku$, and friction has left the equation and become an inequality,
 #
 # $$K u\,(v - u') + g|v| - g|u'| \;\ge\; f\,(v - u') \qquad \text{for all } v,$$
 #
 # which is (2.3) of the paper with $a(u, v) = Kuv$ and $j(v) = g|v|$.
 #
-# **One step of backward Euler.** Put $u' \approx (u - u_{prev})/k$. Because $j$ is a seminorm the step length $k$ cancels:
-# with $v$ for $u_{prev} + k v$, (2.34) becomes $K u (v - u) + g|v - u_{prev}| - g|u - u_{prev}| \ge f (v - u)$. That is the
-# optimality condition of
+# **One step of backward Euler.** Put $u' \approx (u - u_{prev})/k$. Because $j$ is a seminorm the step length
+# $k$ cancels: with $v$ for $u_{prev} + k v$, (2.34) becomes $K u (v - u) + g|v - u_{prev}| - g|u - u_{prev}|
+# \ge f (v - u)$. That is the optimality condition of
 #
 # $$\min_u \; \tfrac12 K u^2 - f u + g\,|u - u_{prev}|.$$
 #
-# The sum of a parabola and a kink. Either the minimum is at the kink (the slider sticks), or the derivative vanishes on
-# one side of it: $u = (f - g)/K$ to the right, $u = (f + g)/K$ to the left. Together: clip the old position.
+# The sum of a parabola and a kink. Either the minimum is at the kink (the slider sticks), or the derivative
+# vanishes on one side of it: $u = (f - g)/K$ to the right, $u = (f + g)/K$ to the left. Together: clip the old
+# position.
 
 # %%
 import cvxpy as cp
@@ -51,9 +53,9 @@ def walk(loads):
 
 
 # %% [markdown]
-# Pull to $F$, then to $-F$, then to $F$ again. The path is a *hysteresis loop*: after each reversal the slider waits until
-# the load has changed by $2g$. Between the reversals it travels $2(F - g)/K$, always against friction $g$, so a closed loop
-# loses $g \cdot 2 \cdot 2(F - g)/K$.
+# Pull to $F$, then to $-F$, then to $F$ again. The path is a *hysteresis loop*: after each reversal the slider
+# waits until the load has changed by $2g$. Between the reversals it travels $2(F - g)/K$, always against
+# friction $g$, so a closed loop loses $g \cdot 2 \cdot 2(F - g)/K$.
 
 # %%
 F = 3.0
@@ -66,13 +68,14 @@ print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}"
 # %% [markdown]
 # # 2. Four nodes, ten lines
 #
-# Now four blocks in a row, joined by springs; the last is tied to a wall, the first is pulled. Each block $i$ has its own
-# friction bound $w_i$. The step is
+# Now four blocks in a row, joined by springs; the last is tied to a wall, the first is pulled. Each block $i$
+# has its own friction bound $w_i$. The step is
 #
 # $$\min_u \; \tfrac12 u^T K u - f^T u + \sum_i w_i\, |u_i - u_{prev,i}|.$$
 #
-# In a conic program each absolute value becomes a variable $t_i$ and one cone, $|u_i - u_{prev,i}| \le t_i$. On the line the
-# cone is an angle; on a plane, where $u_i$ has two components, it is the ice-cream cone, and nothing else changes.
+# In a conic program each absolute value becomes a variable $t_i$ and one cone, $|u_i - u_{prev,i}| \le t_i$. On
+# the line the cone is an angle; on a plane, where $u_i$ has two components, it is the ice-cream cone, and
+# nothing else changes.
 
 # %%
 chain = np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
@@ -88,9 +91,10 @@ problem.solve(solver="CLARABEL")
 print("positions", np.round(u.value, 6) + 0.0, "(two blocks move, two stick)")
 
 # %% [markdown]
-# Check by hand: blocks 1 and 2 slide forward, so friction takes .5 from each. Forces on the first block: $1.2 - .5$ must
-# be what the first spring carries, .7; on the second: $.7 - .5 = .2$ is left for the second spring. The third block holds .2
-# with its own friction and does not move. So $u_3 = u_4 = 0$, $u_2 = .2$, $u_1 = .2 + .7 = .9$.
+# Check by hand: blocks 1 and 2 slide forward, so friction takes .5 from each. Forces on the first block: $1.2 -
+# .5$ must be what the first spring carries, .7; on the second: $.7 - .5 = .2$ is left for the second spring.
+# The third block holds .2 with its own friction and does not move. So $u_3 = u_4 = 0$, $u_2 = .2$, $u_1 = .2 +
+# .7 = .9$.
 
 # %%
 by_hand = np.array([0.9, 0.2, 0.0, 0.0])
@@ -104,12 +108,13 @@ print("by hand  ", by_hand)
 # $$\max_{|\lambda_i| \le w_i} \min_u \; \tfrac12 u^TKu - f^Tu + \lambda^T(u - u_{prev})
 #   \;=\; \max_{|\lambda_i| \le w_i} -\tfrac12 (f - \lambda)^T K^{-1} (f - \lambda) - \lambda^T u_{prev}.$$
 #
-# The inner minimum is at $K u = f - \lambda$: **the multiplier is the force that friction takes**. It is admissible,
-# $|\lambda_i| \le w_i$; where it stays below the bound the block sticks; where the block slides, $\lambda_i = w_i\,\mathrm{sign}(s_i)$.
-# The force *on* the block is $-\lambda_i$, against the slip.
+# The inner minimum is at $K u = f - \lambda$: **the multiplier is the force that friction takes**. It is
+# admissible, $|\lambda_i| \le w_i$; where it stays below the bound the block sticks; where the block slides,
+# $\lambda_i = w_i\,\mathrm{sign}(s_i)$. The force *on* the block is $-\lambda_i$, against the slip.
 #
-# A solver returns the dual of the cone $|s_i| \le t_i$ as a pair $(\tau_i, z_i)$ in the same cone. Its Lagrangian *subtracts*
-# $\tau_i t_i + z_i s_i$, so stationarity in $t$ gives $\tau_i = w_i$, and in $u$ gives $z_i = -\lambda_i$: mind the minus.
+# A solver returns the dual of the cone $|s_i| \le t_i$ as a pair $(\tau_i, z_i)$ in the same cone. Its
+# Lagrangian *subtracts* $\tau_i t_i + z_i s_i$, so stationarity in $t$ gives $\tau_i = w_i$, and in $u$ gives
+# $z_i = -\lambda_i$: mind the minus.
 
 # %%
 lam = np.array([-cone.dual_value[1].item() for cone in cones])
@@ -119,8 +124,9 @@ print("f - K u           ", np.round(f - chain @ u.value, 6) + 0.0, "(the same: 
 # %% [markdown]
 # # 4. The same from the package
 #
-# `vx.march` takes any such problem: a matrix, a load as a function of time, and the norm terms. Newton is a hand-written
-# semismooth Newton method, Clarabel an interior-point method behind cvxpy: about as different as two solvers can be.
+# `vx.march` takes any such problem: a matrix, a load as a function of time, and the norm terms. Newton is a
+# hand-written semismooth Newton method, Clarabel an interior-point method behind cvxpy: about as different as
+# two solvers can be.
 
 # %%
 system = vx.System(chain, lambda t: t * f, vx.Norms(np.eye(4), w))
@@ -137,15 +143,15 @@ print(f"distance of the two answers {apart:.1e}, their certificates allow {claim
 #
 # How good is an answer $u$, with multipliers $\lambda$, whoever made it? Primal minus dual objective is
 #
-# $$\mathrm{gap} = \tfrac12 r^T K^{-1} r + \sum_i \left( w_i |s_i| - \lambda_i s_i \right), \qquad r = f - \lambda - K u,$$
+# $$\mathrm{gap} = \tfrac12 r^T K^{-1} r + \sum_i ( w_i |s_i| - \lambda_i s_i ), \qquad r = f - \lambda - K u,$$
 #
 # a sum of terms that are all $\ge 0$: forces that do not balance, and friction that does not fit the slip. And
 #
 # $$\tfrac12 |u - u^*|_K^2 \le \mathrm{gap}.$$
 #
-# *Proof.* The primal objective $P$ is a quadratic $\tfrac12 u^TKu$ plus something convex, so it grows at least like
-# $\tfrac12 |u - u^*|_K^2$ away from its minimiser $u^*$. Hence $\tfrac12 |u - u^*|_K^2 \le P(u) - P(u^*)$; and no dual value
-# exceeds $P(u^*)$, so the right side is at most $P(u) - D(\lambda)$, the gap. $\square$
+# *Proof.* The primal objective $P$ is a quadratic $\tfrac12 u^TKu$ plus something convex, so it grows at least
+# like $\tfrac12 |u - u^*|_K^2$ away from its minimiser $u^*$. Hence $\tfrac12 |u - u^*|_K^2 \le P(u) - P(u^*)$;
+# and no dual value exceeds $P(u^*)$, so the right side is at most $P(u) - D(\lambda)$, the gap. $\square$
 #
 # Nothing about the solver entered. Let us spoil the answer more and more, and look at both sides.
 
@@ -169,18 +175,18 @@ for size in 10.0 ** -np.arange(0, 7, 2):
     print(f"{size:9.0e}   {error:.2e}    {table[-1][1]:.2e}")
 
 # %% [markdown]
-# The certificate is never below the error. When the spoiling shrinks by 100 the error does too, but the certificate only
-# by 10: a block that should stick and moves by $\varepsilon$ costs $w\varepsilon$, linear, not quadratic. That is why
-# interior-point answers certify to about $10^{-6}$, and why an active-set method, which sets $s_i = 0$ outright, gets to
-# rounding.
+# The certificate is never below the error. When the spoiling shrinks by 100 the error does too, but the
+# certificate only by 10: a block that should stick and moves by $\varepsilon$ costs $w\varepsilon$, linear, not
+# quadratic. That is why interior-point answers certify to about $10^{-6}$, and why an active-set method, which
+# sets $s_i = 0$ outright, gets to rounding.
 #
 # # Exercises
 #
-# 1. Pull the chain by `f = (1.2, 0, 0, 0)`, then let go. Which blocks move back, and how far? (`march` with times
-#    `[0, 1, 2]`; by hand first: nothing moves back unless a spring pulls a block by more than .5.)
+# 1. Pull the chain by `f = (1.2, 0, 0, 0)`, then let go. Which blocks move back, and how far? (`march` with
+#    times `[0, 1, 2]`; by hand first: nothing moves back unless a spring pulls a block by more than .5.)
 # 2. Set `w = 0`. What is left of the program, of the dual, and of the gap? (One linear system.)
-# 3. Give every block two components and pull sideways halfway through: `Norms(np.eye(8), w, block=2)`. Why can OSQP no
-#    longer take part? (A disc is not a polygon.)
-# 4. Show that the step map $u_{prev} \mapsto u$ never expands distances in $|\cdot|_K$. (Add the two variational
-#    inequalities; this is why certificates of steps may be added up over time.)
+# 3. Give every block two components and pull sideways halfway through: `Norms(np.eye(8), w, block=2)`. Why can
+#    OSQP no longer take part? (A disc is not a polygon.)
+# 4. Show that the step map $u_{prev} \mapsto u$ never expands distances in $|\cdot|_K$. (Add the two
+#    variational inequalities; this is why certificates of steps may be added up over time.)
 # 5. Two loads differ by $\delta$. Bound the distance of the two answers. (Theorem 2.5: stability.)

@@ -1,0 +1,303 @@
+"""What every family of meshes must do, and what each promises of its own."""
+
+from __future__ import annotations
+
+import inspect
+import time
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx import meshes
+from vemcvx.meshes import FAMILIES, PolygonMesh
+
+ODD_BOX = ((-1.0 / 3.0, np.pi), (0.1, 0.7))
+COUNTS = [1, 2, 7, (1, 4), (5, 1), (3, 4)]
+RANDOM = ("voronoi", "distorted", "hanging")
+
+
+@pytest.fixture(params=FAMILIES)
+def make(request):
+    return FAMILIES[request.param]
+
+
+def edge_lengths(mesh):
+    ends = np.concatenate([np.roll(cell, -1) for cell in mesh.cells])
+    return np.hypot(*(mesh.points[ends] - mesh.points[mesh.vertices]).T)
+
+
+def test_no_family_is_missing_from_the_list():
+    made = {
+        name
+        for name in meshes.__all__
+        if inspect.isfunction(getattr(meshes, name)) and "box" in inspect.signature(getattr(meshes, name)).parameters
+    }
+    assert made == set(FAMILIES)
+    assert all(FAMILIES[name].__name__ == name for name in FAMILIES)
+
+
+@pytest.mark.parametrize("box", [((0, 1), (0, 1)), ODD_BOX], ids=["unit", "odd"])
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_passes_the_checks_of_user_meshes(make, n, box):
+    mesh = make(n, box, 3)
+    again = PolygonMesh(mesh.points, mesh.cells)  # a warning (turned cells, unused nodes) would be an error here
+    np.testing.assert_array_equal(again.vertices, mesh.vertices)
+    np.testing.assert_array_equal(again.points, mesh.points)
+
+
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_cells_fill_the_box_counter_clockwise(make, n):
+    mesh = make(n, ODD_BOX, 1)
+    width, height = np.diff(ODD_BOX)[:, 0]
+    assert (mesh.areas > 0.0).all()
+    # Every area is off by a few units in the last place of products of coordinates, at most pi^2.
+    assert mesh.areas.sum() == pytest.approx(width * height, abs=1e-15 * 10 * mesh.n_cells)
+
+
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_sides_are_named_and_exact(make, n):
+    mesh = make(n, ODD_BOX, 2)
+    (left, right), (bottom, top) = ODD_BOX
+    assert list(mesh.boundaries) == ["left", "right", "bottom", "top", "boundary"]
+    for name, axis, place in (("left", 0, left), ("right", 0, right), ("bottom", 1, bottom), ("top", 1, top)):
+        ends = mesh.points[mesh.boundaries[name]]
+        assert (ends[..., axis] == place).all()
+        along = ends[:, 1, 1 - axis] - ends[:, 0, 1 - axis]
+        outward_turn = {"left": -1, "right": 1, "bottom": 1, "top": -1}[name]  # counter-clockwise around the box
+        assert (outward_turn * along > 0.0).all()
+        assert np.abs(along).sum() == pytest.approx(np.diff(ODD_BOX[1 - axis])[0], rel=1e-14)
+    assert sum(len(mesh.boundaries[name]) for name in ("left", "right", "bottom", "top")) == len(
+        mesh.boundaries["boundary"]
+    )
+
+
+def test_corners_of_the_box_are_nodes(make):
+    points = {tuple(point) for point in make(3, ODD_BOX).points}
+    assert {(x, y) for x in ODD_BOX[0] for y in ODD_BOX[1]} <= points
+
+
+def test_same_seed_same_mesh(make):
+    one, same, other = make(6, seed=5), make(6, seed=5), make(6, seed=6)
+    np.testing.assert_array_equal(one.points, same.points)
+    np.testing.assert_array_equal(one.vertices, same.vertices)
+    differs = one.points.shape != other.points.shape or not np.array_equal(one.points, other.points)
+    assert differs == (make.__name__ in RANDOM)
+
+
+def test_n_is_cells_per_unit_length(make):
+    coarse, fine = make(10), make(20)
+    # n * n cells, twice as many triangles, 1 + 3 * 0.3 as many where three in ten are cut in four; whole rows only.
+    per_square = {"triangles": 2.0, "hanging": 1.9}.get(make.__name__, 1.0)
+    assert coarse.n_cells / per_square == pytest.approx(100, rel=0.1)
+    assert fine.n_cells / coarse.n_cells == pytest.approx(4.0, rel=0.1)
+    assert make(10, ((0, 2), (0, 0.5))).n_cells / per_square == pytest.approx(100, rel=0.1)
+    assert fine.h < 0.6 * coarse.h
+
+
+def test_pair_of_counts(make):
+    mesh = make((6, 2), ((0.0, 3.0), (0.0, 1.0)))
+    expected = {"triangles": 24, "hexagons": 13, "hanging": 12 + 3 * round(0.3 * 12)}.get(make.__name__, 12)
+    assert mesh.n_cells == expected
+
+
+def test_far_from_the_origin(make):
+    mesh = make(4, ((1e6, 1e6 + 1.0), (-1e6, 1.0 - 1e6)))
+    PolygonMesh(mesh.points, mesh.cells)
+    assert mesh.areas.sum() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("length", [1e-12, 1e12])
+def test_any_unit_of_length(make, length):
+    mesh, unit = make(4, ((0, length), (0, length))), make(4)
+    PolygonMesh(mesh.points, mesh.cells)
+    assert mesh.h == pytest.approx(length * unit.h, rel=1e-12)
+
+
+@pytest.mark.parametrize("bad", [0, -3, 2.5, 4.0, float("nan"), None, True, "8", (0, 3), (2, 1.5), (1, 2, 3), ()], ids=str)
+def test_bad_counts(make, bad):
+    with pytest.raises(vx.MeshError, match=r"^n[xy]? must be"):
+        make(bad)
+
+
+def test_absurd_counts(make):
+    with pytest.raises(vx.MeshError, match="cells; at most"):
+        make(10**6)
+
+
+@pytest.mark.parametrize(
+    ("box", "message"),
+    [
+        (((1, 0), (0, 1)), "x0 < x1; got x0 = 1 and x1 = 0"),
+        (((0, 1), (2, 2)), "y0 < y1; got y0 = 2 and y1 = 2"),
+        (((0, float("nan")), (0, 1)), "box must be finite"),
+        (((0, float("inf")), (0, 1)), "box must be finite"),
+        ((0, 1, 0, 1), "four numbers"),
+        (((0, 1),), "four numbers"),
+        ("unit", "four numbers"),
+        (None, "four numbers"),
+        (((0, 1e80), (0, 1)), "Choose other units"),
+        (((0, 1e-80), (0, 1)), "Choose other units"),
+    ],
+    ids=str,
+)
+def test_bad_boxes(make, box, message):
+    with pytest.raises(vx.MeshError, match=message):
+        make(2, box)
+
+
+@pytest.mark.parametrize("name", RANDOM)
+@pytest.mark.parametrize("seed", [-1, 0.5, None])
+def test_bad_seeds(name, seed):
+    with pytest.raises(vx.MeshError, match="seed must be"):
+        FAMILIES[name](2, seed=seed)
+
+
+@pytest.mark.parametrize("name", ["squares", "triangles", "distorted", "nonconvex", "hexagons", "hanging"])
+def test_cells_narrower_than_rounding(name):
+    with pytest.raises(vx.MeshError, match="narrower than the spacing of floating-point numbers"):
+        FAMILIES[name]((1000, 1), ((1e15, 1e15 + 1), (0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("distorted", {"amount": 1.0}, r"amount must be a number in \[0, 1\)"),
+        ("distorted", {"amount": float("nan")}, "amount must be"),
+        ("nonconvex", {"zigzag": 0.4}, r"zigzag must be a number in \[0, 0.333333\)"),
+        ("hanging", {"fraction": 1.5}, r"fraction must be a number in \[0, 1\]"),
+        ("voronoi", {"shortest": 0.5}, r"shortest must be a number in \[0, 0.1\]"),
+        ("voronoi", {"relaxations": -1}, "relaxations must be at least 0"),
+        ("voronoi", {"cells": 0}, "cells must be at least 1"),
+        ("voronoi", {"cells": 2.0}, "cells must be a whole number"),
+    ],
+)
+def test_bad_options(name, options, message):
+    with pytest.raises(vx.MeshError, match=message):
+        FAMILIES[name](3, **options)
+
+
+@pytest.mark.parametrize("n", [1, 3, 64])
+def test_squares_are_numbered_row_by_row(n):
+    mesh = meshes.squares(n)
+    assert mesh.n_cells == n**2
+    assert mesh.h == pytest.approx(np.sqrt(2.0) / n, rel=1e-14)
+    np.testing.assert_allclose(mesh.areas, 1.0 / n**2, rtol=1e-12)
+    lines = np.linspace(0.0, 1.0, n + 1)
+    np.testing.assert_array_equal(mesh.points, [(x, y) for y in lines for x in lines])
+    middles = (lines[1:] + lines[:-1]) / 2
+    np.testing.assert_allclose(mesh.centroids, [(x, y) for y in middles for x in middles], rtol=1e-14)
+
+
+def test_triangles_halve_squares():
+    mesh = meshes.triangles(5)
+    np.testing.assert_allclose(mesh.areas, 0.5 / 25, rtol=1e-13)
+    np.testing.assert_array_equal(mesh.points, meshes.squares(5).points)
+
+
+def test_hexagons_are_regular_where_they_fit():
+    columns, rows = 6, 4
+    mesh = meshes.hexagons((columns, rows), ((0.0, 6.0), (0.0, 4.0 * np.sqrt(0.75))))
+    whole = [cell for cell in mesh.cells if len(cell) == 6]
+    assert len(whole) == 2 * columns - 1  # the inner two of four rows: six cells, and five between halves
+    for cell in whole:
+        sides = np.hypot(*(mesh.points[cell] - mesh.points[np.roll(cell, -1)]).T)
+        np.testing.assert_allclose(sides, 1.0 / np.sqrt(3.0), rtol=1e-13)
+    assert {len(cell) for cell in mesh.cells} == {4, 5, 6}
+
+
+def test_distorted_moves_inner_nodes_only():
+    mesh, straight = meshes.distorted(6, seed=1, amount=0.9), meshes.squares(6)
+    moved = np.abs(mesh.points - straight.points).max(axis=1) > 0.0
+    assert moved.sum() == 25
+    assert np.abs(mesh.points - straight.points).max() <= 0.45 / 6
+    np.testing.assert_array_equal(meshes.distorted(6, amount=0.0).points, straight.points)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_wildly_distorted_is_valid(seed):
+    mesh = meshes.distorted(20, seed=seed, amount=0.999)
+    PolygonMesh(mesh.points, mesh.cells)
+
+
+@pytest.mark.parametrize("zigzag", [0.15, 0.33])
+def test_nonconvex_cells_are_not_convex(zigzag):
+    mesh = meshes.nonconvex(3, zigzag=zigzag)
+    PolygonMesh(mesh.points, mesh.cells)
+    for cell in mesh.cells:
+        edge = np.roll(mesh.points[cell], -1, axis=0) - mesh.points[cell]
+        before = np.roll(edge, 1, axis=0)
+        assert (before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]).min() < -1e-3 * mesh.areas[0]
+    np.testing.assert_allclose(mesh.areas, 1.0 / 9.0, rtol=1e-13)
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
+def test_hanging_nodes_belong_to_both_cells(fraction):
+    mesh = meshes.hanging(4, seed=2, fraction=fraction)
+    assert mesh.n_cells == 16 + 3 * round(fraction * 16)
+    straight = 0
+    for cell in mesh.cells:
+        edge = np.roll(mesh.points[cell], -1, axis=0) - mesh.points[cell]
+        before = np.roll(edge, 1, axis=0)
+        straight += np.count_nonzero(before[:, 0] * edge[:, 1] == before[:, 1] * edge[:, 0])
+    assert (straight > 0) == (fraction == 0.3)
+    assert set(mesh.areas.tolist()) <= {1 / 16, 1 / 64}
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3, 5, 50, 333])
+def test_voronoi_makes_the_number_of_cells_asked_for(cells):
+    mesh = meshes.voronoi(cells=cells, box=((0.0, 5.0), (0.0, 1.0)), seed=4)
+    PolygonMesh(mesh.points, mesh.cells)
+    assert mesh.n_cells == cells
+    assert mesh.areas.sum() == pytest.approx(5.0, rel=1e-13)
+
+
+def test_voronoi_needs_a_count():
+    with pytest.raises(vx.MeshError, match="n must be a whole number"):
+        meshes.voronoi()
+
+
+@pytest.mark.parametrize("relaxations", [0, 50])
+@pytest.mark.parametrize("seed", range(4))
+def test_voronoi_has_no_short_edges(seed, relaxations):
+    mesh = meshes.voronoi(cells=400, seed=seed, relaxations=relaxations)
+    PolygonMesh(mesh.points, mesh.cells)
+    # 0.02 is asked for; an edge of a triangle stays, and one between a side and its neighbour.
+    assert np.quantile(edge_lengths(mesh) * 20, 0.01) > 0.02
+    assert edge_lengths(mesh).min() * 20 > 1e-3
+
+
+def test_voronoi_keeps_short_edges_on_demand():
+    mesh = meshes.voronoi(cells=400, relaxations=0, shortest=0.0)
+    PolygonMesh(mesh.points, mesh.cells)
+    assert edge_lengths(mesh).min() * 20 < 0.02
+
+
+def test_relaxed_voronoi_cells_are_round():
+    spread = [meshes.voronoi(cells=200, relaxations=k).areas.std() * 200 for k in (0, 50)]
+    assert spread[0] > 0.4  # 0.53 for random seeds in the plane
+    assert spread[1] < 0.15
+
+
+def test_voronoi_in_a_thin_strip():
+    mesh = meshes.voronoi(cells=60, box=((0.0, 1e4), (0.0, 1.0)))
+    PolygonMesh(mesh.points, mesh.cells)
+    assert mesh.areas.sum() == pytest.approx(1e4, rel=1e-12)
+
+
+def seconds(make, *arguments, **options):
+    start = time.perf_counter()
+    mesh = make(*arguments, **options)
+    mesh.boundaries["left"]
+    return time.perf_counter() - start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["squares", "triangles"])
+def test_half_a_million_cells_in_two_seconds(name):
+    assert seconds(FAMILIES[name], 707) < 2.0
+
+
+@pytest.mark.slow
+def test_ten_thousand_voronoi_cells_in_ten_seconds():
+    assert seconds(meshes.voronoi, cells=10_000) < 10.0

@@ -1,0 +1,84 @@
+"""Areas, centroids, diameters and neighbours against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.meshes import FAMILIES, PolygonMesh, topology
+
+SHAPES = {
+    # vertices, area, centroid, diameter
+    "square": ([(0, 0), (1, 0), (1, 1), (0, 1)], 1.0, (0.5, 0.5), np.sqrt(2)),
+    "triangle": ([(0, 0), (3, 0), (0, 6)], 9.0, (1.0, 2.0), np.sqrt(45)),
+    "L": ([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], 3.0, (5 / 6, 5 / 6), np.sqrt(8)),
+    "straight angle": ([(0, 0), (1, 0), (2, 0), (2, 1), (0, 1)], 2.0, (1.0, 0.5), np.sqrt(5)),
+    "arrow": ([(0, 0), (2, -1), (1, 0), (2, 1)], 1.0, (1.0, 0.0), np.sqrt(5)),
+}
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6, -3e8])
+@pytest.mark.parametrize("name", SHAPES)
+def test_closed_forms(name, offset):
+    corners, area, centroid, diameter = SHAPES[name]
+    points = np.array(corners, dtype=float) + [offset, 2 * offset]
+    mesh = PolygonMesh(points, [range(len(points))])
+    # Shifts by whole numbers are exact, so nothing of the area may be lost; centroids are rounded once more.
+    assert mesh.areas[0] == pytest.approx(area, rel=1e-15)
+    np.testing.assert_allclose(mesh.centroids[0], np.array(centroid) + [offset, 2 * offset], rtol=4e-16, atol=4e-16)
+    assert mesh.diameters[0] == mesh.h == pytest.approx(diameter, rel=1e-15)
+
+
+@pytest.mark.parametrize("sides", [5, 6, 9, 40])
+def test_regular_polygons(sides):
+    angle = 2 * np.pi * np.arange(sides) / sides
+    mesh = PolygonMesh(np.column_stack([np.cos(angle), np.sin(angle)]), [range(sides)])
+    assert mesh.areas[0] == pytest.approx(sides / 2 * np.sin(2 * np.pi / sides), rel=1e-14)
+    np.testing.assert_allclose(mesh.centroids[0], 0.0, atol=1e-15)
+    # The longest diagonal: across, or to one of the two vertices opposite.
+    assert mesh.h == pytest.approx(2 * np.cos(np.pi / (2 * sides)) if sides % 2 else 2.0, rel=1e-15)
+
+
+def test_diameters_are_the_largest_distances():
+    mesh = vx.meshes.nonconvex(4)
+    for cell, diameter in zip(mesh.cells, mesh.diameters, strict=True):
+        corners = mesh.points[cell]
+        assert diameter == pytest.approx(np.linalg.norm(corners[:, None] - corners, axis=2).max(), rel=1e-15)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_euler_and_neighbours(name):
+    mesh = FAMILIES[name](5, seed=1)
+    edges = {frozenset(edge) for cell in mesh.cells for edge in zip(cell.tolist(), np.roll(cell, -1).tolist(), strict=True)}
+    assert mesh.n_nodes - len(edges) + mesh.n_cells == 1
+    assert len(mesh.neighbours) == len(edges) - len(mesh.boundaries["boundary"])
+    for one, other in mesh.neighbours:
+        assert one < other
+        assert len(set(mesh.cells[one].tolist()) & set(mesh.cells[other].tolist())) >= 2
+
+
+def test_boundary_edges_run_counter_clockwise_and_sum_to_nothing():
+    mesh = vx.meshes.voronoi(6, seed=3)
+    edges = mesh.boundaries["boundary"]
+    start, end = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
+    normals = (end - start) @ np.array([[0.0, -1.0], [1.0, 0.0]])  # (y_b - y_a, x_a - x_b)
+    np.testing.assert_allclose(normals.sum(axis=0), 0.0, atol=1e-14)
+    # Gauss: the flux of (x, y) through the boundary is twice the area.
+    assert np.einsum("ij,ij->", 0.5 * (start + end), normals) == pytest.approx(2.0, rel=1e-14)
+    assert np.array_equal(np.sort(edges[:, 0]), np.sort(edges[:, 1]))
+
+
+def test_shared_edges_count_cells():
+    mesh = vx.meshes.squares(3)
+    shared = topology.shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    assert np.bincount(shared.counts).tolist() == [0, 12, 12]
+    assert sorted(shared.corners.tolist()) == list(range(36))
+    assert topology.neighbours(mesh.offsets, mesh.vertices, mesh.n_nodes).tolist()[:2] == [[0, 1], [0, 3]]
+
+
+def test_corners_before_and_after():
+    offsets = np.array([0, 3, 7])
+    assert topology.next_corner(offsets).tolist() == [1, 2, 0, 4, 5, 6, 3]
+    assert topology.previous_corner(offsets).tolist() == [2, 0, 1, 6, 3, 4, 5]
+    assert topology.cell_of_corner(offsets).tolist() == [0, 0, 0, 1, 1, 1, 1]

@@ -76,7 +76,7 @@ class Condensation:
             self.touched = np.arange(n)
             self._factor = self.linear.factorise(system.K, system.near_kernel)
             self.form = Form(system.K, B, block, self._factor)
-        self._basis: list[tuple[Floats, float, Floats]] = []
+        self._fields = _Fields(n)
 
     def reduce(self, phi: Floats) -> Reduced:
         """The response to a force; a combination of forces seen before costs no solve."""
@@ -109,18 +109,43 @@ class Condensation:
         return float(phi.phi @ f.x + phi.x[self.touched] @ rho)
 
     def _respond(self, phi: Floats) -> Floats:
-        size = float(phi @ phi)
+        fields = self._fields
+        rest = fields.compress(phi)
+        size = float(rest @ rest)
         if size == 0.0:
             return np.zeros_like(phi)
-        rest, x = phi, np.zeros_like(phi)
-        for q, square, response in self._basis:
+        x = np.zeros_like(phi)
+        for q, square, response in fields.basis:
             share = float(q @ rest) / square
             rest = rest - share * q
             x += share * response
         left = float(rest @ rest)
         if left <= SAME_FIELD * SAME_FIELD * size:
             return x
-        if len(self._basis) == MOST_FIELDS:
+        if len(fields.basis) == MOST_FIELDS:
             return self._factor.solve(phi)
-        self._basis.append((rest, left, self._factor.solve(rest)))
-        return x + self._basis[-1][2]
+        fields.basis.append((rest, left, self._factor.solve(fields.expand(rest))))
+        return x + fields.basis[-1][2]
+
+
+class _Fields:
+    """Forces seen so far, on the unknowns that any of them loads, with what they cause everywhere."""
+
+    def __init__(self, n: int):
+        self._n = n
+        self._loaded = np.zeros(0, dtype=np.int64)
+        self.basis: list[tuple[Floats, float, Floats]] = []
+
+    def compress(self, phi: Floats) -> Floats:
+        """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""
+        if np.count_nonzero(phi) != np.count_nonzero(phi[self._loaded]):
+            loaded = np.union1d(self._loaded, np.flatnonzero(phi))
+            self.basis = [(self.expand(q)[loaded], square, x) for q, square, x in self.basis]
+            self._loaded = loaded
+        return phi[self._loaded]
+
+    def expand(self, compressed: Floats) -> Floats:
+        """The force (n,) with these entries."""
+        phi = np.zeros(self._n)
+        phi[self._loaded] = compressed
+        return phi

@@ -14,8 +14,8 @@ from vemcvx.errors import SceneError
 Floats = NDArray[np.float64]
 
 
-def real(raw: Any, subject: str, wanted: str) -> Floats:
-    """The array of floats, finite or not, that `raw` holds.
+def real(raw: Any, subject: str, wanted: str, copy: bool = True) -> Floats:
+    """The array of floats, finite or not, that `raw` holds; with ``copy=False`` that array itself, if it is one.
 
     Numpy would read "1" as 1, None as NaN, and drop imaginary parts with a warning: all are refused.
 
@@ -27,7 +27,7 @@ def real(raw: Any, subject: str, wanted: str) -> Floats:
     try:
         array = np.asarray(raw)
         if array.dtype.kind in "biuf" or all(isinstance(number, numbers.Real) for number in array.flat):
-            return array.astype(float)
+            return array.astype(float, copy=copy)
     except (TypeError, ValueError, OverflowError):
         pass
     raise SceneError(

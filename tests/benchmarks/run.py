@@ -1,12 +1,13 @@
 """Ratios measured side by side, printed, and written as CSV and picture.
 
-python tests/benchmarks/run.py [--quick] [--out results/benchmarks]
+    python tests/benchmarks/run.py [--quick] [--out results/benchmarks] [--readme]
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,11 +17,14 @@ from measure import Row
 from rich.console import Console
 from rich.table import Table
 
+BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="n = 64 in place of 256, and no million unknowns")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("--readme", action="store_true", help="put the table and the picture into the README")
     arguments = parser.parse_args()
     n = 64 if arguments.quick else 256
     rows = [*cases.paper(n), *cases.assembly(n), *cases.imports()]
@@ -34,6 +38,8 @@ def main() -> None:
         writer.writerows(growth)
     cases.picture(rows, growth, arguments.out / "benchmarks.png")
     show(rows, arguments.out)
+    if arguments.readme:
+        into_readme(rows, arguments.out / "benchmarks.png")
 
 
 def write(rows: list[Row], path: Path) -> None:
@@ -42,6 +48,20 @@ def write(rows: list[Row], path: Path) -> None:
         writer.writerow(["what", "seconds", "against", "its seconds", "ratio", "wanted"])
         for row in rows:
             writer.writerow([row.name, row.seconds, row.reference, row.reference_seconds, row.ratio, row.wanted])
+
+
+def into_readme(rows: list[Row], picture: Path) -> None:
+    """Replace what stands between the marks in the README by what was just measured."""
+    root = Path(__file__).parents[2]
+    readme = root / "README.md"
+    lines = ["| what | seconds | against | its seconds | ratio | wanted |", "|---|---|---|---|---|---|"]
+    for row in rows:
+        numbers = f"{row.seconds:.3g} | {row.reference} | {row.reference_seconds:.3g} | **{row.ratio:.3g}**"
+        lines.append(f"| {row.name} | {numbers} | {row.wanted} |")
+    before, rest = readme.read_text().split(BEGIN)
+    after = rest.split(END)[1]
+    readme.write_text(before + BEGIN + "\n" + "\n".join(lines) + "\n" + END + after)
+    shutil.copy(picture, root / "problems" / "pictures" / "benchmarks.png")
 
 
 def show(rows: list[Row], folder: Path) -> None:

@@ -101,24 +101,26 @@ def _check_crossings(points: Floats, cells: Ints, first: Ints, second: Ints) -> 
 
 
 def _check_touching(points: Floats, cells: Ints, first: Ints, second: Ints) -> None:
-    for edge, node in ((first, second[:, 0]), (first, second[:, 1]), (second, first[:, 0]), (second, first[:, 1])):
-        apart = np.flatnonzero((edge[:, 0] != node) & (edge[:, 1] != node))
-        at, start, end = points[node[apart]], points[edge[apart, 0]], points[edge[apart, 1]]
-        bad = np.flatnonzero(beside(at, start, end)[0] <= rounding(at, start, end))
-        if len(bad):
-            k = apart[bad[0]]
-            _raise_touching(int(cells[k]), int(node[k]), edge[k], set(first[k].tolist()) & set(second[k].tolist()))
-
-
-def _raise_touching(cell: int, node: int, edge: Ints, shared: set[int]) -> None:
-    if shared:
+    edge = np.concatenate([first, first, second, second])
+    other = np.concatenate([second, second, first, first])
+    node = np.concatenate([second[:, 0], second[:, 1], first[:, 0], first[:, 1]])
+    apart = np.flatnonzero((edge[:, 0] != node) & (edge[:, 1] != node))
+    edge, other, node, cells = edge[apart], other[apart], node[apart], np.tile(cells, 4)[apart]
+    at, start, end = points[node], points[edge[:, 0]], points[edge[:, 1]]
+    bad = np.flatnonzero(beside(at, start, end)[0] <= rounding(at, start, end))
+    if not len(bad):
+        return
+    tips = (edge[bad, :, None] == other[bad, None]).any(axis=2)  # which end of the edge the other edge starts from
+    k = bad[np.argmax(tips.any(axis=1))]  # a spike also makes edges farther on touch: name the spike
+    if tips.any():
+        tip = edge[k][np.isin(edge[k], other[k])][0]
         raise MeshError(
-            f"cell {cell} has a spike: at node {shared.pop()} its outline turns back on itself (node {node} lies on "
-            f"the edge {_brief(edge)}). Remove the node at the tip from the cell."
+            f"cell {cells[k]} has a spike: at node {tip} its outline turns back on itself (node {node[k]} lies on the "
+            f"edge {_brief(edge[k])}). Remove the node at the tip from the cell."
         )
     raise MeshError(
-        f"cell {cell} touches itself: its node {node} lies on its edge {_brief(edge)}. Split the cell there, or move "
-        "the node."
+        f"cell {cells[k]} touches itself: its node {node[k]} lies on its edge {_brief(edge[k])}. Split the cell there, "
+        "or move the node."
     )
 
 

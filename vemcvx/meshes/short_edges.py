@@ -81,10 +81,12 @@ def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, sh
     triangle = np.repeat(np.diff(offsets) == 3, np.diff(offsets))
     forbidden = np.unique(np.sort(edges[(length < shortest) & triangle], axis=1), axis=0)
     edges = edges[length < shortest]
-    on = _on_sides(points[edges], size)
-    # Between two different sides an edge may go only into their corner.
-    bridge = on.any(axis=2).all(axis=1) & ~(on[:, 0] & on[:, 1]).any(axis=1)
-    edges = np.unique(np.sort(edges[~bridge], axis=1), axis=0)
+    ends = points[edges]
+    on = _on_sides(ends, size)
+    # Two nodes of the boundary may become one along a side, but not across the box, and corners stay corners.
+    same_side = (on[:, 0] & on[:, 1] & (ends[:, 0] == ends[:, 1])).any(axis=1)
+    bridge = on.any(axis=2).all(axis=1) & ~same_side
+    edges = np.unique(np.sort(edges[~bridge & ~on.all(axis=(1, 2))], axis=1), axis=0)
     edges = edges[~np.isin(edges @ [len(points), 1], forbidden @ [len(points), 1])]
     return edges[np.argsort(np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T), kind="stable")]
 

@@ -92,13 +92,21 @@ def _number_of_cells(n: Count | None, cells: int | None, box: Box) -> int:
 
 def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
     """Voronoi cells of the seeds in [0, size]: points, offsets, vertices; one point a Delaunay triangle."""
-    reach = 3.0  # a relaxed cell is about one unit wide; random ones can be wider, then all of this is done again
+    # A relaxed cell is about one unit wide; random ones can be wider, then all of this is done again. A handful of
+    # seeds may lie in one line with the first images, which is no triangulation.
+    reach = 3.0 if len(seeds) > 50 else np.inf
     while True:
         points, offsets, vertices = _mirrored_cells(seeds, size, reach)
-        outside = np.max(np.abs(points - 0.5 * size) - 0.5 * size)
-        if outside < 1e-6 or reach > 2.0 * size.max():
+        if reach > size.max() or _fill_the_box(points, offsets, vertices, size):
             return np.clip(points, 0.0, size), offsets, vertices
         reach *= 2.0
+
+
+def _fill_the_box(points: Floats, offsets: Ints, vertices: Ints, size: Floats) -> bool:
+    """Whether the seeds near the sides were mirrored: else cells leave the box, or are open to one side."""
+    if np.max(np.abs(points - 0.5 * size) - 0.5 * size) > 1e-6:
+        return False
+    return bool(abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < 1e-6)
 
 
 def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.acceptance import insist
 from vemcvx.certificate import EPS, Certificate, certify, norm_gaps
 from vemcvx.condensation import Condensation
-from vemcvx.errors import NotCertified
 from vemcvx.ledger import Drive, Ledger, advance, drive
 from vemcvx.linear import LinearSolver
 from vemcvx.program import Answer, Form, StepProgram
@@ -40,6 +40,10 @@ class Run:
     check: bool
     refines: bool
     """whether the factors are too coarse for the accuracy, so that every step is refined"""
+
+    def insist(self, state: State, n: int) -> None:
+        """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
+        insist(self.solver, self.system.norms, state.certificate, state.scale, state.status, n, state.t)
 
     @property
     def form(self) -> Form:
@@ -102,7 +106,7 @@ def step(run: Run, before: State, n: int, t: float) -> State:
     if run.refines:
         state = sharpened(run, state)
     if run.check:
-        insist(run, state, n)
+        run.insist(state, n)
     return state
 
 
@@ -204,36 +208,3 @@ class Trial:
             answer.iterations,
             answer.status,
         )
-
-
-def insist(run: Run, state: State, n: int) -> None:
-    """Raise NotCertified when the state misses the solver's accuracy."""
-    accuracy = run.solver.accuracy
-    error, floor = state.certificate.error, state.certificate.error_floor
-    if error <= accuracy * state.scale:
-        return
-    scale = state.scale or np.nan
-    reached, floor = error / scale, floor / scale
-    worst = ""
-    if run.system.norms is not None and run.form.count:
-        place = run.system.norms.name(int(np.argmax(state.certificate.friction)))
-        worst = f" The largest share of the gap sits at {place}."
-    said = f" The solver said: {state.status}." if state.status else ""
-    raise NotCertified(
-        f"step {n} at t = {state.t:.6g}: {run.solver.name} reached a certified relative energy error of "
-        f"{reached:.1e}, asked was {accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} "
-        f"{_advice(reached, accuracy, floor)}, or pass check=False to go on regardless.",
-        step=n,
-        time=state.t,
-        reached=reached,
-        asked=accuracy,
-        floor=floor,
-    )
-
-
-def _advice(reached: float, accuracy: float, floor: float) -> str:
-    if not reached < 0.5:
-        return "Nothing was answered that could be relied on: use polish=True where the solver has it, or vx.Newton()"
-    if floor > accuracy:
-        return f"Round-off alone allows {floor:.1e}: ask for no more than that"
-    return f"Ask for accuracy={2 * reached:.0e} or more, use polish=True where the solver has it, or vx.Newton()"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.backward_euler import Run, State, completed, insist, sticking
+from vemcvx.backward_euler import Run, State, completed, sticking
 from vemcvx.checkpoint import check_same, fingerprint, from_arrays, to_arrays
 from vemcvx.errors import SceneError
 from vemcvx.storage import Storage
@@ -80,7 +80,7 @@ class Recorder:
         if row is not None:
             state = completed(self._run, state, given=n == 0)
             if n > 0 and self._run.check:
-                insist(self._run, state, n)
+                self._run.insist(state, n)
             self._state[row], self._multipliers[row] = state.full, state.lam
             self._sticks[row] = sticking(self._run, state) if n > 0 else True
         c, ledger = state.certificate, state.ledger

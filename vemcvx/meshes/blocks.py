@@ -23,7 +23,7 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.topology import Ints, boundary_corners, cell_of_corner, edge_keys
 
 CELL, MARK, PHYSICAL = "vemcvx:cell", "boundary:", "gmsh:physical"
-POLYGONS = ("triangle", "quad", "polygon", "pixel")
+POLYGONS = ("triangle", "quad", "polygon")
 PASSED_OVER = ("vertex", "empty")
 
 Data = dict[str, list[NDArray[Any]]]
@@ -112,7 +112,7 @@ def mesh_of(points: Floats, blocks: Blocks) -> tuple[PolygonMesh, list[str]]:
 
 
 def _cells_in_order(blocks: Blocks, polygons: Iterable[int]) -> tuple[list[Ints] | Ints, Ints]:
-    rows = [_counter_clockwise_pixel(*blocks.cells[number]) for number in polygons]
+    rows = [blocks.cells[number][1] for number in polygons]
     order = np.arange(sum(map(len, rows)))
     if CELL in blocks.data:
         order = np.argsort(np.concatenate([blocks.data[CELL][number] for number in polygons]), kind="stable")
@@ -122,17 +122,13 @@ def _cells_in_order(blocks: Blocks, polygons: Iterable[int]) -> tuple[list[Ints]
     return [flat[number] for number in order], order
 
 
-def _counter_clockwise_pixel(kind: str, corners: Ints) -> Ints:
-    return corners[:, [0, 1, 3, 2]] if kind == "pixel" else corners
-
-
 def _plane(points: Floats) -> Floats:
     """The points without a third coordinate that is the same everywhere."""
     points = np.asarray(points, dtype=float)
     if points.ndim == 2 and points.shape[1] == 3 and len(points):
-        extent = np.ptp(points, axis=0)
-        # A plane that was turned into place by the program that wrote the file is plane to its digits.
-        if not extent[2] <= 1e-9 * extent.max():
+        # A plane that was turned into place by the program that wrote the file is plane to its digits. Points that
+        # are no numbers are left to the checks of the mesh, which name them.
+        if np.ptp(points[:, 2]) > 1e-9 * np.nanmax(np.abs(points - points[0]), initial=0.0):
             raise MeshError(
                 f"its points do not lie in a plane z = constant: z runs from {points[:, 2].min():.6g} to "
                 f"{points[:, 2].max():.6g}. Turn the mesh into the x-y plane first."

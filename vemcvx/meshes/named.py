@@ -44,7 +44,7 @@ def choose_edges(
     if not callable(predicate):
         raise MeshError(f"boundary {name!r}: predicate must be a function of the midpoints (m, 2); got {predicate!r}.")
     midpoints = 0.5 * (points[boundary[:, 0]] + points[boundary[:, 1]])
-    chosen = np.asarray(predicate(midpoints))
+    chosen = _array(predicate(midpoints))
     if chosen.shape != (len(boundary),) or chosen.dtype != bool:
         raise MeshError(
             f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
@@ -85,10 +85,7 @@ def check_boundaries(
 
 
 def _check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
-    try:
-        edges = np.asarray(edges)
-    except ValueError:  # ragged
-        edges = np.empty(0)
+    edges = _array(edges)
     if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.dtype.kind not in "iu":
         raise MeshError(
             f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
@@ -109,10 +106,7 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike], n_cells: int) -> dict[st
     for name, values in cell_data.items():
         if not isinstance(name, str) or not name:
             raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
-        try:
-            array = np.array(values)
-        except ValueError:  # ragged
-            array = np.empty(0, dtype=object)
+        array = _array(values).copy()
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
             raise MeshError(
                 f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
@@ -139,6 +133,16 @@ def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
     """Points moved by the displacement, if there is one."""
     if displacement is None:
         return points
-    if np.shape(displacement) != points.shape:
-        raise MeshError(f"displacement must have the shape {points.shape} of the points; got {np.shape(displacement)}.")
-    return points + np.asarray(displacement, dtype=float)
+    array = _array(displacement)
+    if array.shape != points.shape or array.dtype.kind not in "biuf":
+        raise MeshError(f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
+                        f"shape {array.shape}.")
+    return points + array
+
+
+def _array(values: ArrayLike) -> NDArray[Any]:
+    """Values as an array; rows of different lengths as an array of objects, which every check refuses."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        return np.empty(0, dtype=object)

@@ -270,3 +270,17 @@ def test_a_terminal_gets_a_progress_bar(tmp_path):
         said += piece
     os.close(main)
     assert b"6/6" in said
+
+
+def test_the_linear_solver_can_be_named():
+    pytest.importorskip("pyamg")
+    lines = [
+        invoke("run", PROBLEM, "--n", 8, "--steps", 2, "--linear", name).output for name in ("superlu", "Multigrid")
+    ]
+    energies = [re.search(r"stored (\S+),", text).group(1) for text in lines]
+    assert energies[0] == energies[1]
+    wrong = invoke("run", PROBLEM, "--linear", "cholesky")
+    assert wrong.exit_code == 2
+    assert "--linear: there is no linear solver 'cholesky'; there are superlu, multigrid" in " ".join(
+        wrong.output.split()
+    )

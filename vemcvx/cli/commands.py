@@ -60,6 +60,9 @@ def run(
     resume: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Go on with a run that was interrupted; its --out was DIR.")
     ] = None,
+    linear: Annotated[
+        str | None, typer.Option(help="superlu or multigrid. (default: by the number of unknowns)")
+    ] = None,
     settings: Settings = [],  # noqa: B006 - typer wants a list and never changes it
 ) -> None:
     """Simulate a problem, and say what came out and how certain it is."""
@@ -67,10 +70,8 @@ def run(
         from vemcvx.cli.problem_file import read_problem
         from vemcvx.cli.simulation import Run, simulate_problem
 
-        folder = out if resume is None else resume
-        asked = Run(
-            mesh, n, steps, solver, accuracy, folder, plot, store, condense, tuple(settings), resume is not None
-        )
+        folder, going_on = (out, False) if resume is None else (resume, True)
+        asked = Run(mesh, n, steps, solver, accuracy, folder, plot, store, condense, tuple(settings), going_on, linear)
         typer.echo(simulate_problem(read_problem(file), asked))
 
 

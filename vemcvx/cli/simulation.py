@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.solver_names import named_solver
+from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.files import Origin, writable_folder, write_history
 from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY
 from vemcvx.history import History
@@ -37,6 +37,7 @@ class Run:
     condense: bool
     settings: tuple[str, ...]
     resume: bool = False
+    linear: str | None = None
 
 
 def simulate_problem(problem: Problem, asked: Run) -> str:
@@ -59,6 +60,7 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
             solver=solver,
             store=int(asked.store) if asked.store.isdecimal() else asked.store,
             condense=asked.condense,
+            linear=named_linear(asked.linear),
             progress=progress,
             stream=None if asked.out is None else asked.out / ROWS,
             resume=asked.resume,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from vemcvx.errors import ProblemError
+from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 
+LINEAR = {"superlu": SuperLU, "multigrid": Multigrid}
 NAMES = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
@@ -25,3 +27,18 @@ def named_solver(name: str, accuracy: float | None) -> Solver:
             "in capitals: SCS, HIGHS, ..."
         )
     return ThroughCvxpy(name, **settings)
+
+
+def named_linear(name: str | None) -> LinearSolver | None:
+    """The linear solver of that name; None leaves the choice to the number of unknowns.
+
+    Raises
+    ------
+    ProblemError
+        There is none of that name.
+    """
+    if name is None:
+        return None
+    if name.lower() not in LINEAR:
+        raise ProblemError(f"--linear: there is no linear solver {name!r}; there are {', '.join(LINEAR)}.")
+    return LINEAR[name.lower()]()

@@ -144,7 +144,8 @@ def _with_lines(mesh: PolygonMesh, blocks: Blocks) -> tuple[PolygonMesh, list[st
     keys = edge_keys(boundary[:, 0], boundary[:, 1], mesh.n_nodes)
     for name, parts in blocks.lines.items():
         edges = np.concatenate([c[part] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"])
-        edges = edges if mesh.node_map is None else mesh.node_map[edges]
+        number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
+        edges = np.where((edges >= 0) & (edges < len(number)), number[np.clip(edges, 0, len(number) - 1)], -1)
         wanted = np.isin(keys, edge_keys(edges[:, 0], edges[:, 1], mesh.n_nodes)[(edges >= 0).all(axis=1)])
         inner = len(np.unique(np.sort(edges, axis=1), axis=0)) - np.count_nonzero(wanted)
         if inner:

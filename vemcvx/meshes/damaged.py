@@ -18,14 +18,14 @@ TEXT, BINARY = ("nastran", "off", "tecplot"), ("ply", "mdpa")
 class _ImpatientText(io.TextIOWrapper):
     misses = 0
 
-    def readline(self, *size: Any) -> str:
+    def readline(self, *size: Any) -> Any:
         return _counted(self, super().readline(*size))
 
 
 class _ImpatientBytes(io.BufferedReader):
     misses = 0
 
-    def readline(self, *size: Any) -> bytes:
+    def readline(self, *size: Any) -> Any:
         return _counted(self, super().readline(*size))
 
 

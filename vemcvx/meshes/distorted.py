@@ -34,11 +34,11 @@ def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float
     MeshError
         n is not a positive whole number, box is not a rectangle, or ``amount`` is not in [0, 1).
     """
-    box = check_box(box)
+    rectangle = check_box(box)
     amount = check_fraction("amount", amount, 1.0)
-    nx, ny = cell_counts(n, box)
-    points, corners = square_grid(nx, ny, box)
+    nx, ny = cell_counts(n, rectangle)
+    points, corners = square_grid(nx, ny, rectangle)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
-    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * [box.width / nx, box.height / ny]
-    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box)
+    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * [rectangle.width / nx, rectangle.height / ny]
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)

@@ -13,7 +13,7 @@ import io
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.blocks import MARK, POLYGONS, Blocks, add_boundaries, cell_blocks, mesh_of
+from vemcvx.meshes.blocks import MARK, POLYGONS, Blocks, Data, add_boundaries, cell_blocks, mesh_of
 from vemcvx.meshes.damaged import impatient
 from vemcvx.meshes.groups import physical_groups, take_physical_groups, take_sets
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -165,8 +165,9 @@ def _check_target(path: Path) -> str:
 def _file_of(suffix: str, points: NDArray[np.float64], blocks: Blocks, point_data: Arrays) -> meshio.Mesh:
     import meshio
 
-    spelled = {".vtu": _xml_name, ".vtk": quote}.get(suffix, str)
-    data, names = {}, {}
+    spelled: Callable[[str], str] = {".vtu": _xml_name, ".vtk": quote}.get(suffix, str)
+    data: Data = {}
+    names: Arrays = {}
     if suffix in ANY_POLYGON:
         marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.lines.items()}
         data = blocks.data | marks
@@ -244,7 +245,11 @@ def _read(path: Path) -> tuple[PolygonMesh, list[str]]:
 def _blocks_of(file: meshio.Mesh, suffix: str) -> Blocks:
     spelled = unquote if suffix == ".vtk" else str
     kinds = [block.type for block in file.cells]
-    cells = [np.asarray(b.data) if b.type in (*POLYGONS, "line") else np.empty((len(b.data), 1)) for b in file.cells]
+    known = [block.type in (*POLYGONS, "line") for block in file.cells]
+    cells = [
+        np.asarray(block.data if flat else np.zeros((len(block.data), 1))).astype(np.int64)
+        for block, flat in zip(file.cells, known, strict=True)
+    ]
     data = {spelled(name): list(map(np.asarray, parts)) for name, parts in file.cell_data.items()}
     blocks = Blocks(list(zip(kinds, cells, strict=True)), data)
     for name, parts in data.items():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def check_whole(name: str, value: object, least: int = 1) -> int:
     return int(value)
 
 
-def check_fraction(name: str, value: object, high: float, *, closed: bool = False) -> float:
+def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) -> float:
     """Return a number in [0, high), or [0, high] if ``closed``, or raise MeshError."""
     inside = isinstance(value, Real) and (0.0 <= value < high or (closed and value == high))
     if not inside:

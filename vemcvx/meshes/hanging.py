@@ -41,20 +41,20 @@ def hanging(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, fraction: float
     MeshError
         n is not a positive whole number, box is not a rectangle, or ``fraction`` is not in [0, 1].
     """
-    box = check_box(box)
+    rectangle = check_box(box)
     fraction = check_fraction("fraction", fraction, 1.0, closed=True)
-    nx, ny = cell_counts(n, box)
+    nx, ny = cell_counts(n, rectangle)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     cut = np.zeros(nx * ny, dtype=bool)
     cut[random.permutation(nx * ny)[: round(fraction * nx * ny)]] = True
-    points, _ = square_grid(2 * nx, 2 * ny, box)
+    points, _ = square_grid(2 * nx, 2 * ny, rectangle)
     blocks = _blocks(nx, ny)
     whole = np.flatnonzero(~cut)
     rows = np.full((4 * nx * ny, 8), -1)
     rows[4 * whole] = blocks[whole][:, AROUND]
     rows.reshape(-1, 4, 8)[cut, :, :4] = blocks[cut][:, QUARTERS]
     rows = rows[rows[:, 0] >= 0]
-    return padded_mesh(points, _present(cut, blocks, len(points)), rows, box)
+    return padded_mesh(points, _present(cut, blocks, len(points)), rows, rectangle)
 
 
 def _blocks(nx: int, ny: int) -> Ints:

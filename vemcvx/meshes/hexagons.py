@@ -42,17 +42,17 @@ def hexagons(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     MeshError
         n is not a positive whole number, or box is not a rectangle.
     """
-    box = check_box(box)
-    columns, rows = cell_counts(n, box, stretch=WIDTH)
+    rectangle = check_box(box)
+    columns, rows = cell_counts(n, rectangle, stretch=WIDTH)
     lines, half_cells = np.arange(rows + 1)[:, None], np.arange(2 * columns + 1)
     # Row k has its upright edges where k + i is even; there the line below it is high and the line above it low.
     high = (lines + half_cells) % 2 == 0
     flat = (lines == 0) | (lines == rows)
     present = np.where(lines == 0, high, np.where(lines == rows, ~high, True))
     present = present | (flat & ((half_cells == 0) | (half_cells == 2 * columns)))
-    points = _zigzag_points(columns, rows, np.where(flat, 0.0, np.where(high, 1.0, -1.0)), box)
+    points = _zigzag_points(columns, rows, np.where(flat, 0.0, np.where(high, 1.0, -1.0)), rectangle)
     cells = np.concatenate([_row_of_cells(columns, row) for row in range(rows)])
-    return padded_mesh(points, present.ravel(), cells, box)
+    return padded_mesh(points, present.ravel(), cells, rectangle)
 
 
 def _zigzag_points(columns: int, rows: int, zigzag: Floats, box: Box) -> Floats:

@@ -135,8 +135,10 @@ def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
         return points
     array = _array(displacement)
     if array.shape != points.shape or array.dtype.kind not in "biuf":
-        raise MeshError(f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
-                        f"shape {array.shape}.")
+        raise MeshError(
+            f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
+            f"shape {array.shape}."
+        )
     return points + array
 
 

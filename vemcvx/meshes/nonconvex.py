@@ -38,11 +38,11 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
     MeshError
         n is not a positive whole number, box is not a rectangle, or ``zigzag`` is not in [0, 1/3).
     """
-    box = check_box(box)
+    rectangle = check_box(box)
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
-    nx, ny = cell_counts(n, box)
-    points, corners = square_grid(nx, ny, box)
-    along = _thirds(points, nx, ny, zigzag, box)
+    nx, ny = cell_counts(n, rectangle)
+    points, corners = square_grid(nx, ny, rectangle)
+    along = _thirds(points, nx, ny, zigzag, rectangle)
     level, upright = (ny + 1) * nx, ny * (nx + 1)  # numbers of level and of upright edges, also those on the sides
     inner = np.repeat(_inner(nx, ny), 2)
     first = len(points) + 2 * np.arange(level + upright)
@@ -59,7 +59,7 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
         upright_edges[:, :-1, ::-1].reshape(-1, 2),
     ]
     present = np.concatenate([np.ones(len(points), dtype=bool), inner])
-    return padded_mesh(np.concatenate([points, along]), present, np.concatenate(around, axis=1), box)
+    return padded_mesh(np.concatenate([points, along]), present, np.concatenate(around, axis=1), rectangle)
 
 
 def _thirds(points: Floats, nx: int, ny: int, zigzag: float, box: Box) -> Floats:

@@ -8,6 +8,7 @@ round-off; `collapse_short_edges` shrinks the short edges that are left, as Poly
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -69,7 +70,7 @@ def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, 
     return points[used], np.concatenate([[0], np.cumsum(counts)]), vertices
 
 
-def _on_sides(points: Floats, size: Floats) -> Floats:
+def _on_sides(points: Floats, size: Floats) -> NDArray[np.bool_]:
     """Which coordinates are those of a side of [0, size], bool like points."""
     return (points == 0.0) | (points == size)
 

@@ -32,9 +32,9 @@ def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     MeshError
         n is not a positive whole number, or box is not a rectangle.
     """
-    box = check_box(box)
-    points, corners = square_grid(*cell_counts(n, box), box)
-    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box)
+    rectangle = check_box(box)
+    points, corners = square_grid(*cell_counts(n, rectangle), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
 
 
 def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:

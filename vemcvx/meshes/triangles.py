@@ -31,7 +31,7 @@ def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     MeshError
         n is not a positive whole number, or box is not a rectangle.
     """
-    box = check_box(box)
-    points, corners = square_grid(*cell_counts(n, box), box)
+    rectangle = check_box(box)
+    points, corners = square_grid(*cell_counts(n, rectangle), rectangle)
     vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
-    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, box)
+    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)

@@ -65,29 +65,29 @@ def voronoi(
     MeshError
         A count is not a positive whole number, box is not a rectangle, ``shortest`` not in [0, 0.1].
     """
-    box = check_box(box)
-    count = _number_of_cells(n, cells, box)
+    rectangle = check_box(box)
+    count = _number_of_cells(n, cells, rectangle)
     relaxations = check_whole("relaxations", relaxations, 0)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
-    # Lengths below are in roots of the mean cell area, whatever the units of the box.
-    scale = np.sqrt(box.width / count) * np.sqrt(box.height)
-    size = np.array([box.width, box.height]) / scale
+    # Lengths below are in roots of the mean cell area, whatever the units of the rectangle.
+    scale = np.sqrt(rectangle.width / count) * np.sqrt(rectangle.height)
+    size = np.array([rectangle.width, rectangle.height]) / scale
     seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, 2)) * size
     for _ in range(relaxations):
         seeds = areas_and_centroids(*_cells_of(seeds, size))[1]
     points, offsets, vertices = merge_coincident(*_cells_of(seeds, size), size)
     if shortest > 0.0:
         points, offsets, vertices = collapse_short_edges(points, offsets, vertices, size, shortest)
-    return PolygonMesh.unchecked(_placed(points, size, box), offsets, vertices, box)
+    return PolygonMesh.unchecked(_placed(points, size, rectangle), offsets, vertices, rectangle)
 
 
 def _number_of_cells(n: Count | None, cells: int | None, box: Box) -> int:
     if cells is not None:
         return check_total(check_whole("cells", cells))
-    if np.ndim(n) == 0:
-        return check_total(max(1, round(check_whole("n", n) ** 2 * box.width * box.height)))
-    nx, ny = cell_counts(n, box)
-    return nx * ny
+    if isinstance(n, (tuple, list, np.ndarray)):
+        nx, ny = cell_counts(n, box)
+        return nx * ny
+    return check_total(max(1, round(check_whole("n", n) ** 2 * box.width * box.height)))
 
 
 def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:

@@ -1,0 +1,280 @@
+"""Meshes handed in by a user: what is refused and in which words, what is mended, what is fine."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.meshes import PolygonMesh
+
+SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+TWO = [*SQUARE, (2.0, 0.0), (2.0, 1.0)]  # cells [0, 1, 2, 3] and [1, 4, 5, 2]
+BOTH = [[0, 1, 2, 3], [1, 4, 5, 2]]
+
+
+def refused(points, cells, message):
+    with pytest.raises(vx.MeshError, match=message):
+        PolygonMesh(points, cells)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ("points", "points must be real numbers"),
+        (None, "points must be real numbers"),
+        ([(0, 0), (1,)], "points must be real numbers"),
+        ([("0", "1")], "points must be real numbers"),
+        (np.zeros((3, 2), dtype=complex), "points must be real numbers"),
+        (np.zeros((4, 3)), r"shape \(n_nodes, 2\); got \(4, 3\).*leave out the third coordinate"),
+        (np.zeros(8), r"shape \(n_nodes, 2\); got \(8,\)"),
+        ([*SQUARE[:3], (0.0, np.nan)], r"node 3 is at \(0.0, nan\): coordinates must be finite"),
+        ([*SQUARE[:3], (np.inf, 0.0)], r"node 3 is at \(inf, 0.0\)"),
+        ([*SQUARE[:3], (0.0, 1e70)], "coordinates reach 1e\\+70"),
+    ],
+)
+def test_bad_points(points, message):
+    refused(points, [[0, 1, 2, 3]], message)
+
+
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        (None, "cells must be a sequence of sequences of node numbers; got NoneType"),
+        (5, "cells must be a sequence of sequences"),
+        ([], "at least one cell"),
+        (np.empty((0, 4), dtype=int), "at least one cell"),
+        ([[]], "cell 0 has 0 vertices"),
+        ([[0, 1, 2, 3], [0, 1]], "cell 1 has 2 vertices; a polygon has at least 3"),
+        (np.array([[0, 1], [2, 3]]), "cell 0 has 2 vertices"),
+        (np.arange(4), r"cells as one array must have the shape \(n_cells, k\)"),
+        ([0, 1, 2, 3], r"cell 0 must be a list of node numbers; got int64 of shape \(\)"),
+        ([[0.0, 1.0, 2.0]], "cell 0 must be a list of node numbers; got float64"),
+        (np.array([[0.0, 1.0, 2.0]]), "cell 0 must be a list of node numbers; got float64"),
+        ([[True, False, True]], "cell 0 must be a list of node numbers; got bool"),
+        (["012"], "cell 0 must be a list of node numbers"),
+        ([[0, 1, [2]]], "cells must be a sequence of sequences"),
+        ([[0, 1, 2], [0, 2, 4]], "cell 1 names node 4; the 4 nodes are numbered 0 to 3"),
+        ([[0, 1, -2]], "cell 0 names node -2"),
+        ([[0, 1, 2**40]], "cell 0 names node 1099511627776"),
+        ([[0, 1, 2, 3, 1]], "cell 0 names node 1 twice"),
+    ],
+)
+def test_bad_cell_lists(cells, message):
+    refused(SQUARE, cells, message)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize(
+    ("points", "cells", "message"),
+    [
+        ([*SQUARE[:3], (1, 0)], [[0, 1, 2, 3]], "nodes 1 and 3 are in the same place"),
+        ([*SQUARE[:3], (0, 1), (0, 1 + 2e-16)], [[0, 1, 2, 3], [0, 3, 4]], "nodes 3 and 4 are in the same place"),
+        (SQUARE, [[0, 2, 1, 3]], r"cell 0 crosses itself: its edges \(0, 2\) and \(1, 3\) intersect"),
+        ([(0, 0), (1, 0), (2, 0), (3, 0)], [[0, 1, 2, 3]], r"cell 0 has no area: its vertices \(0, 1, 2, 3\)"),
+        ([(0, 0), (1, 1), (3, 3)], [[0, 1, 2]], "cell 0 has no area"),
+        ([*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], r"cell 0 has a spike: at node 4 .*node 1 lies on the edge \(0, 4\)"),
+        ([*SQUARE, (0.5, 0)], [[0, 1, 4, 2, 3]], "cell 0 has a spike: at node 1"),
+        ([*SQUARE, (0.5, 0.0), (0.6, 0.5)], [[0, 1, 2, 5, 4, 3]], r"cell 0 touches itself: its node 4 .*edge \(0, 1\)"),
+        (
+            [*SQUARE, (0.5, 0.4)],
+            [[0, 1, 4], [1, 0, 2], [0, 1, 3]],
+            r"the edge \(0, 1\) belongs to 3 cells: 0, 1, 2",
+        ),
+        ([*SQUARE, (0.5, 0.4)], [[0, 1, 2, 3], [0, 1, 4]], r"cells 0 and 1 overlap: both .*edge \(0, 1\)"),
+        (
+            [*SQUARE, (0.5, 0.5), (2, 0.4), (2, 0.6)],
+            [[0, 1, 2, 3], [4, 5, 6]],
+            r"cells 0 and 1 overlap: the edge \(1, 2\) of the one crosses the edge \(\d, \d\) of the other",
+        ),
+        (
+            [*SQUARE, (0.4, 0.4), (0.6, 0.4), (0.5, 0.6)],
+            [[0, 1, 2, 3], [4, 5, 6]],
+            "cell 1 overlaps another cell: beside its edge",
+        ),
+        (  # node 6 in the middle of the edge that the two squares would share
+            [*TWO, (1, 0.5)],
+            [[0, 1, 6, 2, 3], BOTH[1]],
+            r"node 6 lies on the edge \(2, 1\) of cell 1 .*insert 6 between 2 and 1 in cell 1",
+        ),
+        (  # one of the two pulls back from the other by 1e-9
+            [*TWO, (1, 0.5), (1 + 1e-9, 0.5)],
+            [[0, 1, 6, 2, 3], [1, 4, 5, 2, 7]],
+            r"there is a gap of \S+ between node \d and the edge \(\d, \d\) of cell \d, less than 1e-06",
+        ),
+        (  # and forward
+            [*TWO, (1, 0.5), (1 - 1e-9, 0.5)],
+            [[0, 1, 6, 2, 3], [1, 4, 5, 2, 7]],
+            "overlap",
+        ),
+        (  # a slit of 1e-9 between all of their nodes
+            [*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)],
+            [[0, 1, 2, 3], [4, 5, 6, 7]],
+            "there is a gap of",
+        ),
+    ],
+)
+def test_bad_geometry(points, cells, message, scale):
+    refused(scale * np.array(points, dtype=float), cells, message)
+
+
+def test_same_cell_twice():
+    refused(TWO, [*BOTH, BOTH[0]], r"the edge \(1, 2\) belongs to 3 cells: 0, 1, 2")
+    refused(SQUARE, [BOTH[0], BOTH[0]], "cells 0 and 1 overlap: both lie on the same side")
+
+
+def test_covering_twice_around_a_node():
+    """Cells fold over like a spiral stair: every pair of neighbours fits, the whole does not."""
+    angle = np.linspace(0.0, 4.0 * np.pi, 13)[:-1]
+    ring = (1.0 + 0.05 * np.arange(12))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    cells = [[0, k + 1, (k + 1) % 12 + 1] for k in range(12)]
+    refused(np.vstack([[0.0, 0.0], ring]), cells, "overlap")
+
+
+def test_two_sectors_on_one_node_overlap():
+    angle = np.radians([0, 90, 45, 135])
+    fan = np.vstack([[0.0, 0.0], np.column_stack([np.cos(angle), np.sin(angle)]) * [[1], [1], [0.2], [0.2]]])
+    refused(fan, [[0, 1, 2 + 0], [0, 3, 4]], "overlap")
+
+
+def test_clockwise_cells_are_turned():
+    with pytest.warns(vx.MeshWarning, match=r"1 of 2 cells were listed clockwise \(the first is cell 1\)") as caught:
+        mesh = PolygonMesh(TWO, [[0, 1, 2, 3], [1, 2, 5, 4]])
+    assert caught[0].filename == __file__
+    assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2, 3], [1, 4, 5, 2]]
+    assert (mesh.areas == 1.0).all()
+
+
+def test_unused_nodes_are_dropped():
+    points = [(9, 9), *SQUARE[:2], (5, 5), *SQUARE[2:], (7, 7)]
+    with pytest.warns(vx.MeshWarning, match=r"3 of 7 nodes belong to no cell \(the first is node 0\)"):
+        mesh = PolygonMesh(points, [[1, 2, 4, 5]], boundaries={"base": [(1, 2)]})
+    np.testing.assert_array_equal(mesh.points, SQUARE)
+    assert mesh.cells[0].tolist() == [0, 1, 2, 3]
+    assert mesh.node_map.tolist() == [-1, 0, 1, -1, 2, 3, -1]
+    assert mesh.boundaries["base"].tolist() == [[0, 1]]
+
+
+def test_nothing_dropped_no_map():
+    assert PolygonMesh(SQUARE, [[0, 1, 2, 3]]).node_map is None
+
+
+def accepted(points, cells, area):
+    mesh = PolygonMesh(points, cells)
+    assert mesh.areas.sum() == pytest.approx(area, rel=1e-14)
+    return mesh
+
+
+def test_hanging_node_of_both_cells():
+    accepted([*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], [1, 4, 5, 2, 6]], 2.0)
+
+
+def test_hanging_node_at_a_third():
+    """Rounding puts such a node beside the edge by a unit in the last place, to either side."""
+    for a, b in (((0.1, 0.3), (0.7, 1.1)), ((-0.3, 0.9), (1e3, 7.7))):
+        a, b = np.array(a), np.array(b)
+        node = a + (b - a) / 3.0
+        aside = np.array([-(b - a)[1], (b - a)[0]])
+        points = np.array([a, b, node, a + aside, a - aside])
+        mesh = PolygonMesh(points, [[0, 2, 1, 3], [0, 4, 1, 2]])
+        assert len(mesh.neighbours) == 2
+        refused(points, [[0, 2, 1, 3], [0, 4, 1]], "node 2 lies on the edge|gap|overlap")
+
+
+@pytest.mark.parametrize("offset", [0.0, 3.0, -40.0])
+def test_tiny_edges(offset):
+    """A corner cut off by 1e-12 of the cell, shared and on the boundary."""
+    tiny = 1e-12 if not offset else 1e-12 * 64  # 64 units in the last place at 40
+    points = np.array([(0, 0), (1, 0), (1, 1 - tiny), (1 - tiny, 1), (0, 1), (2, 0), (2, 1)]) + offset
+    mesh = PolygonMesh(points, [[0, 1, 2, 3, 4], [1, 5, 6, 3, 2]])
+    assert mesh.areas.sum() == pytest.approx(2.0, rel=1e-11)
+
+
+def test_one_cell_that_is_a_needle():
+    accepted([(0, 0), (1, 0), (1, 1e-9), (0.5, 1e-9), (0, 1e-9)], [range(5)], 1e-9)
+
+
+def test_holes_and_disconnected_parts():
+    mesh = vx.meshes.squares(3)
+    ring = accepted(mesh.points, [cell for c, cell in enumerate(mesh.cells) if c != 4], 8 / 9)
+    assert len(ring.boundaries["boundary"]) == 16
+    apart = np.vstack([mesh.points, mesh.points + np.array([2.0, 0.5])])
+    accepted(apart, [*mesh.cells, *(cell + 16 for cell in mesh.cells)], 2.0)
+    inside = np.vstack([ring.points, 0.4 + 0.2 * np.array(SQUARE)])
+    accepted(inside, [*ring.cells, [16, 17, 18, 19]], 8 / 9 + 0.04)
+
+
+def test_cells_that_meet_in_a_point():
+    checkers = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 1), (2, 2), (1, 2)]
+    mesh = accepted(checkers, [[0, 1, 2, 3], [2, 4, 5, 6]], 2.0)
+    assert len(mesh.boundaries["boundary"]) == 8
+
+
+def test_graded_over_nine_orders():
+    line = np.concatenate([[0.0], 2.0 ** -np.arange(30.0)[::-1]])
+    count = len(line)
+    x, y = np.meshgrid(line, line)
+    first = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
+    accepted(np.column_stack([x.ravel(), y.ravel()]), first[:, None] + [0, 1, count + 1, count], 1.0)
+
+
+def test_a_cell_of_many_vertices():
+    angle = np.linspace(0.0, 2.0 * np.pi, 1501)[:-1]
+    radius = 1.0 + 0.2 * np.cos(60 * angle)
+    star = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    accepted(star, [range(1500)], PolygonMesh(star, [range(1500)]).areas[0])
+    broken = star.copy()
+    broken[750] = [1.5, 0.01]
+    refused(broken, [range(1500)], "cell 0 crosses itself")
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_kinds_of_cells(kind):
+    mesh = PolygonMesh(SQUARE, [kind([0, 1, 2]), kind([0, 2, 3])])
+    assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.uint8, np.int64])
+def test_cells_as_one_array(kind):
+    mesh = PolygonMesh(SQUARE, np.array([[0, 1, 2], [0, 2, 3]], dtype=kind))
+    assert [cell.tolist() for cell in mesh.cells] == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_first_fault_of_many_is_named():
+    mesh = vx.meshes.voronoi(8)
+    cells = [cell.tolist() for cell in mesh.cells]
+    cells[17] = cells[17][:1] + cells[17][2:0:-1] + cells[17][3:]
+    refused(mesh.points, cells, "cell 17 ")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("hanging", "node {node} lies on the edge"), ("nonconvex", "overlap"), ("voronoi", None)]
+)
+def test_a_vertex_left_out_of_one_cell(name, message):
+    """A hanging node is missed; without a reflex vertex the cell covers a neighbour; a convex one opens a notch."""
+    mesh = vx.meshes.FAMILIES[name](4, seed=1)
+    uses, tried = np.bincount(mesh.vertices), 0
+    for number, cell in enumerate(mesh.cells):
+        before, after = mesh.points[np.roll(cell, 1)], mesh.points[np.roll(cell, -1)]
+        (ax, ay), (bx, by) = (mesh.points[cell] - before).T, (after - mesh.points[cell]).T
+        turns = ax * by - ay * bx
+        places = np.flatnonzero(turns < 1e-15 if message else (uses[cell] == 3))[:2]
+        for place in places if len(cell) > 3 else ():
+            cells = [*mesh.cells[:number], np.delete(cell, place), *mesh.cells[number + 1 :]]
+            tried += 1
+            if message:
+                refused(mesh.points, cells, message.format(node=cell[place]))
+            else:
+                assert PolygonMesh(mesh.points, cells).areas.sum() < 1.0 - 1e-4
+    assert tried > 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["voronoi", "nonconvex", "hanging"])
+def test_twenty_thousand_cells_in_a_second(name):
+    mesh = vx.meshes.FAMILIES[name](141)
+    start = time.perf_counter()
+    PolygonMesh(mesh.points, mesh.cells)
+    assert time.perf_counter() - start < 1.0

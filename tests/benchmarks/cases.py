@@ -134,12 +134,20 @@ def picture(rows: list[Row], growth: list[dict], path: Path) -> None:
     """Ratios as bars against what is wanted, and time and memory against unknowns."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    shown = rows[:-1]
-    left.barh([row.name for row in shown][::-1], [row.ratio for row in shown][::-1], color="#33658a")
+    shown = rows[:-1][::-1]
+    left.plot([row.ratio for row in shown], range(len(shown)), "o", color="#33658a")
+    left.axvline(1.0, color="#777777", linewidth=0.8)
+    for place, row in enumerate(shown):
+        left.annotate(
+            f"{row.ratio:.3g}", (row.ratio, place), (6, 0), textcoords="offset points", va="center", fontsize=7
+        )
+    names = [f"{row.name}\nagainst {row.reference}" for row in shown]
+    left.set_yticks(range(len(shown)), names, fontsize=6)
     left.set(xscale="log", xlabel="time as a multiple of the reference", title="Ratios, measured side by side")
-    left.tick_params(axis="y", labelsize=7)
+    left.set_xlim(right=8 * max(row.ratio for row in shown))
+    left.grid(axis="x", alpha=0.3)
     unknowns = np.array([row["unknowns"] for row in growth])
     right.loglog(unknowns, [row["seconds"] for row in growth], "o-", color="#33658a", label="seconds")
     right.loglog(unknowns, [row["peak_gb"] for row in growth], "s--", color="#f26419", label="peak memory, GB")

@@ -20,7 +20,7 @@ def uniaxial(plane):
 @pytest.mark.parametrize("plane", ["strain", "stress"])
 @pytest.mark.parametrize("stabilisation", ["shear", "unit"])
 def test_a_bar_on_rollers_pulled_at_one_end(family, plane, stabilisation):
-    """u . n prescribed on the left, bilateral contact below with friction that carries nothing, traction on the right."""
+    """u . n prescribed on the left, contact below with friction that carries nothing, traction on the right."""
     mesh = vx.meshes.FAMILIES[family](4, box=((0, 1.5), (0, 1)))
     scene = vx.Scene(
         vx.Elasticity(YOUNG, POISSON, plane=plane, stabilisation=stabilisation),

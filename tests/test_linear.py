@@ -90,3 +90,15 @@ def test_singular_matrices_are_a_clear_error():
     chain = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     with pytest.raises(vx.SceneError, match="stiffness matrix is singular.*Add supports"):
         vx.march(vx.System(chain, lambda t: np.array([t, 0.0, 0.0])), [0, 1])
+
+
+def test_one_copy_of_the_factors_is_kept():
+    """The Schur complement is read off copies that are given back; the factor goes on solving."""
+    system = pose(paper_scene(), small("voronoi", 12)).system
+    touched = np.unique(system.norms.B.indices)
+    factor, S = SuperLU().eliminate(system.K, system.order, touched)
+    assert factor._lu.L.data.nbytes + factor._lu.U.data.nbytes + factor._lu.L.indices.nbytes == 0
+    inside = np.linalg.inv(system.K.toarray())[np.ix_(touched, touched)]
+    assert np.abs(S @ inside - np.eye(len(touched))).max() < 1e-10
+    x = np.random.default_rng(5).normal(size=system.n)
+    assert np.abs(factor.solve(system.K @ x) - x).max() < 1e-9

@@ -19,6 +19,7 @@ from vemcvx.linear import LinearSolver
 from vemcvx.program import Answer, Form, StepProgram
 from vemcvx.refine import full_certificate, needs_refinement, refined
 from vemcvx.scaling import Scaling, scaling
+from vemcvx.seminorm import answered, refuse_unbalanced
 from vemcvx.solvers import Prepared, Solver, choose
 from vemcvx.system import System
 
@@ -72,6 +73,8 @@ class State:
     iterations: int
     status: str = ""
     """in the solver's own words"""
+    safeguards: int = 0
+    """how many of the iterations stood in for faster ones"""
     full: Floats | None = None
     """(n,) all unknowns, once somebody has asked for them"""
 
@@ -83,8 +86,8 @@ def prepare(
     condensation = Condensation(system, condense, linear)
     chosen = choose(condensation.form, solver)
     scales = scaling(condensation.form)
-    refines = condensation.form.rows.columns is not None and needs_refinement(system, condensation, chosen.accuracy)
-    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form), check, refines)
+    refines = condensation.form.rows.columns is not None and needs_refinement(condensation, chosen.accuracy)
+    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form.regular), check, refines)
 
 
 def step(run: Run, before: State, n: int, t: float) -> State:
@@ -98,6 +101,8 @@ def step(run: Run, before: State, n: int, t: float) -> State:
     now = drive(run.system, run.condensation, t)
     weights = np.zeros(0) if run.system.norms is None else run.system.norms.weights(t)
     attempt = trial(run, before, now, weights)
+    if run.form.kernel is not None:
+        refuse_unbalanced(attempt.program, run.system.kernel, run.condensation.touched, n, t)
     if now.still_as(before.drive) and np.array_equal(weights, before.weights):
         guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed")
         state = attempt.enter(guess, before.certificate)
@@ -184,8 +189,7 @@ class Trial:
     def _ask(self, alpha: float, target: float) -> State:
         scales = self.run.scaling
         scaled = scales.scale(self.program, alpha)
-        answer = self.run.prepared.solve(scaled, scales.energy(target, alpha), scales.guess(self.before.lam, alpha))
-        answer = replace(answer, lam=scaled.project(answer.lam))
+        answer = answered(self.run.prepared, scaled, scales.energy(target, alpha), scales.guess(self.before.lam, alpha))
         unit = 1.0 / scales.energy(1.0, alpha)
         return self.enter(scales.restore(answer, alpha), certify(scaled, answer.d, answer.lam).times(unit))
 
@@ -207,4 +211,5 @@ class Trial:
             max(before.scale, ledger.norm),
             answer.iterations,
             answer.status,
+            answer.safeguards,
         )

@@ -14,6 +14,9 @@ P(d) = 1/2 d'Kd - g'd + sum w|s|. P(d) - D(lam) = 1/2 |v - d|_K^2 + sum (w|s| - 
 -g'd = -v'Kd - lam.Bd; this is the gap. P is K-strongly convex with minimiser d*, so
 P(d) >= P(d*) + 1/2 |d - d*|_K^2, and weak duality P(d*) >= D(lam) ends it.  QED
 
+Where K has a kernel N (:mod:`vemcvx.kernel`) all this holds in the seminorm |.|_K, with K^{-1} any inverse of K on
+balanced forces; where N'r does not vanish, the gap is infinite.
+
 Every summand is >= 0 and belongs to one place of the boundary. The norm part is evaluated without
 cancellation, w|s| - lam.s = (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2.
 """
@@ -91,19 +94,41 @@ def duality_gap(program: StepProgram, d: Floats, lam: Floats) -> float:
 def _parts(program: StepProgram, d: Floats, lam: Floats) -> tuple[float, Floats]:
     r = program.residual(d, lam)
     equilibrium = 0.5 * float(r @ program.form.factor.solve(r))
+    if program.form.kernel is not None:
+        left, blur = _imbalance(program, lam)
+        equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
     return max(equilibrium, 0.0), norm_gaps(program.w, lam, program.slip(d))
+
+
+def _imbalance(program: StepProgram, lam: Floats) -> tuple[Floats, Floats]:
+    """N'(g - B'lam), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
+    kernel, grip = program.form.kernel, program.form.grip
+    left = kernel.T @ program.g - np.einsum("ijk,ij->k", grip, lam)  # type: ignore[union-attr]
+    size = np.abs(kernel).T @ np.abs(program.g) + np.einsum("ijk,ij->k", np.abs(grip), np.abs(lam))
+    return left, 8 * EPS * size
+
+
+def _blur(program: StepProgram, d: Floats, lam: Floats) -> Floats:
+    """(n,) the rounding of r."""
+    form = program.form
+    pulled = form.rows.absolute.pull(np.abs(lam.ravel()))
+    return EPS * (np.abs(program.g) + pulled + form.absolute @ np.abs(d))
 
 
 def rounding_floor(program: StepProgram, d: Floats, lam: Floats) -> float:
     """What round-off alone may hide in, or add to, the gap at (d, lam)."""
     form, s = program.form, program.slip(d)
     rows, size = form.rows.absolute, np.abs(d)
-    blur = EPS * (np.abs(program.g) + rows.pull(np.abs(lam.ravel())) + form.absolute @ size)
+    blur = _blur(program, d, lam)
     slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(program.b)
     slip_blur = EPS * form.blocks(slip).sum(axis=1)
     if form.block > 1:
         slip_blur += 2 * EPS * np.linalg.norm(s, axis=1)
-    return 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
+    floor = 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
+    if form.kernel is not None:
+        # A load off balance by so much moves the answer along N, and does work on that motion.
+        floor += float(_imbalance(program, lam)[1] @ np.abs(form.kernel.T @ d))
+    return floor
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:

@@ -7,6 +7,9 @@ complement costs no more than the factorisation (one solve a touched unknown wou
 Given the total force f and the touched displacements y_c, with x = K^{-1} f and rho = S (y_c - x_c),
 
     K y = f + [0; rho],    y'Ky = f'x - x_c'S x_c + y_c'S y_c,    phi'y = phi'x + (K^{-1} phi)_c . rho
+
+Where K has a kernel (:mod:`vemcvx.kernel`), touched unknowns are anchored: all of this is done with K + E, E the
+diagonal of the anchors' stiffness, of which S + E is the Schur complement, and E is taken away where S is wanted.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.errors import NotAccepted
+from vemcvx.kernel import anchors
 from vemcvx.linear import LinearSolver, SuperLU, choose_linear
 from vemcvx.ordering import minimum_degree
 from vemcvx.program import Form
@@ -54,6 +59,8 @@ class Condensation:
         Their numbers.
     linear : LinearSolver
         Which linear solver serves; one that cannot eliminate leaves every unknown touched.
+    regular : (n, n) sparse matrix
+        K, with the anchors' stiffness where it has a kernel: what is factorised.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -63,25 +70,30 @@ class Condensation:
         block = 1 if norms is None else norms.block
         self.linear = choose_linear(n, linear)
         touched = np.unique(B.indices[B.data != 0]).astype(np.int64)
+        anchor = _anchors(system, touched, self.linear)
+        self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         if condense and isinstance(self.linear, SuperLU):
-            order = minimum_degree(system.K) if system.order is None else system.order
+            order = minimum_degree(self.regular) if system.order is None else system.order
             self.touched: Ints = touched
-            self._factor, S = self.linear.eliminate(system.K, order, touched)
+            self._factor, S = self.linear.eliminate(self.regular, order, touched)
             self.form = Form(S, sp.csr_matrix(B[:, touched]), block)
         elif condense and len(touched) == 0:
             self.touched = touched
-            self._factor = self.linear.factorise(system.K, system.near_kernel)
+            self._factor = self.linear.factorise(self.regular, system.near_kernel)
             self.form = Form(np.zeros((0, 0)), sp.csr_matrix((0, 0)), block)
         else:
             self.touched = np.arange(n)
-            self._factor = self.linear.factorise(system.K, system.near_kernel)
-            self.form = Form(system.K, B, block, self._factor)
+            self._factor = self.linear.factorise(self.regular, system.near_kernel)
+            self.form = Form(self.regular, B, block, self._factor)
+        self._S = self.form.K
+        if anchor is not None:
+            self.form = _unanchored(self.form, anchor[self.touched], system.kernel.modes[self.touched])
         self._fields = _Fields(n)
 
     def reduce(self, phi: Floats) -> Reduced:
         """The response to a force; a combination of forces seen before costs no solve."""
         x = self._respond(phi)
-        return Reduced(phi, x, self.form.K @ x[self.touched])
+        return Reduced(phi, x, self._S @ x[self.touched])
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""
@@ -92,7 +104,7 @@ class Condensation:
         if len(self.touched) == 0:
             return f.x.copy()
         total = f.phi.copy()
-        total[self.touched] += self.form.K @ (y_c - f.x[self.touched])
+        total[self.touched] += self._S @ (y_c - f.x[self.touched])
         y = self._factor.solve(total)
         # The touched unknowns are known; what the solve returns for them differs by its rounding.
         y[self.touched] = y_c
@@ -105,7 +117,7 @@ class Condensation:
 
     def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
         """phi'y, the work of the force phi on the state (y_c, f)."""
-        rho = self.form.K @ y_c - f.touched
+        rho = self._S @ y_c - f.touched
         return float(phi.phi @ f.x + phi.x[self.touched] @ rho)
 
     def _respond(self, phi: Floats) -> Floats:
@@ -126,6 +138,27 @@ class Condensation:
             return self._factor.solve(phi)
         fields.basis.append((rest, left, self._factor.solve(fields.expand(rest))))
         return x + fields.basis[-1][2]
+
+
+def _anchors(system: System, touched: Ints, linear: LinearSolver) -> Floats | None:
+    """(n,) the anchors' stiffness, if K has a kernel."""
+    if system.kernel is None:
+        return None
+    if not linear.eliminates:
+        raise NotAccepted(
+            f"linear solver {type(linear).__name__}: the stiffness has a kernel (only friction holds the body), which "
+            "it does not take; SuperLU() does."
+        )
+    stiffness = np.zeros(system.n)
+    stiffness[touched] = anchors(system.kernel.modes[touched], system.K.diagonal()[touched])
+    return stiffness
+
+
+def _unanchored(form: Form, anchor: Floats, modes: Floats) -> Form:
+    """The form of K itself, from that of K with the anchors' stiffness."""
+    added = sp.diags_array(anchor)
+    K = sp.csr_matrix(form.K - added) if sp.issparse(form.K) else form.K - np.diag(anchor)
+    return Form(K, form.B, form.block, form.factor, np.linalg.qr(modes)[0], anchor)
 
 
 class _Fields:

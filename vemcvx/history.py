@@ -111,6 +111,11 @@ class History:
         return self.trajectory.iterations[self.stored]
 
     @property
+    def safeguards(self) -> Ints:
+        """(S,) how many of the iterations stood in for faster ones that failed (Newton's proximal steps)."""
+        return self.trajectory.safeguards[self.stored]
+
+    @property
     def solver(self) -> str:
         """Name and settings of the solver that answered."""
         return self.trajectory.solver
@@ -157,6 +162,8 @@ class History:
             f"solver      {self.solver}",
             f"certified   {last.certificate.max():.1e} relative energy error a step "
             f"(floor {last.certificate_floor.max():.1e}), {last.certificate_total[-1]:.1e} accumulated",
+            f"iterations  {int(np.median(last.iterations[1:])) if self.steps else 0} a step at the median, at most "
+            f"{last.iterations.max()}; {last.safeguards.sum()} of them safeguards",
             f"energy      stored {last.energy[-1]:.6g}, dissipated {last.dissipated[-1]:.6g}, work {last.work[-1]:.6g}",
             f"contact     {sticking} nodes stick, {len(self.contact.nodes) - sticking} slip in the last step",
             "seconds     " + ", ".join(f"{name} {value:.3g}" for name, value in self.seconds.items()),

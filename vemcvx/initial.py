@@ -51,6 +51,11 @@ def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
         return np.zeros(n)
     if isinstance(initial, str):
         if initial == "equilibrium":
+            if run.system.kernel is not None:
+                raise SceneError(
+                    "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
+                    "use 'settled' (one step from zero) or a given state."
+                )
             return now.force.x
         raise SceneError(
             f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "

@@ -8,6 +8,7 @@ projections at the contact nodes,
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,13 +17,15 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.effects import ContactSurface, Friction, Load, Material
+from vemcvx.errors import SceneWarning
+from vemcvx.kernel import Kernel
 from vemcvx.meshes import PolygonMesh
 from vemcvx.ordering import nested_dissection
-from vemcvx.rigid import refuse_floating
+from vemcvx.rigid import loose_motions
 from vemcvx.scene import Scene
 from vemcvx.supports import Supports, resolve
 from vemcvx.system import Motion, Norms, System
-from vemcvx.terms import Terms, contact_surface, friction_terms, on_free
+from vemcvx.terms import Terms, contact_surface, friction_terms, on_free, warn_of_loose_normals
 from vemcvx.vem import Space, rigid_modes
 
 Floats = NDArray[np.float64]
@@ -73,8 +76,11 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     loads = _chain(p.loads for p in parts)
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
     supports = resolve(_chain(p.supports for p in parts), frictions, mesh.points)
-    refuse_floating(space, supports)
     terms = friction_terms(frictions, supports, mesh.points)
+    kernel = loose_motions(space, supports, on_free(terms.rows, supports))
+    warn_of_loose_normals(frictions, supports, mesh.points)
+    if kernel is not None:
+        _say_unsupported(kernel)
     system = System(
         _restrict(A, supports),
         _load(loads, A, supports),
@@ -82,9 +88,20 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
         None if supports.still else _motion(A, supports, terms.rows),
         _order(A, supports, mesh.points),
         supports.P.T @ rigid_modes(mesh.points),
+        kernel,
     )
     material = next(p.material for p in parts if p.material is not None)
     return Posed(scene, space, system, supports, A, loads, terms, _chain(p.surfaces for p in parts), material)
+
+
+def _say_unsupported(kernel: Kernel) -> None:
+    warnings.warn(
+        f"supports: nothing but friction holds the body against {' and '.join(kernel.names)}. Stresses and friction "
+        "are determined, and certified, in the energy seminorm; where the whole contact is about to slip, the "
+        "displacement is determined up to that motion only.",
+        SceneWarning,
+        stacklevel=2,
+    )
 
 
 def total_load(loads: Sequence[Load], n: int, t: float) -> Floats:

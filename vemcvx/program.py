@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.kernel import nearest
 from vemcvx.linear import DenseCholesky, Factor, SuperLU
 from vemcvx.rows import Rows
 
@@ -36,18 +37,39 @@ class Form:
     B : (m * block, n) sparse matrix
     block : int
     factor : Factor, optional
-        K factorised; needed only where K is sparse.
+        K factorised (with the anchors' stiffness); needed only where K is sparse.
+    kernel : (n, k) array, optional
+        Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.kernel`).
+    anchor : (n,) array, optional
+        With a kernel: stiffness that makes K + diag(anchor) positive definite.
     """
 
     K: Floats | sp.csr_matrix
     B: sp.csr_matrix
     block: int = 1
     factor: Factor = None  # type: ignore[assignment]
+    kernel: Floats | None = None
+    anchor: Floats | None = None
 
     def __post_init__(self) -> None:
         if self.factor is None:
-            made = SuperLU().factorise(self.K) if sp.issparse(self.K) else DenseCholesky(self.K)
-            object.__setattr__(self, "factor", made)
+            K = self.regular.K
+            object.__setattr__(self, "factor", SuperLU().factorise(K) if sp.issparse(K) else DenseCholesky(K))
+
+    @cached_property
+    def regular(self) -> Form:
+        """The form with K + diag(anchor), which is positive definite; itself where there is no kernel."""
+        if self.anchor is None:
+            return self
+        added = sp.diags_array(self.anchor)
+        K = sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + np.diag(self.anchor)
+        return Form(K, self.B, self.block, self.factor)
+
+    @cached_property
+    def grip(self) -> Floats:
+        """(m, block, k) B_i N: what the norm terms feel of the kernel."""
+        kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
+        return (self.B @ kernel).reshape(self.count, self.block, -1)
 
     @cached_property
     def rows(self) -> Rows:
@@ -120,7 +142,9 @@ class StepProgram:
         return float(0.5 * d @ (self.form.K @ d) - self.g @ d + self.w @ norms)
 
     def project(self, lam: Floats) -> Floats:
-        """The admissible multipliers nearest to `lam` (m, block): |lam_i| <= w_i."""
+        """The admissible multipliers nearest to `lam` (m, block): |lam_i| <= w_i, in balance on K's kernel."""
+        if self.form.kernel is not None:
+            lam = nearest(lam, self.w, self.form.grip, self.form.kernel.T @ self.g)[0]
         size = np.linalg.norm(lam, axis=1)
         over = size > self.w
         scale = np.ones_like(size)
@@ -143,9 +167,12 @@ class Answer:
     iterations : int
     status : str
         In the solver's own words.
+    safeguards : int
+        How many of the iterations were steps of a globally convergent method that stood in for a faster one.
     """
 
     d: Floats
     lam: Floats
     iterations: int
     status: str = ""
+    safeguards: int = 0

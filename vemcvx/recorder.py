@@ -28,7 +28,8 @@ def stored_steps(store: str | int, steps: int) -> Ints:
     )
 
 
-SCALARS = ("energy", "dissipated", "work", "norm", "gap", "floor", "iterations")
+SCALARS = ("energy", "dissipated", "work", "norm", "gap", "floor", "iterations", "safeguards")
+COUNTS = ("iterations", "safeguards")
 
 
 class Recorder:
@@ -86,7 +87,7 @@ class Recorder:
         c, ledger = state.certificate, state.ledger
         self._scalars[n] = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
-            *(c.gap, c.floor, state.iterations),
+            *(c.gap, c.floor, state.iterations, state.safeguards),
         )
         if row is not None:
             self._storage.save({"mark": self._mark, **to_arrays(n, state)})
@@ -100,7 +101,7 @@ class Recorder:
             state=self._state,
             multipliers=self._multipliers,
             sticking=self._sticks,
-            **{**scalars, "iterations": scalars["iterations"].astype(np.int64)},
+            **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),
         )

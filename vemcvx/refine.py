@@ -24,15 +24,15 @@ ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""
 
 
-def needs_refinement(system: System, condensation: Condensation, accuracy: float) -> bool:
+def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     """Whether one solve with the factors misses `accuracy` by less than a factor of a hundred.
 
     A residual in double precision is good enough to tell. Tried on a force of one on every unknown, which the softest
     motions answer; the rounding of S is of the same size.
     """
-    force = np.ones(system.n)
+    force = np.ones(condensation.regular.shape[0])
     x = condensation.solve(force)
-    r = force - system.K @ x
+    r = force - condensation.regular @ x
     return float(abs(r @ condensation.solve(r))) > (0.01 * accuracy) ** 2 * float(abs(force @ x))
 
 
@@ -52,7 +52,7 @@ def refined(
     columns, coefficient = form.rows.columns, form.B.data
     held[columns[np.repeat(stick, form.block)]] = True  # type: ignore[index]
     F = np.flatnonzero(~held)
-    S_FF = form.factor.within(form.K[F][:, F], F)
+    S_FF = form.factor.within(form.regular.K[F][:, F], F)
     best = np.inf
     for _ in range(ROUNDS):
         r = residual(force, condensation.system.K, y, _pulled(condensation.system, lam))
@@ -83,6 +83,10 @@ def full_certificate(
     system = condensation.system
     pulled = _pulled(system, lam)
     r = residual(force, system.K, y, pulled)
+    if system.kernel is not None:
+        # What rounding leaves on the kernel is no force to answer; its balance is the condensed program's business.
+        N = np.linalg.qr(system.kernel.modes)[0]
+        r = r - N @ (N.T @ r)
     blur = UNIT * (np.abs(force) + np.abs(pulled) + abs(system.K) @ np.abs(y))
     responses = condensation.solve(np.column_stack([r, blur]))
     equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * float(blur @ np.abs(responses[:, 1]))

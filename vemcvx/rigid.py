@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from vemcvx.errors import SceneError
+from vemcvx.kernel import Kernel
 from vemcvx.supports import Supports
 from vemcvx.vem import Space, rigid_modes
 
@@ -28,8 +29,19 @@ Ints = NDArray[np.int64]
 FREE = 1e-12
 
 
-def refuse_floating(space: Space, supports: Supports) -> None:
-    """Raise SceneError, naming the motion, if a connected part of the body can move without strain."""
+def loose_motions(space: Space, supports: Supports, friction: sp.csr_matrix) -> Kernel | None:
+    """The motions without strain that no support resists but friction does; None if there are none.
+
+    Parameters
+    ----------
+    friction : (rows, n) sparse matrix
+        What the norm terms feel of the free unknowns.
+
+    Raises
+    ------
+    SceneError
+        A connected part of the body can move without strain and without friction; the motion is named.
+    """
     piece, node = _pieces(space)
     count = np.bincount(node, minlength=space.mesh.n_nodes)
     R = _motions(piece, node, space.mesh.points)
@@ -37,16 +49,31 @@ def refuse_floating(space: Space, supports: Supports) -> None:
     dim = space.mesh.points.shape[1]
     free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
+    fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R
     joined = sp.csr_matrix((np.ones(len(piece)), (piece, node)))
     parts, label = connected_components(joined @ joined.T, directed=False)
+    modes, names = [], []
     for part in range(parts):
         columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
-        loose = value < FREE * k
-        if loose.any():
-            which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
-            hinges = [i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
-            raise SceneError(_words(which, int(loose.sum()), vector[:, 0], hinges, space.mesh.points))
+        loose = vector[:, value < FREE * k]
+        if loose.shape[1] == 0:
+            continue
+        which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
+        hinges = [i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
+        field = fields[:, columns] @ loose
+        rank, rotated = _felt(friction @ field)
+        if rank < loose.shape[1]:
+            raise SceneError(_words(which, loose @ rotated[:, rank:], hinges, space.mesh.points))
+        modes.append(field / np.abs(field).max(axis=0))
+        names += [f"{_motion(column, hinges)} of {which}" for column in loose.T]
+    return Kernel(np.hstack(modes), tuple(names)) if modes else None
+
+
+def _felt(grip: Floats) -> tuple[int, Floats]:
+    """How many independent combinations of the columns friction feels, and a basis with those first."""
+    _, singular, rotated = np.linalg.svd(grip)
+    return int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()), rotated.T
 
 
 def _pieces(space: Space) -> tuple[Ints, Ints]:
@@ -80,7 +107,8 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
 
 
-def _words(which: str, count: int, mode: Floats, hinges: list[int], points: Floats) -> str:
+def _words(which: str, modes: Floats, hinges: list[int], points: Floats) -> str:
+    count = modes.shape[1]
     if hinges:
         return (
             f"supports: {which} is a mechanism: {count} motion(s) without strain meet no support. Cells that share "
@@ -89,15 +117,17 @@ def _words(which: str, count: int, mode: Floats, hinges: list[int], points: Floa
         )
     motion = f"motion{'s' * (count > 1)}"
     return (
-        f"supports: {which} floats: {count} rigid {motion} meet{'s' * (count == 1)} no support, the first "
-        f"{_name(mode)}. Add Clamp, PrescribedDisplacement or BilateralContact where they stop it; friction and loads "
-        "do not."
+        f"supports: {which} floats: {count} rigid {motion} meet{'s' * (count == 1)} neither a support nor friction, "
+        f"the first {_motion(modes[:, 0], hinges)}. Add Clamp, PrescribedDisplacement or BilateralContact where they "
+        "stop it; friction holds what slides along its boundary only, and loads hold nothing."
     )
 
 
-def _name(mode: Floats) -> str:
-    x, y, turn = mode
+def _motion(mode: Floats, hinges: list[int]) -> str:
+    if hinges:
+        return "a motion about hinges"
+    x, y, turn = np.round(mode / np.linalg.norm(mode), 12) * np.sign(mode[np.argmax(np.abs(mode))])
     if abs(turn) > 0.9:
         return "a rotation"
-    moves = f"the translation ({x:.2g}, {y:.2g})"
+    moves = f"the translation ({x + 0.0:.2g}, {y + 0.0:.2g})"
     return moves if abs(turn) < 1e-3 else f"{moves} with a rotation"

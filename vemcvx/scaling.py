@@ -13,7 +13,7 @@ Without this, interior-point solvers stop at 40-70 % energy error in small units
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -51,7 +51,7 @@ class Scaling:
     def restore(self, answer: Answer, alpha: float) -> Answer:
         """An answer of the scaled program in the units of the unscaled one."""
         lam = self.kappa * alpha * answer.lam / self.sigma[:, None]
-        return Answer(alpha * self.D * answer.d, lam, answer.iterations, answer.status)
+        return replace(answer, d=alpha * self.D * answer.d, lam=lam)
 
     def guess(self, lam: Floats, alpha: float) -> Floats:
         """Multipliers (m, block) in scaled units."""
@@ -82,7 +82,11 @@ def scaling(form: Form) -> Scaling:
     sigma = power_of_two(form.blocks(rows).max(axis=1)) if form.count else np.zeros(0)
     spread = sp.diags_array(1.0 / np.repeat(sigma, form.block))
     B = sp.csr_matrix(spread @ form.B @ sp.diags_array(D))
+    kernel, anchor = form.kernel, form.anchor
+    if kernel is not None:
+        kernel, anchor = np.linalg.qr(kernel / D[:, None])[0], D * anchor * D / kappa
     if sp.issparse(form.K):
         K = sp.csr_matrix(sp.diags_array(D) @ form.K @ sp.diags_array(D / kappa))
-        return Scaling(Form(K, B, form.block, Scaled(form.factor, D, kappa)), kappa, D, sigma)
-    return Scaling(Form(D[:, None] * form.K * (D / kappa), B, form.block), kappa, D, sigma)
+        return Scaling(Form(K, B, form.block, Scaled(form.factor, D, kappa), kernel, anchor), kappa, D, sigma)
+    K = D[:, None] * form.K * (D / kappa)
+    return Scaling(Form(K, B, form.block, kernel=kernel, anchor=anchor), kappa, D, sigma)

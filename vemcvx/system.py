@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.kernel import Kernel
 from vemcvx.real import brief, real, shape_in_words
 
 Floats = NDArray[np.float64]
@@ -102,7 +103,7 @@ class System:
     Parameters
     ----------
     K : (n, n) array or sparse matrix
-        Symmetric, positive definite.
+        Symmetric, positive definite; semidefinite if `kernel` says where.
     load : callable t -> (n,)
     norms : Norms, optional
     motion : Motion, optional
@@ -111,6 +112,9 @@ class System:
         An order of elimination with little fill; by default one is computed from K.
     near_kernel : (n, k) array, optional
         Motions of little energy (rigid ones), for iterative linear solvers.
+    kernel : Kernel, optional
+        The motions of no energy, all of which the norm terms must feel. Answers are then unique, and certified, in the
+        seminorm of K only.
     """
 
     K: sp.csr_matrix
@@ -119,6 +123,7 @@ class System:
     motion: Motion | None = None
     order: Ints | None = None
     near_kernel: Floats | None = None
+    kernel: Kernel | None = None
 
     def __post_init__(self) -> None:
         K = _matrix(self.K, "System: K")
@@ -138,6 +143,25 @@ class System:
         if self.order is not None and not np.array_equal(np.sort(self.order), np.arange(self.n)):
             raise SceneError(
                 f"System: found order = {brief(self.order)}; wanted a permutation of the {self.n} unknowns, or None."
+            )
+        if self.kernel is not None:
+            self._check_kernel(self.kernel)
+
+    def _check_kernel(self, kernel: Kernel) -> None:
+        N = kernel.modes
+        if N.ndim != 2 or len(N) != self.n or len(kernel.names) != N.shape[1]:
+            raise SceneError(
+                f"System: found a kernel of {brief(N)} with {len(kernel.names)} names; wanted one column of {self.n} "
+                "and one name a motion."
+            )
+        felt = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
+        if felt.any():
+            raise SceneError(f"System: K feels {kernel.names[int(np.argmax(felt))]}, which is no motion of its kernel.")
+        B = sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
+        if np.linalg.matrix_rank(B @ N) < N.shape[1]:
+            raise SceneError(
+                f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term: nothing holds "
+                "it. Add stiffness or norm terms that do."
             )
 
     @property

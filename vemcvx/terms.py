@@ -54,12 +54,11 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Fl
     def weights(t: float) -> Floats:
         return gather @ np.concatenate([f.weights(t) for f in frictions])
 
-    _warn_of_loose_normals(frictions, supports, points)
     kept = np.flatnonzero(np.repeat(slides, dim - 1))
     return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights)
 
 
-def _warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, points: Floats) -> None:
+def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, points: Floats) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
     dim = points.shape[1]
     for friction in frictions:

@@ -33,7 +33,8 @@ class Trajectory:
         Energy norm |u_n|_a.
     gap, floor : (N + 1,) arrays
         Certified duality gap of each step, and what of it round-off alone may account for.
-    iterations : (N + 1,) array of int
+    iterations, safeguards : (N + 1,) arrays of int
+        Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
     seconds : dict
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
@@ -52,6 +53,7 @@ class Trajectory:
     gap: Floats
     floor: Floats
     iterations: Ints
+    safeguards: Ints
     seconds: dict[str, float]
     solver: str
 

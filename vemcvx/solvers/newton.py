@@ -88,7 +88,7 @@ class _PreparedNewton:
                 if run.done:
                     break
         d, lam = run.best
-        return Answer(d, lam, run.iterations, run.words)
+        return Answer(d, lam, run.iterations, run.words, run.safeguards)
 
 
 @dataclass

@@ -6,7 +6,7 @@ import numpy as np
 
 from vemcvx.certificate import Certificate
 from vemcvx.errors import NotCertified
-from vemcvx.solvers import Solver
+from vemcvx.solvers import Newton, Solver
 from vemcvx.system import Norms
 
 
@@ -39,8 +39,8 @@ def insist(
     said = f" The solver said: {status}." if status else ""
     raise NotCertified(
         f"step {n} at t = {t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, asked was "
-        f"{accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} {_advice(reached, accuracy, floor)}, or pass "
-        "check=False to go on regardless.",
+        f"{accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} {_advice(solver, reached, accuracy, floor)}, or "
+        "pass check=False to go on regardless.",
         step=n,
         time=t,
         reached=reached,
@@ -49,9 +49,12 @@ def insist(
     )
 
 
-def _advice(reached: float, accuracy: float, floor: float) -> str:
+def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> str:
+    other = "raise max_iterations" if isinstance(solver, Newton) else "use vx.Newton()"
+    if hasattr(solver, "polish") and not solver.polish:
+        other = f"use polish=True, or {other.removeprefix('use ')}"
     if not reached < 0.5:
-        return "Nothing was answered that could be relied on: use polish=True where the solver has it, or vx.Newton()"
+        return f"Nothing was answered that could be relied on: {other}"
     if floor > accuracy:
         return f"Round-off alone allows {floor:.1e}: ask for no more than that"
-    return f"Ask for accuracy={2 * reached:.0e} or more, use polish=True where the solver has it, or vx.Newton()"
+    return f"Ask for accuracy={2 * reached:.0e} or more, {other}"

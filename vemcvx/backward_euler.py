@@ -63,6 +63,9 @@ class State:
     """(m,) load - K y, which the norm terms hold"""
     drive: Drive
     weights: Floats
+    """(m,) of the friction bounds"""
+    walls: Floats
+    """(m,) the weights, those far above every multiplier lowered"""
     lam: Floats
     slip: Floats
     """(m, block) s of the step that led here"""
@@ -131,8 +134,8 @@ def sharpened(run: Run, state: State) -> State:
     y = run.condensation.recover(state.y, force)
     y, lam = refined(run.condensation, run.form, force.phi, y, state.lam, sticking(run, state))
     size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
-    lam = lam * np.minimum(1.0, state.weights / size)[:, None]
-    certificate = full_certificate(run.condensation, force.phi, y, lam, norm_gaps(state.weights, lam, state.slip))
+    lam = lam * np.minimum(1.0, state.walls / size)[:, None]
+    certificate = full_certificate(run.condensation, force.phi, y, lam, norm_gaps(state.walls, lam, state.slip))
     touched = y[run.condensation.touched]
     return replace(
         state, y=touched, unbalanced=run.form.rows.pull(lam.ravel()), lam=lam, certificate=certificate, full=y
@@ -190,20 +193,22 @@ class Trial:
         scales = self.run.scaling
         scaled = scales.scale(self.program, alpha)
         answer = answered(self.run.prepared, scaled, scales.energy(target, alpha), scales.guess(self.before.lam, alpha))
-        unit = 1.0 / scales.energy(1.0, alpha)
-        return self.enter(scales.restore(answer, alpha), certify(scaled, answer.d, answer.lam).times(unit))
+        certificate = certify(scaled, answer.d, answer.lam).times(1.0 / scales.energy(1.0, alpha))
+        return self.enter(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 
-    def enter(self, answer: Answer, certificate: Certificate) -> State:
+    def enter(self, answer: Answer, certificate: Certificate, walls: Floats | None = None) -> State:
         """The state that an answer leads to."""
+        walls = self.program.w if walls is None else walls
         before, y = self.before, self.before.y + answer.d
         slip = self.program.slip(answer.d)
-        ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, self.program.w)
+        ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
         return State(
             self.drive.t,
             y,
             self.program.g - self.run.form.K @ answer.d,
             self.drive,
             self.program.w,
+            walls,
             answer.lam,
             slip,
             certificate,

@@ -55,7 +55,9 @@ def from_arrays(run: Run, arrays: Arrays) -> tuple[int, State]:
         certificate = Certificate(equilibrium, arrays["friction"], floor)
         ledger = Ledger(energy, dissipated, work)
         parts = (arrays["y"], arrays["unbalanced"], drive(run.system, run.condensation, t), arrays["weights"])
-        state = State(t, *parts, arrays["lam"], arrays["slip"], certificate, ledger, scale, int(iterations))
+        state = State(
+            t, *parts, arrays["weights"], arrays["lam"], arrays["slip"], certificate, ledger, scale, int(iterations)
+        )
     except (KeyError, ValueError) as error:
         raise HistoryError(f"checkpoint: incomplete: {error}. Remove the folder and run again.") from error
     return int(n), state

@@ -84,6 +84,7 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
         now.force.touched - form.K @ y_c,
         now,
         weights,
+        weights,
         still,
         still,
         Certificate(0.0, np.zeros(form.count), 0.0),

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.certificate import Certificate
+from vemcvx.certificate import EPS, Certificate
 from vemcvx.condensation import Condensation
-from vemcvx.extended import UNIT, residual
+from vemcvx.extended import residual
 from vemcvx.program import Form
 from vemcvx.system import System
 
@@ -78,18 +78,20 @@ def full_certificate(
 ) -> Certificate:
     """The certificate of the full system: r = force - B'lam - K y over all unknowns, in extended precision.
 
+    The floor is what the rounding of K's and the force's own entries, of size EPS and of random signs, brings about.
     The norm terms see touched unknowns only; their part `friction` (m,) is that of the condensed program.
     """
     system = condensation.system
     pulled = _pulled(system, lam)
     r = residual(force, system.K, y, pulled)
+    blur = EPS * (np.abs(force) + np.abs(pulled) + abs(system.K) @ np.abs(y))
     if system.kernel is not None:
         # What rounding leaves on the kernel is no force to answer; its balance is the condensed program's business.
         N = np.linalg.qr(system.kernel.modes)[0]
         r = r - N @ (N.T @ r)
-    blur = UNIT * (np.abs(force) + np.abs(pulled) + abs(system.K) @ np.abs(y))
+    blur *= np.sign(np.cos(np.arange(1.0, system.n + 1.0) ** 2))
     responses = condensation.solve(np.column_stack([r, blur]))
-    equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * float(blur @ np.abs(responses[:, 1]))
+    equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * abs(float(blur @ responses[:, 1]))
     return Certificate(max(equilibrium, 0.0), friction, floor)
 
 

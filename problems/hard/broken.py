@@ -1,0 +1,82 @@
+"""Broken meshes, data and files: each is refused in one sentence that names what is wrong."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import vemcvx as vx
+from hard.case import REFUSAL, WARNING, Case
+from hard.ground import block, known, on
+
+SQUARE = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+TWO = [*SQUARE, (2.0, 0.0), (2.0, 1.0)]
+BOTH = [[0, 1, 2, 3], [1, 4, 5, 2]]
+MESH = vx.meshes.squares(4)
+
+
+def mesh(name, points, cells, says, must=REFUSAL):
+    return Case(name, lambda: known(vx.PolygonMesh(points, cells)), must, says)
+
+
+def file(name, suffix, says, change=lambda data: data):
+    """A sound mesh file, changed."""
+
+    def make():
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"mesh{suffix}"
+            vx.meshes.triangles(3).write(folder + "/sound.vtu")
+            path.write_bytes(change((Path(folder) / "sound.vtu").read_bytes()))
+            return on(vx.meshes.read(path))
+
+    return Case(name, make, REFUSAL, says)
+
+
+def lost_cells():
+    with tempfile.TemporaryDirectory() as folder:
+        vx.meshes.voronoi(3).write(folder + "/mesh.stl")
+    return on(MESH)
+
+
+def bad(name, says, **settings):
+    return Case(name, lambda: on(MESH, **settings), REFUSAL, says)
+
+
+CASES = (
+    mesh("a cell that crosses itself", SQUARE, [[0, 2, 1, 3]], "crosses itself"),
+    mesh("a spike", [*SQUARE, (2, 0)], [[0, 4, 1, 2, 3]], "has a spike"),
+    mesh("cells that overlap", [*SQUARE, (0.5, 0.4)], [[0, 1, 2, 3], [0, 1, 4]], "overlap"),
+    mesh("a gap of 1e-9", [*SQUARE, (1 + 1e-9, 0), (2, 0), (2, 1), (1 + 1e-9, 1)], [[0, 1, 2, 3], [4, 5, 6, 7]], "gap"),
+    mesh("a hanging node of one side only", [*TWO, (1, 0.5)], [[0, 1, 6, 2, 3], BOTH[1]], "lies on the edge"),
+    mesh("a node twice", [*SQUARE, (0, 1)], [[0, 1, 2, 3], [0, 3, 4]], "same place"),
+    mesh("a cell twice", SQUARE, [[0, 1, 2, 3], [0, 1, 2, 3]], "overlap"),
+    mesh("two vertices", SQUARE, [[0, 1]], "at least 3"),
+    mesh("no area", [(0, 0), (1, 0), (2, 0)], [[0, 1, 2]], "no area"),
+    mesh("NaN among the points", [*SQUARE[:3], (0, np.nan)], [[0, 1, 2, 3]], "must be finite"),
+    mesh("infinity among the points", [*SQUARE[:3], (0, np.inf)], [[0, 1, 2, 3]], "must be finite"),
+    mesh("three coordinates", np.zeros((4, 3)), [[0, 1, 2, 3]], "(n_nodes, 2)"),
+    mesh("node numbers that are not whole", SQUARE, [[0.0, 1.0, 2.0]], "node numbers"),
+    mesh("a node that is not there", SQUARE, [[0, 1, 7]], "names node 7"),
+    mesh("no cells", SQUARE, [], "at least one cell"),
+    Case(
+        "a node that no cell uses",
+        lambda: known(vx.PolygonMesh([*(np.array(SQUARE) * [2, 0.5]), (9, 9)], [[0, 1, 2, 3]])),
+        WARNING,
+        "belong to no cell",
+    ),
+    file("a file cut short", ".vtu", "mesh.vtu", lambda data: data[: len(data) // 2]),
+    file("a file of another kind", ".vtu", "mesh.vtu", lambda data: b"\x89PNG\r\n" + bytes(200)),
+    file("an empty file", ".vtk", "mesh.vtk", lambda data: b""),
+    file("a file of no known kind", ".docx", "mesh.docx"),
+    Case("a format that loses polygons", lost_cells, REFUSAL, "stl"),
+    bad("NaN in the bound", "found NaN", bound=np.nan),
+    bad("NaN in a modulus", "found NaN", young=np.where(np.arange(16) == 3, np.nan, 1.0)),
+    bad("moduli of another mesh", "one a cell", young=np.ones(9)),
+    Case("NaN in the load, later", lambda: on(MESH, lambda t: np.nan if t > 0.5 else 0.0), REFUSAL, "found NaN"),
+    bad("a boundary that is not there", "no boundary named 'rihgt'", clamp="rihgt"),
+    Case("repeated instants", lambda: on(MESH, times=[0, 0.5, 0.5, 1]), REFUSAL, "must increase strictly"),
+    Case("decreasing instants", lambda: on(MESH, times=[0, 1, 0.5]), REFUSAL, "must increase strictly"),
+    Case("a scene without material", lambda: vx.Scene(*list(block())[1:]), REFUSAL, "found 0 materials"),
+)

@@ -1,0 +1,96 @@
+"""Time and load: nothing happens, nothing more happens, almost nothing, everything at once, back and forth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import shear_lag
+import vemcvx as vx
+from hard.case import REFUSAL, Case, Setting
+from hard.ground import TIMES, cyclic, on
+
+MESH = vx.meshes.voronoi(12)
+
+
+def nothing(setting, history):
+    return "" if not history.displacement.any() and not history.certificate.any() else "something moves"
+
+
+def released(t):
+    return np.interp(t, [0, 0.5, 0.75, 1], [0, 1, 0, 0])
+
+
+def stays(setting, history):
+    """After the release residual stresses stay, and nothing changes any more."""
+    late = np.flatnonzero(TIMES >= 0.75)
+    still = (history.displacement[late] == history.displacement[late[0]]).all()
+    return "" if still and history.energy[-1] > 0 else "without load nothing may change"
+
+
+def tiny_steps(t):
+    return 0.0 if t == 0 else 0.5 + 1e-10 * t
+
+
+def increments_have_digits(setting, history):
+    """Steps of 1e-10 of the load, all stick: their slip is exactly none, and their shape that of the linear answer."""
+    if "Newton" not in history.solver:
+        return ""
+    steps = np.diff(history.displacement[1:], axis=0)
+    linear = steps[0] / np.abs(steps[0]).max()
+    worst = max(np.abs(step / np.abs(step).max() - linear).max() for step in steps)
+    # The displacement itself is stored to 16 digits, of which a step of 1e-10 leaves six.
+    return "" if worst < 1e-4 else f"increments differ by {worst:.1e}"
+
+
+def reverses(setting, history):
+    """The rod's end displacements, to the order of H over the slip length."""
+    end = history.mesh.points[:, 0] == 0
+    found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
+    expected = np.array(shear_lag.end_displacement())
+    apart = np.abs(found - expected).max() / expected.max()
+    allowed = shear_lag.HEIGHT * shear_lag.BOUND / shear_lag.FORCE
+    return "" if apart <= allowed else f"end displacements {found}, of the rod {expected}"
+
+
+def strip(times):
+    return Setting(shear_lag.scene(), shear_lag.mesh(4), times)
+
+
+def one_push(setting, history):
+    found = history.displacement[-1][history.mesh.points[:, 0] == 0, 0].mean()
+    return "" if abs(found - 1) <= 0.05 else f"the end moves by {found:.3f}, of the rod by 1"
+
+
+def settled():
+    return replace(on(MESH, lambda t: 5.0 + t), options={"initial": "settled"})
+
+
+def scaled(factor):
+    return Case(f"load {factor:.0e} of the paper's", lambda: on(MESH, lambda t: factor * t), holds=sensible(factor))
+
+
+def sensible(factor):
+    def holds(setting, history):
+        still = history.contact.sticking[-1]
+        wanted = still.all() if factor < 1 else not still.any()
+        return "" if wanted else f"{still.sum()} of {len(still)} nodes stick"
+
+    return holds
+
+
+CASES = (
+    Case("no load", lambda: on(MESH, lambda t: 0.0), holds=nothing),
+    Case("no load after slip", lambda: on(MESH, released), holds=stays),
+    Case("steps of 1e-10", lambda: on(MESH, tiny_steps), holds=increments_have_digits),
+    Case("instants 1e-10 apart", lambda: on(MESH, lambda t: cyclic(t * 1e10), times=TIMES * 1e-10)),
+    Case("one giant step", lambda: strip([0.0, 1.0]), holds=one_push),
+    scaled(1e-12),
+    scaled(1e12),
+    Case("ten cycles", lambda: on(MESH, lambda t: cyclic(10 * t), times=np.linspace(0, 1, 81))),
+    Case("thin strip, L/H = 50: pushed, released, pushed", lambda: strip(shear_lag.times(24)), holds=reverses),
+    Case("thin strip in three steps", lambda: strip(shear_lag.times(3))),
+    Case("a load that is there from the start", lambda: on(MESH, lambda t: 5.0), REFUSAL, "not held by friction"),
+    Case("the same, settled first", settled),
+)

@@ -1,0 +1,123 @@
+"""Hard cases: what a correct program must do with each, and what ours does, by every solver.
+
+    python problems/hard_cases.py [--picture FILE]
+
+For every case the table says what is required (an answer, an answer with a warning, or a refusal in one clear sentence)
+and what Newton, Clarabel and OSQP did: the certified relative energy error of the worst step, its round-off floor, the
+true error where the answer is known in closed form, iterations and seconds. A solver that misses its accuracy says that
+it cannot. What would be wrong is listed at the end; the command then fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hard import broken, cells, friction, material, solvers, supports, time_and_load, units
+from hard.case import REFUSAL, Case, Finding, table
+from vemcvx.canvas import new_figure
+
+SUBJECTS = {
+    "material": material,
+    "cells": cells,
+    "broken input": broken,
+    "friction": friction,
+    "supports": supports,
+    "time and load": time_and_load,
+    "units": units,
+    "solvers": solvers,
+}
+CASES = tuple((subject, case) for subject, module in SUBJECTS.items() for case in module.CASES)
+Row = tuple[str, Case, list[Finding]]
+
+
+def line(case: Case, finding: Finding) -> str:
+    """One solver's finding in a line."""
+    if np.isnan(finding.certified):
+        return f"    {finding.solver:<18} {finding.did}: {finding.words}"
+    true = "" if np.isnan(finding.error) else f"  true {finding.error:.0e}"
+    return (
+        f"    {finding.solver:<18} {finding.did:<22} certified {finding.certified:.0e}  floor {finding.floor:.0e}{true}"
+        f"  {finding.iterations} iterations  {finding.seconds:.2f} s"
+    )
+
+
+def printed(rows: Sequence[Row]) -> str:
+    """The table."""
+    lines, before = [], ""
+    for subject, case, findings in rows:
+        if subject != before:
+            lines += ["", subject.upper()]
+            before = subject
+        lines.append(f"  {case.name}: must {case.must}")
+        if case.must == REFUSAL and len({f.words for f in findings}) == 1:
+            lines.append(f"    all solvers         {findings[0].did}: {findings[0].words}")
+        else:
+            lines += [line(case, finding) for finding in findings]
+        able = [f.solver for f in findings if f.did == case.must]
+        if len(able) == 1 and len(findings) > 1:
+            lines.append(f"    only {able[0]} can do this")
+        lines += [f"    WRONG: {f.solver}: {f.complaint}" for f in findings if f.complaint]
+    return "\n".join(lines)
+
+
+def counted(rows: Sequence[Row]) -> str:
+    """How many cases, and who could do them."""
+    findings = [finding for _, _, found in rows for finding in found]
+    able = {
+        name: sum(f.solver == name and f.did != "says it cannot" for f in findings)
+        for name in ("Newton", "Clarabel", "OSQP")
+    }
+    asked = {name: sum(f.solver == name for f in findings) for name in able}
+    wrong = sum(bool(f.complaint) for f in findings)
+    words = ", ".join(f"{name} does {able[name]} of {asked[name]}" for name in able)
+    return f"{len(rows)} cases; {words} and says where it cannot; {wrong} findings are wrong"
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Certified errors of all cases that are answered, solver by solver, with the accuracies asked."""
+    answered = [row for row in rows if any(np.isfinite(f.certified) for f in row[2])]
+    place = np.arange(len(answered))[::-1]
+    figure = new_figure(9.0, 0.17 * len(answered) + 1.5)
+    axes = figure.add_subplot()
+    for name, colour, marker, asked in (
+        ("Newton", "C0", "o", 1e-8),
+        ("Clarabel", "C1", "s", 1e-6),
+        ("OSQP", "C2", "^", 1e-6),
+    ):
+        found = [next((f for f in row[2] if f.solver == name), None) for row in answered]
+        value = np.array([np.nan if f is None else max(f.certified, 1e-17) for f in found])
+        good = np.array([f is not None and f.did != "says it cannot" for f in found])
+        axes.plot(value[good], place[good], marker, color=colour, ms=4, label=name)
+        axes.plot(np.minimum(value, 10.0)[~good], place[~good], marker, mfc="none", color=colour, ms=5)
+        axes.axvline(asked, color=colour, lw=0.6, ls=":")
+    axes.set_xscale("log")
+    axes.set_yticks(place, [f"{row[1].name}" for row in answered], fontsize=6)
+    axes.set_ylim(-1, len(answered))
+    axes.set_xlabel(
+        "certified relative energy error of the worst step; hollow: the solver says that it misses its accuracy"
+    )
+    axes.legend(loc="lower left", fontsize=7)
+    axes.grid(axis="y", lw=0.2)
+    figure.savefig(path, dpi=120)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--picture", type=Path, help="where to draw the certified errors (PNG)")
+    chosen = parser.parse_args()
+    rows = table(CASES)
+    print(printed(rows))
+    print()
+    print(counted(rows))
+    if chosen.picture:
+        draw(rows, chosen.picture)
+    return any(f.complaint for _, _, found in rows for f in found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

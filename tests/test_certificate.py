@@ -8,7 +8,8 @@ import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.certificate import certify, norm_gaps
-from vemcvx.program import Form, StepProgram
+from vemcvx.form import Form
+from vemcvx.program import StepProgram
 from vemcvx.scaling import scaling
 
 

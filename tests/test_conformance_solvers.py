@@ -18,8 +18,9 @@ from conftest import small
 
 import vemcvx as vx
 from vemcvx.certificate import certify
+from vemcvx.form import ABSOLUTE_VALUES, SECOND_ORDER_CONES, Form
 from vemcvx.pose import pose
-from vemcvx.program import ABSOLUTE_VALUES, SECOND_ORDER_CONES, Form, StepProgram
+from vemcvx.program import StepProgram
 
 OWN = {
     "Newton": vx.Newton(),
@@ -332,7 +333,7 @@ class Liar(vx.Solver):
         honest, spoil = vx.Newton().prepare(form), self.spoil
 
         class Prepared:
-            def solve(self, program, target, lam):
+            def solve(self, program, target, lam, p=None):
                 answer = honest.solve(program, target, lam)
                 d, lam = spoil(answer.d, answer.lam)
                 return dataclasses.replace(answer, d=d, lam=lam, status="converged")

@@ -9,9 +9,9 @@ from conftest import cyclic, paper_scene
 
 import vemcvx as vx
 from vemcvx.certificate import certify
-from vemcvx.program import Form, StepProgram
-from vemcvx.solvers.newton import SHIFT
-from vemcvx.solvers.sets import answer_on, sets_at
+from vemcvx.form import Form
+from vemcvx.program import StepProgram
+from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
 
 
 def nasty(seed, block):
@@ -29,13 +29,12 @@ def nasty(seed, block):
 
 
 def plain_active_sets(program, rounds=200):
-    """Whether undamped active sets reach a fixed point at which the gap vanishes."""
-    d, lam = np.zeros(len(program.g)), np.zeros((program.form.count, program.form.block))
-    shift = SHIFT / program.form.compliance
+    """Whether undamped active sets, shifts 10 / (B K^-1 B'), reach a point at which the gap vanishes."""
+    point = Point(np.zeros(len(program.g)), np.zeros((program.form.count, program.form.block)), np.zeros(0))
+    shift = Shifts.of(program.form) * 10.0
     for _ in range(rounds):
-        d, lam = answer_on(program, sets_at(program, lam, program.slip(d), shift))
-        lam = program.project(lam)
-        certificate = certify(program, d, lam)
+        point = answer_on(program, sets_at(program, point, shift))
+        certificate = certify(program, point.d, point.lam)
         if certificate.gap <= 10 * certificate.floor:
             return True
     return False

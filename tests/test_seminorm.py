@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.kernel import Kernel, nearest, unheld
+from vemcvx.kernel import Hold, Kernel
 from vemcvx.pose import pose
 
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 4.0
-ALONE = "nothing but friction holds the body against the translation"
+ALONE = "nothing but friction or one-sided contact holds the body against the translation"
 
 
 def slab(pull, course=np.sin, bound=BOUND):
@@ -94,8 +94,8 @@ def test_too_much_load_is_refused_with_the_force_that_is_lacking():
         pytest.warns(vx.SceneWarning, match=ALONE),
         pytest.raises(
             vx.SceneError,
-            match=r"^step 8 at t = 1: only friction holds the body against the translation \(1, 0\) of the body\. "
-            r"The load pushes it there with a force of 4\.2 and friction holds 4 at most: 0\.2 are lacking, and",
+            match=r"^step 8 at t = 1: only friction and one-sided contact hold the body against the translation "
+            r"\(1, 0\) of the body\. The load pushes it there with a force of 4\.2 and friction holds 4 at most: 0\.2",
         ),
     ):
         vx.simulate(slab(4.2, lambda t: t), vx.meshes.squares(4), TIMES)
@@ -133,23 +133,31 @@ def test_a_sliding_chain_by_hand():
 
 @pytest.mark.parametrize("block", [1, 2])
 @pytest.mark.parametrize("modes", [1, 3])
-def test_nearest_multipliers(block, modes):
+@pytest.mark.parametrize("limited", [False, True])
+def test_nearest_multipliers(block, modes, limited):
     """lam = P_w(lam_0 + A c) with A'lam = p is the projection: (lam_0 - lam).(mu - lam) <= 0 for all admissible mu."""
     rng = np.random.default_rng(block + 10 * modes)
     for _ in range(50):
         grip, w = rng.normal(size=(12, block, modes)), rng.uniform(0.0, 1.0, 12) * (rng.random(12) < 0.8)
-        inside = rng.normal(size=(2, 12, block))
-        inside *= (w / np.linalg.norm(inside, axis=2))[:, :, None] * rng.uniform(0, 1, (2, 12, 1))
-        push = np.einsum("ijk,ij->k", grip, inside[0])
-        start = rng.normal(size=(12, block))
-        lam, left = nearest(start, w, grip, push)
+        stop = rng.normal(size=(3, modes)) if limited else np.zeros((0, modes))
+        hold, ease = Hold(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
+        inside = rng.normal(size=(12, block))
+        inside *= (w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
+        pressed = rng.uniform(0, 1, len(stop))
+        push = np.einsum("ijk,ij->k", grip, inside) + stop.T @ pressed
+        start, begin = rng.normal(size=(12, block)), rng.normal(size=len(stop))
+        lam, p, left = hold.nearest(start, begin, w, push, (ease[:12], ease[12 : 12 + len(stop)]))
         assert np.abs(left).max() < 1e-13 * 12
         assert (np.linalg.norm(lam, axis=1) <= w * (1 + 1e-15)).all()
-        assert np.sum((start - lam) * (inside[0] - lam)) <= 1e-11
-        assert unheld(w, grip, push) is None
-        motion = unheld(w, grip, 50.0 * push)
+        assert (p >= 0).all()
+        assert np.sum((start - lam) * (inside - lam) / ease[:12, None]) + (begin - p) / ease[12 : 12 + len(stop)] @ (
+            pressed - p
+        ) <= 1e-9
+        assert hold.unheld(w, push) is None
+        motion = hold.unheld(w, 50.0 * push)
         if motion is not None:
             assert motion @ push * 50.0 > w @ np.linalg.norm(grip @ motion, axis=1)
+            assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
 
 
 @pytest.mark.parametrize(

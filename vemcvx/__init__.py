@@ -11,11 +11,14 @@ from vemcvx.effects import (
     BilateralContact,
     BodyForce,
     Clamp,
+    CoulombFriction,
     Effect,
     Elasticity,
+    NormalCompliance,
     PrescribedDisplacement,
     Traction,
     TrescaFriction,
+    UnilateralContact,
 )
 from vemcvx.errors import (
     HistoryError,
@@ -23,6 +26,7 @@ from vemcvx.errors import (
     MeshWarning,
     NotAccepted,
     NotCertified,
+    NotContracting,
     ProblemError,
     SceneError,
     SceneWarning,
@@ -30,6 +34,7 @@ from vemcvx.errors import (
 )
 from vemcvx.files import read_history
 from vemcvx.history import Contact, History
+from vemcvx.limits import Limits
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.march import march
 from vemcvx.meshes import PolygonMesh
@@ -48,19 +53,23 @@ __all__ = [
     "Clamp",
     "Clarabel",
     "Contact",
+    "CoulombFriction",
     "Direct",
     "Effect",
     "Elasticity",
     "History",
     "HistoryError",
+    "Limits",
     "LinearSolver",
     "MeshError",
     "MeshWarning",
     "Multigrid",
     "Newton",
+    "NormalCompliance",
     "Norms",
     "NotAccepted",
     "NotCertified",
+    "NotContracting",
     "PolygonMesh",
     "PrescribedDisplacement",
     "ProblemError",
@@ -74,6 +83,7 @@ __all__ = [
     "Traction",
     "Trajectory",
     "TrescaFriction",
+    "UnilateralContact",
     "VemcvxError",
     "march",
     "meshes",

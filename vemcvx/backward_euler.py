@@ -7,16 +7,19 @@ g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits wh
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.acceptance import insist
-from vemcvx.certificate import EPS, Certificate, certify, norm_gaps
+from vemcvx.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps
 from vemcvx.condensation import Condensation
+from vemcvx.fixed_point import resolved
+from vemcvx.form import Form
 from vemcvx.ledger import Drive, Ledger, advance, drive
 from vemcvx.linear import LinearSolver
-from vemcvx.program import Answer, Form, StepProgram
+from vemcvx.program import Answer, StepProgram
 from vemcvx.refine import full_certificate, needs_refinement, refined
 from vemcvx.scaling import Scaling, scaling
 from vemcvx.seminorm import answered, refuse_unbalanced
@@ -67,6 +70,8 @@ class State:
     walls: Floats
     """(m,) the weights, those far above every multiplier lowered"""
     lam: Floats
+    p: Floats
+    """(r,) forces of the limits"""
     slip: Floats
     """(m, block) s of the step that led here"""
     certificate: Certificate
@@ -78,6 +83,8 @@ class State:
     """in the solver's own words"""
     safeguards: int = 0
     """how many of the iterations stood in for faster ones"""
+    rate: float = np.nan
+    """with which the fixed point of pressure-dependent weights contracted"""
     full: Floats | None = None
     """(n,) all unknowns, once somebody has asked for them"""
 
@@ -89,7 +96,8 @@ def prepare(
     condensation = Condensation(system, condense, linear)
     chosen = choose(condensation.form, solver)
     scales = scaling(condensation.form)
-    refines = condensation.form.rows.columns is not None and needs_refinement(condensation, chosen.accuracy)
+    plain = condensation.form.separate and not condensation.form.softness.any()
+    refines = plain and needs_refinement(condensation, chosen.accuracy)
     return Run(system, condensation, scales, chosen, chosen.prepare(scales.form.regular), check, refines)
 
 
@@ -102,20 +110,47 @@ def step(run: Run, before: State, n: int, t: float) -> State:
         The step misses the solver's accuracy, and the run is to be checked.
     """
     now = drive(run.system, run.condensation, t)
-    weights = np.zeros(0) if run.system.norms is None else run.system.norms.weights(t)
+    norms = run.system.norms
+    weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
     attempt = trial(run, before, now, weights)
-    if run.form.kernel is not None:
-        refuse_unbalanced(attempt.program, run.system.kernel, run.condensation.touched, n, t)
     if now.still_as(before.drive) and np.array_equal(weights, before.weights):
-        guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed")
+        guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
         state = attempt.enter(guess, before.certificate)
     else:
-        state = attempt.solve()
+        state = solved(run, before, now, weights, n)
     if run.refines:
         state = sharpened(run, state)
     if run.check:
         run.insist(state, n)
     return state
+
+
+def solved(run: Run, before: State, now: Drive, weights: Floats, n: int) -> State:
+    """The step to what drives the system now; `weights` (m,) are those to begin with, if they depend on the answer."""
+    norms, attempt = run.system.norms, trial(run, before, now, weights)
+    if norms is not None and norms.law is not None:
+        return _under_pressure(run, before, now, weights, n)
+    if run.form.kernel is not None:
+        refuse_unbalanced(attempt.program, run.system.kernel, run.condensation.touched, n, now.t)
+    return attempt.solve()
+
+
+def _under_pressure(run: Run, before: State, now: Drive, weights: Floats, n: int) -> State:
+    """The step where weights depend on the forces of the limits."""
+    norms, form = run.system.norms, run.form
+
+    def solve(w: Floats) -> State:
+        return trial(run, before, now, w).solve()
+
+    def certified(state: State, w: Floats) -> State:
+        return trial(run, before, now, w).reconsidered(state)
+
+    def distance(one: State, other: State) -> float:
+        apart = one.y - other.y
+        return float(np.sqrt(max(apart @ (form.K @ apart), 0.0)))
+
+    law = partial(norms.weights_under, now.t)  # type: ignore[union-attr]
+    return resolved(solve, certified, law, distance, run.solver.accuracy, weights, n)
 
 
 def sticking(run: Run, state: State) -> NDArray[np.bool_]:
@@ -132,14 +167,20 @@ def sharpened(run: Run, state: State) -> State:
     """The state after iterative refinement against the original K."""
     force = state.drive.force
     y = run.condensation.recover(state.y, force)
-    y, lam = refined(run.condensation, run.form, force.phi, y, state.lam, sticking(run, state))
+    y, lam, p = refined(run.condensation, run.form, force.phi, y, state.lam, state.p, sticking(run, state))
     size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
-    lam = lam * np.minimum(1.0, state.walls / size)[:, None]
-    certificate = full_certificate(run.condensation, force.phi, y, lam, norm_gaps(state.walls, lam, state.slip))
-    touched = y[run.condensation.touched]
-    return replace(
-        state, y=touched, unbalanced=run.form.rows.pull(lam.ravel()), lam=lam, certificate=certificate, full=y
+    lam, p = lam * np.minimum(1.0, state.walls / size)[:, None], np.maximum(p, 0.0)
+    excess = run.form.limits.read(y[run.condensation.touched]) - state.drive.reach
+    parts = Certificate(
+        0.0,
+        norm_gaps(state.walls, lam, state.slip),
+        0.0,
+        limit_gaps(run.form.softness, p, excess, EPS * (np.abs(state.drive.reach) + np.abs(excess))),
     )
+    certificate = full_certificate(run.condensation, force.phi, y, lam, p, parts)
+    unbalanced = run.form.rows.pull(lam.ravel()) + run.form.limits.pull(p)
+    touched = y[run.condensation.touched]
+    return replace(state, y=touched, unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
 
 
 def completed(run: Run, state: State, given: bool) -> State:
@@ -151,15 +192,16 @@ def completed(run: Run, state: State, given: bool) -> State:
     if given:
         return replace(state, full=y)
     own = state.certificate
-    full = full_certificate(run.condensation, force.phi, y, state.lam, own.friction)
-    worse = max(full.equilibrium, own.equilibrium), own.friction, max(full.floor, own.floor)
+    full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
+    worse = max(full.equilibrium, own.equilibrium), own.friction, max(full.floor, own.floor), own.limits
     return replace(state, full=y, certificate=Certificate(*worse))
 
 
 def trial(run: Run, before: State, now: Drive, weights: Floats) -> Trial:
     """Pose the step that leads from `before` to what drives the system now."""
     g = before.unbalanced + (now.force.touched - before.drive.force.touched)
-    return Trial(run, before, StepProgram(run.form, g, weights, before.drive.drag - now.drag), now)
+    e = now.reach - run.form.limits.read(before.y)
+    return Trial(run, before, StepProgram(run.form, g, weights, before.drive.drag - now.drag, e), now)
 
 
 @dataclass(frozen=True)
@@ -175,7 +217,10 @@ class Trial:
         """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked."""
         alpha = self.run.scaling.size(self.program)
         if alpha == 0.0:
-            still = Answer(np.zeros_like(self.before.y), np.zeros_like(self.before.lam), 0, "nothing pushes")
+            before = self.before
+            still = Answer(
+                np.zeros_like(before.y), np.zeros_like(before.lam), 0, "nothing pushes", p=np.zeros_like(before.p)
+            )
             return self.enter(still, certify(self.program, still.d, still.lam))
         accuracy = self.run.solver.accuracy
         size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
@@ -192,9 +237,23 @@ class Trial:
     def _ask(self, alpha: float, target: float) -> State:
         scales = self.run.scaling
         scaled = scales.scale(self.program, alpha)
-        answer = answered(self.run.prepared, scaled, scales.energy(target, alpha), scales.guess(self.before.lam, alpha))
-        certificate = certify(scaled, answer.d, answer.lam).times(1.0 / scales.energy(1.0, alpha))
+        start = scales.guess(self.before.lam, self.before.p, alpha)
+        answer = answered(self.run.prepared, scaled, scales.energy(target, alpha), *start)
+        certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.enter(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
+
+    def reconsidered(self, state: State) -> State:
+        """A state that was found for other weights, certified for those of this program."""
+        alpha = self.run.scaling.size(self.program)
+        if alpha == 0.0:
+            return state
+        scales = self.run.scaling
+        scaled = scales.scale(self.program, alpha)
+        d = scales.shrink(state.y - self.before.y, alpha)
+        lam, p = scaled.admissible(*scales.guess(state.lam, state.p, alpha), d)
+        certificate = certify(scaled, d, lam, p).times(1.0 / scales.energy(1.0, alpha))
+        answer = scales.restore(Answer(d, lam, state.iterations, state.status, state.safeguards, p), alpha)
+        return self.enter(answer, certificate, scales.weights(scaled, alpha))
 
     def enter(self, answer: Answer, certificate: Certificate, walls: Floats | None = None) -> State:
         """The state that an answer leads to."""
@@ -210,6 +269,7 @@ class Trial:
             self.program.w,
             walls,
             answer.lam,
+            answer.p,
             slip,
             certificate,
             ledger,

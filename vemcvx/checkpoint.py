@@ -43,8 +43,10 @@ def to_arrays(n: int, state: State) -> Arrays:
         "unbalanced": state.unbalanced,
         "weights": state.weights,
         "lam": state.lam,
+        "p": state.p,
         "slip": state.slip,
         "friction": certificate.friction,
+        "limits": certificate.limits,
     }
 
 
@@ -52,11 +54,20 @@ def from_arrays(run: Run, arrays: Arrays) -> tuple[int, State]:
     """The step number and the state; what drives the system is evaluated anew."""
     try:
         n, t, scale, iterations, energy, dissipated, work, equilibrium, floor = arrays["numbers"].tolist()
-        certificate = Certificate(equilibrium, arrays["friction"], floor)
+        certificate = Certificate(equilibrium, arrays["friction"], floor, arrays["limits"])
         ledger = Ledger(energy, dissipated, work)
         parts = (arrays["y"], arrays["unbalanced"], drive(run.system, run.condensation, t), arrays["weights"])
         state = State(
-            t, *parts, arrays["weights"], arrays["lam"], arrays["slip"], certificate, ledger, scale, int(iterations)
+            t,
+            *parts,
+            arrays["weights"],
+            arrays["lam"],
+            arrays["p"],
+            arrays["slip"],
+            certificate,
+            ledger,
+            scale,
+            int(iterations),
         )
     except (KeyError, ValueError) as error:
         raise HistoryError(f"checkpoint: incomplete: {error}. Remove the folder and run again.") from error

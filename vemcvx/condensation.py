@@ -1,4 +1,4 @@
-"""The unknowns that no norm term touches, eliminated once (Schur complement).
+"""The unknowns that no norm term and no limit touches, eliminated once (Schur complement).
 
 With interior unknowns i and touched ones c,  S = K_cc - K_ci K_ii^{-1} K_ic  and a force phi acts on c as
 phi_c - K_ci K_ii^{-1} phi_i = S (K^{-1} phi)_c. If c comes last in K = L U, then S = L_cc U_cc: the Schur
@@ -21,10 +21,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.errors import NotAccepted
+from vemcvx.form import Form
 from vemcvx.kernel import anchors
 from vemcvx.linear import LinearSolver, SuperLU, choose_linear
 from vemcvx.ordering import minimum_degree
-from vemcvx.program import Form
 from vemcvx.system import System
 
 Floats = NDArray[np.float64]
@@ -69,14 +69,17 @@ class Condensation:
         B = sp.csr_matrix((0, n)) if norms is None else norms.B
         block = 1 if norms is None else norms.block
         self.linear = choose_linear(n, linear)
-        touched = np.unique(B.indices[B.data != 0]).astype(np.int64)
+        limits = system.limits
+        D, softness = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.softness)
+        touched = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
         anchor = _anchors(system, touched, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         if condense and isinstance(self.linear, SuperLU):
             order = minimum_degree(self.regular) if system.order is None else system.order
             self.touched: Ints = touched
             self._factor, S = self.linear.eliminate(self.regular, order, touched)
-            self.form = Form(S, sp.csr_matrix(B[:, touched]), block)
+            rows = {"D": sp.csr_matrix(D[:, touched]), "softness": softness}
+            self.form = Form(S, sp.csr_matrix(B[:, touched]), block, **rows)
         elif condense and len(touched) == 0:
             self.touched = touched
             self._factor = self.linear.factorise(self.regular, system.near_kernel)
@@ -84,7 +87,7 @@ class Condensation:
         else:
             self.touched = np.arange(n)
             self._factor = self.linear.factorise(self.regular, system.near_kernel)
-            self.form = Form(self.regular, B, block, self._factor)
+            self.form = Form(self.regular, B, block, self._factor, D=D, softness=softness)
         self._S = self.form.K
         if anchor is not None:
             self.form = _unanchored(self.form, anchor[self.touched], system.kernel.modes[self.touched])
@@ -158,7 +161,8 @@ def _unanchored(form: Form, anchor: Floats, modes: Floats) -> Form:
     """The form of K itself, from that of K with the anchors' stiffness."""
     added = sp.diags_array(anchor)
     K = sp.csr_matrix(form.K - added) if sp.issparse(form.K) else form.K - np.diag(anchor)
-    return Form(K, form.B, form.block, form.factor, np.linalg.qr(modes)[0], anchor)
+    kernel = np.linalg.qr(modes)[0]
+    return Form(K, form.B, form.block, form.factor, kernel, anchor, form.D, form.softness)
 
 
 class _Fields:

@@ -82,9 +82,9 @@ def _friction(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[F
         return traction, bound, force
     tangents = terms.rows.data.reshape(len(terms.nodes), -1, dim)
     pulled = np.einsum("smb,mbd->smd", lam, tangents)
-    for row, t in enumerate(trajectory.times[trajectory.stored]):
+    for row in range(rows):
         np.add.at(traction[row], at, -pulled[row] / terms.lengths[:, None])
-        np.add.at(bound[row], at, terms.weights(float(t)) / terms.lengths)
+        np.add.at(bound[row], at, trajectory.weights[row] / terms.lengths)
         np.add.at(force[row], at, pulled[row])
     return traction, bound, force
 

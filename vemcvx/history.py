@@ -116,6 +116,11 @@ class History:
         return self.trajectory.safeguards[self.stored]
 
     @property
+    def contraction(self) -> Floats:
+        """(S,) rate with which Coulomb's fixed point contracted in each step; NaN where there was none to find."""
+        return self.trajectory.contraction[self.stored]
+
+    @property
     def solver(self) -> str:
         """Name and settings of the solver that answered."""
         return self.trajectory.solver

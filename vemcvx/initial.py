@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.backward_euler import Run, State, trial
+from vemcvx.backward_euler import Run, State, solved
 from vemcvx.certificate import Certificate
 from vemcvx.errors import SceneError
 from vemcvx.ledger import Drive, Ledger, drive, energy
@@ -77,7 +77,8 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
     weights = np.zeros(0) if norms is None else norms.weights(now.t)
     y_c = y[run.condensation.touched]
     still = np.zeros((form.count, form.block))
-    ledger = Ledger(energy(run.condensation, y_c, now), 0.0, 0.0)
+    none = np.zeros(len(form.softness))
+    ledger = Ledger(energy(run.condensation, y_c, now, none), 0.0, 0.0)
     return State(
         now.t,
         y_c,
@@ -86,8 +87,9 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
         weights,
         weights,
         still,
+        none,
         still,
-        Certificate(0.0, np.zeros(form.count), 0.0),
+        Certificate(0.0, np.zeros(form.count), 0.0, none),
         ledger,
         ledger.norm,
         0,
@@ -96,12 +98,12 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
 
 def _settle(run: Run, state: State) -> State:
     """One step at the same instant."""
-    return trial(run, state, state.drive, state.weights).solve()
+    return solved(run, state, state.drive, state.weights, 0)
 
 
 def _at_rest(run: Run, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
-    start = energy(run.condensation, state.y, state.drive)
+    start = energy(run.condensation, state.y, state.drive, state.p)
     ledger = Ledger(start, 0.0, 0.0)
     return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm)
 

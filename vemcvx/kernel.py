@@ -1,8 +1,10 @@
-"""K with a kernel N: motions that cost no energy, held by norm terms alone (a body that only friction keeps in place).
+"""K with a kernel N: motions that cost no energy, held by norm terms and limits alone.
 
-A step min 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| then has a solution if and only if no motion Nc pays,
+So it is with a body that nothing but friction, or its weight on an obstacle, keeps in place.
 
-    c'N'g <= sum_i w_i |B_i N c|   for all c,   that is   N'g = N'B'lam for some |lam_i| <= w_i,
+A step min 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to Dd <= e then has a solution if no motion Nc pays,
+
+    c'N'g < sum_i w_i |B_i N c|   for all c with DNc <= 0,   so that   N'g = N'B'lam + N'D'p,  |lam_i| <= w_i,  p >= 0,
 
 and K d* is unique while d* need not be: errors are measured in the seminorm |.|_K. Stiffness rho on k unknowns
 (*anchors*) that the motions move makes K positive definite; the proximal point method (Rockafellar 1976),
@@ -14,6 +16,7 @@ needs only such programs, stops at once where the anchors stick, and else gains 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +26,6 @@ from scipy.linalg import qr
 from vemcvx.errors import SceneError
 
 Floats = NDArray[np.float64]
-Point = tuple[float, Floats, Floats]
 
 # The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so
 # small that K loses digits (eight bits of 53 here).
@@ -42,10 +44,20 @@ class Kernel:
         Independent motions with K modes = 0.
     names : (k,) sequence of str
         The motions in words, for messages.
+    in_words : callable (k,) -> str, optional
+        A combination of the motions in words; by default the names of those that take part.
     """
 
     modes: Floats
     names: tuple[str, ...]
+    in_words: Callable[[Floats], str] | None = None
+
+    def name(self, c: Floats) -> str:
+        """The motion modes @ c in words."""
+        if self.in_words is not None:
+            return self.in_words(c)
+        large = np.abs(c) > 1e-3 * np.abs(c).max()
+        return " with ".join(name for name, present in zip(self.names, large, strict=True) if present)
 
 
 def anchors(modes: Floats, diagonal: Floats) -> Floats:
@@ -56,95 +68,123 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
     return stiffness
 
 
-def nearest(lam: Floats, w: Floats, grip: Floats, push: Floats) -> tuple[Floats, Floats]:
-    """The multipliers nearest to `lam` with |lam_i| <= w_i and grip'lam = push, and what is left, push - grip'lam.
-
-    lam(c) = P_w(lam + grip c) with c the minimiser of a convex, piecewise smooth function of k unknowns whose gradient
-    is grip'lam(c) - push: a line-searched Newton method. Where no such lam exists, c grows without bound and what is
-    left points along a motion that the weights cannot hold.
+@dataclass(frozen=True)
+class Hold:
+    """What norm terms and limits feel of the motions N of a kernel, and how they hold a load there.
 
     Parameters
     ----------
-    lam : (m, block) array
-    w : (m,) array
     grip : (m, block, k) array
         B_i N.
-    push : (k,) array
-        N'g.
+    stop : (r, k) array
+        D N.
     """
-    lift = 1e-6 * np.eye(len(push)) * np.einsum("ijk,ijk->", grip, grip)
-    spread = float(np.einsum("ij,ij->", lam, lam) + w @ w)
-    c = np.zeros(len(push))
-    here = _projection(lam, w, grip, push, c)
-    for _ in range(MOST_NEWTON):
-        _, left, slope = here
-        size = np.abs(push) + np.einsum("ijk,ij->k", np.abs(grip), np.abs(_clip(lam + grip @ c, w)[0]))
-        if (np.abs(left) <= EPS * size).all() or _separates(left, w, grip, push):
-            break
-        # Where (almost) everything is cut the second derivative vanishes; elsewhere the lift is not wanted.
-        step = np.linalg.solve(slope + lift if np.linalg.cond(slope) > 1e6 else slope, left)
-        length, ahead = 1.0, _projection(lam, w, grip, push, c + step)
-        while length > 1e-12 and not _better(ahead, here, length * float(left @ step), spread):
-            length *= 0.5
-            ahead = _projection(lam, w, grip, push, c + length * step)
-        c, here = c + length * step, ahead
-    return _clip(lam + grip @ c, w)[0], here[1]
+
+    grip: Floats
+    stop: Floats
+
+    def nearest(
+        self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats]
+    ) -> tuple[Floats, Floats, Floats]:
+        """The multipliers nearest to (lam, p) with |lam_i| <= w_i, p >= 0 and grip'lam + stop'p = push; what is left.
+
+        In the metric sum |dlam_i|^2 / ease_i + sum dp_j^2 / ease_j: lam(c) = P_w(lam + ease grip c),
+        p(c) = (p + ease stop c)_+ with c the minimiser of a convex, piecewise smooth function of k unknowns whose
+        gradient is grip'lam(c) + stop'p(c) - push: a line-searched Newton method. Where there are no such multipliers,
+        c grows without bound and what is left points along a motion that nothing can hold.
+
+        Parameters
+        ----------
+        lam : (m, block) array
+        p : (r,) array
+        w : (m,) array
+        push : (k,) array
+            N'g.
+        ease : pair of (m,) and (r,) arrays
+            How little it costs to change each multiplier, > 0.
+        """
+        soft = np.einsum("i,ijk->", ease[0], self.grip**2) + ease[1] @ (self.stop**2).sum(axis=1)
+        lift = 1e-6 * np.eye(len(push)) * soft
+        spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
+        c = np.zeros(len(push))
+        here = self._at(lam, p, w, push, ease, c)
+        for _ in range(MOST_NEWTON):
+            left = here.left
+            if (np.abs(left) <= EPS * here.size).all() or self.loses(left, w, push):
+                break
+            # Where (almost) everything is cut the second derivative vanishes; elsewhere the lift is not wanted.
+            slope = here.slope + lift if np.linalg.cond(here.slope) > 1e12 else here.slope
+            step = np.linalg.solve(slope, left)
+            length, ahead = 1.0, self._at(lam, p, w, push, ease, c + step)
+            while length > 1e-12 and not ahead.better(here, length * float(left @ step), spread):
+                length *= 0.5
+                ahead = self._at(lam, p, w, push, ease, c + length * step)
+            c, here = c + length * step, ahead
+        return here.lam, here.p, here.left
+
+    def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
+        """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""
+        into = self.stop @ c
+        if (into > 1e-9 * np.abs(into).max(initial=0.0)).any():
+            return False
+        return bool(c @ push > w @ np.linalg.norm(self.grip @ c, axis=1) * (1 + 1e-12))
+
+    def unheld(self, w: Floats, push: Floats) -> Floats | None:
+        """A motion c (k,) that nothing holds against the load; None if there is none."""
+        none = np.zeros(self.grip.shape[:2]), np.zeros(len(self.stop))
+        left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.stop))))[2]
+        return left if self.loses(left, w, push) else None
+
+    def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:
+        """push - grip'lam - stop'p (k,), and what rounding may leave of it; `pushed` is |N|'|g|."""
+        left = push - np.einsum("ijk,ij->k", self.grip, lam) - self.stop.T @ p
+        size = np.einsum("ijk,ij->k", np.abs(self.grip), np.abs(lam)) + np.abs(self.stop).T @ p
+        return left, 8 * EPS * (pushed + size)
+
+    def _at(self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats], c: Floats) -> _Point:
+        q, pressed = lam + ease[0][:, None] * (self.grip @ c), np.maximum(p + ease[1] * (self.stop @ c), 0.0)
+        size = np.linalg.norm(q, axis=1)
+        cut = size > w
+        share = np.where(cut, w / np.where(size > 0, size, 1.0), 1.0)
+        held, over = q * share[:, None], np.maximum(size - w, 0.0)
+        value = 0.5 * float((size * size - over * over) @ (1 / ease[0]) + pressed * pressed @ (1 / ease[1]))
+        unit = np.where(cut[:, None], q / np.where(size > 0, size, 1.0)[:, None], 0.0)
+        across = self.grip - unit[:, :, None] * np.einsum("ij,ijk->ik", unit, self.grip)[:, None, :]
+        against = self.stop * (ease[1] * (pressed > 0))[:, None]
+        slope = np.einsum("i,ijk,ijl->kl", ease[0] * share, across, across) + against.T @ self.stop
+        left, blur = self.imbalance(held, pressed, push, np.abs(push))
+        return _Point(held, pressed, value - float(push @ c), left, slope, blur / (8 * EPS))
 
 
-def _better(ahead: Point, here: Point, descent: float, spread: float) -> bool:
-    """Armijo's rule; near the end the value changes by less than its rounding, but what is left still tells."""
-    level = abs(ahead[0] - here[0]) <= 64 * EPS * spread
-    nearer = np.abs(ahead[1]).max() <= 0.5 * np.abs(here[1]).max()
-    return bool(ahead[0] <= here[0] - 1e-4 * descent or (level and nearer))
+@dataclass(frozen=True)
+class _Point:
+    """A value of the convex function, minus its gradient, its (generalised) second derivative, and the sizes in it."""
+
+    lam: Floats
+    p: Floats
+    value: float
+    left: Floats
+    slope: Floats
+    size: Floats
+
+    def better(self, before: _Point, descent: float, spread: float) -> bool:
+        """Armijo's rule; near the end the value changes by less than its rounding, but what is left still tells."""
+        level = abs(self.value - before.value) <= 64 * EPS * spread
+        nearer = np.abs(self.left).max() <= 0.5 * np.abs(before.left).max()
+        return bool(self.value <= before.value - 1e-4 * descent or (level and nearer))
 
 
-def unheld(w: Floats, grip: Floats, push: Floats) -> Floats | None:
-    """A motion c (k,) with c'push > sum_i w_i |grip_i c|, if nothing can hold the load; else None."""
-    left = nearest(np.zeros(grip.shape[:2]), w, grip, push)[1]
-    return left if _separates(left, w, grip, push) else None
-
-
-def refuse_unheld(kernel: Kernel, motion: Floats, w: Floats, push: float, grip: Floats, n: int, t: float) -> None:
-    """Raise SceneError for a load that pushes along `motion` (k,) harder than the weights can hold.
+def refuse_unheld(kernel: Kernel, motion: Floats, push: float, holds: float, n: int, t: float) -> None:
+    """Raise SceneError for a load that pushes along `motion` (k,) harder than friction can hold.
 
     Parameters
     ----------
-    push : float
-        Work of the load per unit of the motion's largest displacement.
-    grip : (m,) array
-        |B_i N c| per unit of it.
+    push, holds : float
+        Work of the load, and most that friction can do, per unit of the motion's largest displacement.
     """
-    parts = [name for name, c in zip(kernel.names, motion, strict=True) if abs(c) > 1e-3 * np.abs(motion).max()]
-    holds = float(w @ grip)
     raise SceneError(
-        f"step {n} at t = {t:.6g}: only friction holds the body against {' with '.join(parts)}. The load pushes it "
-        f"there with a force of {push:.6g} and friction holds {holds:.6g} at most: {push - holds:.6g} are lacking, and "
-        "there is no equilibrium. Lower the load, raise the bound, add a support, or move the body by "
-        "PrescribedDisplacement instead."
+        f"step {n} at t = {t:.6g}: only friction and one-sided contact hold the body against {kernel.name(motion)}. "
+        f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
+        f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
+        "support, or move the body by PrescribedDisplacement instead."
     )
-
-
-def _separates(c: Floats, w: Floats, grip: Floats, push: Floats) -> bool:
-    """Whether the load wins on the motion c: no multipliers can balance it."""
-    return bool(c @ push > w @ np.linalg.norm(grip @ c, axis=1) * (1 + 1e-12))
-
-
-def _clip(q: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """P_w(q), |q|, and which blocks were cut."""
-    size = np.linalg.norm(q, axis=1)
-    cut = size > w
-    share = np.ones_like(size)
-    share[cut] = w[cut] / size[cut]
-    return q * share[:, None], size, cut
-
-
-def _projection(lam: Floats, w: Floats, grip: Floats, push: Floats, c: Floats) -> Point:
-    """The convex function at c, minus its gradient, and its (generalised) second derivative."""
-    q = lam + grip @ c
-    held, size, cut = _clip(q, w)
-    value = 0.5 * float(size @ size - np.maximum(size - w, 0.0) @ np.maximum(size - w, 0.0)) - float(push @ c)
-    share = np.where(cut, w / np.where(size > 0, size, 1.0), 1.0)
-    unit = np.where(cut[:, None], q / np.where(size > 0, size, 1.0)[:, None], 0.0)
-    across = grip - unit[:, :, None] * np.einsum("ij,ijk->ik", unit, grip)[:, None, :]
-    slope = np.einsum("i,ijk,ijl->kl", share, across, across)
-    return value, push - np.einsum("ijk,ij->k", grip, held), slope

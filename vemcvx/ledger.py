@@ -1,10 +1,11 @@
 """The energy ledger of backward Euler, kept on the touched unknowns.
 
-energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D
-work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc
+energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D;  soft limits add c p^2 / 2
+work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc + p . dD^u_D
            (forces and reactions at the end of the step; this load is without the stretch of the supports)
 loss     = lam . s = sum_i w_i |s_i|
-identity   work - dE - loss = 1/2 a(du, du)   step by step, for every balanced answer
+identity   work - dE - loss = 1/2 a(du, du) + p . D du  step by step, for every balanced answer; the last, of bounds, is
+           >= 0 while they stand still, that of soft limits is 1/2 dz^2 / c and more
 """
 
 from __future__ import annotations
@@ -35,12 +36,17 @@ class Drive:
     stretch: Reduced | None
     drag: Floats
     stored: float
+    reach: Floats
+    """(r,) what the limits leave free"""
+    shut: Floats
+    """(r,) how much of that the supports took"""
 
     def still_as(self, other: Drive) -> bool:
         """Whether nothing differs between the two instants."""
         return (
             np.array_equal(self.force.phi, other.force.phi)
             and np.array_equal(self.drag, other.drag)
+            and np.array_equal(self.reach, other.reach)
             and (
                 self.stretch is None or np.array_equal(self.stretch.phi, other.stretch.phi)  # type: ignore[union-attr]
             )
@@ -65,15 +71,18 @@ def drive(system: System, condensation: Condensation, t: float) -> Drive:
     """Evaluate load and supports at `t`."""
     force = condensation.reduce(system.force(t))
     rows = 0 if system.norms is None else system.norms.B.shape[0]
+    reach = system.reach(t)
     if system.motion is None:
-        return Drive(t, force, None, np.zeros(rows), 0.0)
+        return Drive(t, force, None, np.zeros(rows), 0.0, reach, np.zeros_like(reach))
     motion = system.motion
-    return Drive(t, force, condensation.reduce(motion.stretch(t)), motion.drag(t), motion.stored(t, t))
+    shut = np.zeros_like(reach) if motion.reach is None else motion.reach(t)
+    stretch = condensation.reduce(motion.stretch(t))
+    return Drive(t, force, stretch, motion.drag(t), motion.stored(t, t), reach, shut)
 
 
-def energy(condensation: Condensation, y: Floats, now: Drive) -> float:
-    """1/2 a(u, u)."""
-    square = condensation.square(y, now.force)
+def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> float:
+    """1/2 a(u, u), and what soft limits store."""
+    square = condensation.square(y, now.force) + float(p @ (condensation.form.softness * p))
     if now.stretch is None:
         return 0.5 * square
     return 0.5 * (square + 2.0 * condensation.work(now.stretch, y, now.force) + now.stored)
@@ -91,5 +100,6 @@ def advance(
         motion = condensation.system.motion
         work += now.stored - motion.stored(before.drive.t, now.t)  # type: ignore[union-attr]
         work += float(answer.lam.ravel() @ (now.drag - before.drive.drag))
+        work += float(answer.p @ (now.shut - before.drive.shut))
     loss = float(w @ np.linalg.norm(slip, axis=1))
-    return Ledger(energy(condensation, y, now), before.ledger.dissipated + loss, before.ledger.work + work)
+    return Ledger(energy(condensation, y, now, answer.p), before.ledger.dissipated + loss, before.ledger.work + work)

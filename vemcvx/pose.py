@@ -16,10 +16,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.effects import ContactSurface, Friction, Load, Material
+from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.kernel import Kernel
+from vemcvx.limits import Limits
 from vemcvx.meshes import PolygonMesh
+from vemcvx.obstacles import Obstacles, gathered, pressing
 from vemcvx.ordering import nested_dissection
 from vemcvx.rigid import loose_motions
 from vemcvx.scene import Scene
@@ -75,20 +77,23 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
     loads = _chain(p.loads for p in parts)
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
-    supports = resolve(_chain(p.supports for p in parts), frictions, mesh.points)
+    supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
     terms = friction_terms(frictions, supports, mesh.points)
-    kernel = loose_motions(space, supports, on_free(terms.rows, supports))
-    warn_of_loose_normals(frictions, supports, mesh.points)
+    obstacles = gathered(_chain(p.obstacles for p in parts), supports, mesh.points)
+    felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
+    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"))
+    warn_of_loose_normals(frictions, supports, obstacles.nodes, mesh.points)
     if kernel is not None:
         _say_unsupported(kernel)
     system = System(
         _restrict(A, supports),
         _load(loads, A, supports),
-        _norms(terms, supports, mesh.points),
-        None if supports.still else _motion(A, supports, terms.rows),
+        _norms(terms, obstacles, supports, mesh.points),
+        None if supports.still else _motion(A, supports, terms.rows, obstacles.rows),
         _order(A, supports, mesh.points),
         supports.P.T @ rigid_modes(mesh.points),
         kernel,
+        _limits(obstacles, supports, mesh.points),
     )
     material = next(p.material for p in parts if p.material is not None)
     return Posed(scene, space, system, supports, A, loads, terms, _chain(p.surfaces for p in parts), material)
@@ -96,9 +101,9 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
 
 def _say_unsupported(kernel: Kernel) -> None:
     warnings.warn(
-        f"supports: nothing but friction holds the body against {' and '.join(kernel.names)}. Stresses and friction "
-        "are determined, and certified, in the energy seminorm; where the whole contact is about to slip, the "
-        "displacement is determined up to that motion only.",
+        f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
+        "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement itself "
+        "may be determined up to that motion only.",
         SceneWarning,
         stacklevel=2,
     )
@@ -141,7 +146,7 @@ def _load(loads: tuple[Load, ...], A: sp.csr_matrix, supports: Supports) -> Call
     return load
 
 
-def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix) -> Motion:
+def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix, normal: sp.csr_matrix) -> Motion:
     def stretch(t: float) -> Floats:
         return supports.gather(A @ supports.motion(t))
 
@@ -151,10 +156,29 @@ def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix) -> 
     def stored(s: float, t: float) -> float:
         return float(supports.motion(s) @ (A @ supports.motion(t)))
 
-    return Motion(stretch, drag, stored)
+    def reach(t: float) -> Floats:
+        return normal @ supports.motion(t)
+
+    return Motion(stretch, drag, stored, reach)
 
 
-def _norms(terms: Terms, supports: Supports, points: Floats) -> Norms | None:
+def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
+    """Whatever refers to normals, so that nodal frames have them as axes."""
+    return (*_chain(p.frictions for p in parts), *_chain(p.obstacles for p in parts))
+
+
+def _limits(obstacles: Obstacles, supports: Supports, points: Floats) -> Limits | None:
+    nodes = obstacles.nodes
+    if len(nodes) == 0:
+        return None
+
+    def place(j: int) -> str:
+        return f"node {nodes[j]} at {tuple(float(x) for x in np.round(points[nodes[j]], 12))}"
+
+    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.softness, place)
+
+
+def _norms(terms: Terms, obstacles: Obstacles, supports: Supports, points: Floats) -> Norms | None:
     nodes = terms.nodes
     if len(nodes) == 0:
         return None
@@ -162,7 +186,22 @@ def _norms(terms: Terms, supports: Supports, points: Floats) -> Norms | None:
     def place(i: int) -> str:
         return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
 
-    return Norms(on_free(terms.rows, supports), terms.weights, terms.rows.shape[0] // len(nodes), place)
+    block = terms.rows.shape[0] // len(nodes)
+    return Norms(on_free(terms.rows, supports), terms.weights, block, place, _law(terms, obstacles, supports))
+
+
+def _law(terms: Terms, obstacles: Obstacles, supports: Supports) -> Callable[[float, Floats], Floats] | None:
+    """Weights under the forces of the limits, if some depend on them."""
+    pressed = terms.pressed
+    if pressed is None:
+        return None
+    nothing = sp.csr_matrix((0, len(obstacles.nodes)))
+    press = [nothing if f.law is None else pressing(obstacles, f, supports) for f in terms.frictions]
+
+    def law(t: float, p: Floats) -> Floats:
+        return pressed(t, [M @ p for M in press])
+
+    return law
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

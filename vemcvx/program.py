@@ -1,119 +1,33 @@
 """One step as a convex program, in the increment d = y - y_prev.
 
-    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|                                              (2.34)
-    dual      K d = g - B'lam,   |lam_i| <= w_i,   lam_i . s_i = w_i |s_i|,   s = B d - b
+    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
+    dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
+              p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
-with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps
-all digits of d when steps are tiny beside y. The program is data; each solver reads it its own way.
+with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
+of d when steps are tiny beside y. Where the softness c_j of a *limit* vanishes, the last sum stands for the bound D_j
+d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.kernel import nearest
-from vemcvx.linear import DenseCholesky, Factor, SuperLU
-from vemcvx.rows import Rows
+from vemcvx.form import Form
 
 Floats = NDArray[np.float64]
 
-QUADRATIC = "quadratic"
-ABSOLUTE_VALUES = "absolute values"
-SECOND_ORDER_CONES = "second-order cones"
 
-
-@dataclass(frozen=True)
-class Form:
-    """What all steps of a run share: K, and where the norm terms act.
-
-    Parameters
-    ----------
-    K : (n, n) dense array (condensed) or sparse matrix (full), symmetric positive definite
-    B : (m * block, n) sparse matrix
-    block : int
-    factor : Factor, optional
-        K factorised (with the anchors' stiffness); needed only where K is sparse.
-    kernel : (n, k) array, optional
-        Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.kernel`).
-    anchor : (n,) array, optional
-        With a kernel: stiffness that makes K + diag(anchor) positive definite.
-    """
-
-    K: Floats | sp.csr_matrix
-    B: sp.csr_matrix
-    block: int = 1
-    factor: Factor = None  # type: ignore[assignment]
-    kernel: Floats | None = None
-    anchor: Floats | None = None
-
-    def __post_init__(self) -> None:
-        if self.factor is None:
-            K = self.regular.K
-            object.__setattr__(self, "factor", SuperLU().factorise(K) if sp.issparse(K) else DenseCholesky(K))
-
-    @cached_property
-    def regular(self) -> Form:
-        """The form with K + diag(anchor), which is positive definite; itself where there is no kernel."""
-        if self.anchor is None:
-            return self
-        added = sp.diags_array(self.anchor)
-        K = sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + np.diag(self.anchor)
-        return Form(K, self.B, self.block, self.factor)
-
-    @cached_property
-    def grip(self) -> Floats:
-        """(m, block, k) B_i N: what the norm terms feel of the kernel."""
-        kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
-        return (self.B @ kernel).reshape(self.count, self.block, -1)
-
-    @cached_property
-    def rows(self) -> Rows:
-        """B, ready to be applied."""
-        return Rows(self.B)
-
-    @cached_property
-    def absolute(self) -> Floats | sp.csr_matrix:
-        """|K|, entry by entry, for bounds on rounding."""
-        return abs(self.K)
-
-    @property
-    def count(self) -> int:
-        """The number of norm terms m."""
-        return self.B.shape[0] // self.block
-
-    @cached_property
-    def features(self) -> frozenset[str]:
-        """What a solver must accept: a subset test matches the two."""
-        if self.count == 0:
-            return frozenset({QUADRATIC})
-        return frozenset({QUADRATIC, ABSOLUTE_VALUES if self.block == 1 else SECOND_ORDER_CONES})
-
-    @cached_property
-    def compliance(self) -> Floats:
-        """(m,) largest diagonal entry of B_i K^{-1} B_i': |s_i| <= compliance^{1/2} |d|_K."""
-        B = self.B.toarray()
-        response = self.factor.solve(np.ascontiguousarray(B.T))
-        return self.blocks(np.einsum("ij,ji->i", B, response)).max(axis=1)
-
-    def stiffened(self, H: Floats) -> Floats | sp.csr_matrix:
-        """K + B'HB with a symmetric matrix H_i (m, block, block) a term."""
-        H_B = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1)))) @ self.B
-        added = self.B.T @ H_B
-        return self.K + added if sp.issparse(self.K) else self.K + added.toarray()
-
-    def blocks(self, x: Floats) -> Floats:
-        """View (m * block,) entries as (m, block)."""
-        return x.reshape(self.count, self.block)
+def _none() -> Floats:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True)
 class StepProgram:
-    """One step's data: minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i|.
+    """One step's data, for :class:`vemcvx.form.Form`'s K, B and D.
 
     Parameters
     ----------
@@ -121,39 +35,83 @@ class StepProgram:
     g : (n,) array, forces out of balance
     w : (m,) array, weights >= 0 (forces)
     b : (m * block,) array, motion of the supports against the norm terms
+    e : (r,) array, what the limits leave free
     """
 
     form: Form
     g: Floats
     w: Floats
     b: Floats
+    e: Floats = field(default_factory=_none)
 
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
         return self.form.blocks(self.form.rows.read(d) - self.b)
 
-    def residual(self, d: Floats, lam: Floats) -> Floats:
-        """r = g - B'lam - K d, the forces that do not balance, (n,)."""
-        return self.g - self.form.rows.pull(lam.ravel()) - self.form.K @ d
+    def excess(self, d: Floats) -> Floats:
+        """z = D d - e, (r,)."""
+        return self.form.limits.read(d) - self.e
+
+    def held(self, lam: Floats, p: Floats) -> Floats:
+        """B'lam + D'p, the forces (n,) of norm terms and limits."""
+        return self.form.rows.pull(lam.ravel()) + self.form.limits.pull(p)
+
+    def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
+        """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
+        return self.g - self.held(lam, p) - self.form.K @ d
 
     def objective(self, d: Floats) -> float:
-        """The energy that the step minimises."""
+        """The energy that the step minimises; infinite beyond a bound."""
         norms = np.linalg.norm(self.slip(d), axis=1)
-        return float(0.5 * d @ (self.form.K @ d) - self.g @ d + self.w @ norms)
+        over = np.maximum(self.excess(d), 0.0)
+        soft = self.form.softness > 0
+        pressed = 0.5 * float(over[soft] @ (over[soft] / self.form.softness[soft]))
+        if (over[~soft] > 0).any():
+            return np.inf
+        return float(0.5 * d @ (self.form.K @ d) - self.g @ d + self.w @ norms) + pressed
 
     def project(self, lam: Floats) -> Floats:
-        """The admissible multipliers nearest to `lam` (m, block): |lam_i| <= w_i, in balance on K's kernel."""
-        if self.form.kernel is not None:
-            lam = nearest(lam, self.w, self.form.grip, self.form.kernel.T @ self.g)[0]
+        """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
+        if self.form.block == 1:
+            # The projection onto an interval is exact; scaling would leave one rounding error.
+            return np.clip(lam, -self.w[:, None], self.w[:, None])
         size = np.linalg.norm(lam, axis=1)
         over = size > self.w
         scale = np.ones_like(size)
         scale[over] = self.w[over] / size[over]
-        shrunk = lam * scale[:, None]
-        if self.form.block == 1:
-            # The projection onto an interval is exact; scaling would leave one rounding error.
-            shrunk = np.clip(lam, -self.w[:, None], self.w[:, None])
-        return shrunk
+        return lam * scale[:, None]
+
+    def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
+        """The multipliers nearest to (lam, p): |lam_i| <= w_i, p >= 0, in balance on K's kernel.
+
+        For the balance those are changed that cost little gap at the increments `d`: where d sticks or touches.
+        """
+        if self.form.kernel is not None:
+            s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.form.softness * p)
+            level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
+            ease = level / (level + s), level / (level + z)
+            lam, p, _ = self.form.hold.nearest(lam, p, self.w, self.form.kernel.T @ self.g, ease)
+        return self.project(lam), np.maximum(p, 0.0)
+
+    def feasible(self, d: Floats) -> Floats:
+        """The increments d, moved as little as need be to obey the bounds."""
+        form = self.form
+        rigid = np.flatnonzero(form.softness == 0)
+        if len(rigid) == 0 or not (self.excess(d)[rigid] > 0).any():
+            return d
+        if form.limits.columns is not None:
+            column, coefficient = form.limits.columns[rigid], form.D.data[rigid]
+            moved, edge = d.copy(), self.e[rigid] / coefficient
+            moved[column] = np.where(coefficient > 0, np.minimum(d[column], edge), np.maximum(d[column], edge))
+            return moved
+        for _ in range(8):
+            over = rigid[self.excess(d)[rigid] > 0]
+            if len(over) == 0:
+                break
+            rows = form.D[over].toarray()
+            spread = form.factor.solve(np.ascontiguousarray(rows.T))
+            d = d - spread @ np.linalg.lstsq(rows @ spread, self.excess(d)[over], rcond=None)[0]
+        return d
 
 
 @dataclass(frozen=True)
@@ -163,12 +121,13 @@ class Answer:
     Parameters
     ----------
     d : (n,) increments
-    lam : (m, block) multipliers of the norm terms: K d = g - B'lam
+    lam : (m, block) multipliers of the norm terms: K d = g - B'lam - D'p
     iterations : int
     status : str
         In the solver's own words.
     safeguards : int
         How many of the iterations were steps of a globally convergent method that stood in for a faster one.
+    p : (r,) multipliers of the limits
     """
 
     d: Floats
@@ -176,3 +135,4 @@ class Answer:
     iterations: int
     status: str = ""
     safeguards: int = 0
+    p: Floats = field(default_factory=_none)

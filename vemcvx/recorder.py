@@ -28,7 +28,7 @@ def stored_steps(store: str | int, steps: int) -> Ints:
     )
 
 
-SCALARS = ("energy", "dissipated", "work", "norm", "gap", "floor", "iterations", "safeguards")
+SCALARS = ("energy", "dissipated", "work", "norm", "gap", "floor", "iterations", "safeguards", "contraction")
 COUNTS = ("iterations", "safeguards")
 
 
@@ -52,6 +52,8 @@ class Recorder:
         self._mark = fingerprint(run, times, kept)
         self._state = storage.array("state", (rows, run.system.n))
         self._multipliers = storage.array("multipliers", (rows, form.count, form.block))
+        self._pressures = storage.array("pressures", (rows, len(form.softness)))
+        self._weights = storage.array("weights", (rows, form.count))
         self._sticks = storage.array("sticking", (rows, form.count), bool)
         self._scalars = storage.array("scalars", (len(times), len(SCALARS)))
 
@@ -83,11 +85,12 @@ class Recorder:
             if n > 0 and self._run.check:
                 self._run.insist(state, n)
             self._state[row], self._multipliers[row] = state.full, state.lam
+            self._pressures[row], self._weights[row] = state.p, state.weights
             self._sticks[row] = sticking(self._run, state) if n > 0 else True
         c, ledger = state.certificate, state.ledger
         self._scalars[n] = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
-            *(c.gap, c.floor, state.iterations, state.safeguards),
+            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate),
         )
         if row is not None:
             self._storage.save({"mark": self._mark, **to_arrays(n, state)})
@@ -100,6 +103,8 @@ class Recorder:
             stored=self._kept,
             state=self._state,
             multipliers=self._multipliers,
+            pressures=self._pressures,
+            weights=self._weights,
             sticking=self._sticks,
             **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
             seconds=seconds,

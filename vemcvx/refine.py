@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vemcvx.certificate import EPS, Certificate
 from vemcvx.condensation import Condensation
 from vemcvx.extended import residual
-from vemcvx.program import Form
+from vemcvx.form import Form
 from vemcvx.system import System
 
 Floats = NDArray[np.float64]
@@ -37,25 +37,29 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
 
 
 def refined(
-    condensation: Condensation, form: Form, force: Floats, y: Floats, lam: Floats, stick: Bools
-) -> tuple[Floats, Floats]:
-    """All unknowns y (n,) and multipliers lam (m, block), corrected until K y = force - B'lam to rounding.
+    condensation: Condensation, form: Form, force: Floats, y: Floats, lam: Floats, p: Floats, stick: Bools
+) -> tuple[Floats, Floats, Floats]:
+    """All unknowns y (n,) and multipliers, corrected until K y = force - B'lam - D'p to rounding.
 
     Parameters
     ----------
     force, y : (n,) arrays
-    lam : (m, block) array
+    lam, p : (m, block) and (r,) arrays
+        Bounds with p > 0 act and stay as they are.
     stick : (m,) array of bool
         Terms whose increment stays as it is; needs rows that read one unknown each.
     """
     held = np.zeros(len(condensation.touched), dtype=bool)
-    columns, coefficient = form.rows.columns, form.B.data
-    held[columns[np.repeat(stick, form.block)]] = True  # type: ignore[index]
+    # Rows of B, then rows of D: each reads one unknown of its own.
+    columns = np.concatenate([form.rows.columns, form.limits.columns])  # type: ignore[list-item]
+    coefficient = np.concatenate([form.B.data, form.D.data])
+    act = np.concatenate([np.repeat(stick, form.block), p > 0])
+    held[columns[act]] = True
     F = np.flatnonzero(~held)
     S_FF = form.factor.within(form.regular.K[F][:, F], F)
     best = np.inf
     for _ in range(ROUNDS):
-        r = residual(force, condensation.system.K, y, _pulled(condensation.system, lam))
+        r = residual(force, condensation.system.K, y, _pulled(condensation.system, lam, p))
         response = condensation.solve(r)
         size = float(abs(r @ response))
         if size >= 0.25 * best:
@@ -68,21 +72,21 @@ def refined(
         inside = r.copy()
         inside[condensation.touched] -= push
         y = y + condensation.solve(inside)
-        change = np.where(held[columns], push[columns] / coefficient, 0.0)  # type: ignore[index]
-        lam = lam + form.blocks(change)
-    return y, lam
+        change = np.where(act, push[columns] / coefficient, 0.0)
+        lam, p = lam + form.blocks(change[: lam.size]), p + change[lam.size :]
+    return y, lam, p
 
 
 def full_certificate(
-    condensation: Condensation, force: Floats, y: Floats, lam: Floats, friction: Floats
+    condensation: Condensation, force: Floats, y: Floats, lam: Floats, p: Floats, own: Certificate
 ) -> Certificate:
-    """The certificate of the full system: r = force - B'lam - K y over all unknowns, in extended precision.
+    """The certificate of the full system: r = force - B'lam - D'p - K y over all unknowns, in extended precision.
 
     The floor is what the rounding of K's and the force's own entries, of size EPS and of random signs, brings about.
-    The norm terms see touched unknowns only; their part `friction` (m,) is that of the condensed program.
+    Norm terms and limits see touched unknowns only; their parts are those of the condensed program's `own` certificate.
     """
     system = condensation.system
-    pulled = _pulled(system, lam)
+    pulled = _pulled(system, lam, p)
     r = residual(force, system.K, y, pulled)
     blur = EPS * (np.abs(force) + np.abs(pulled) + abs(system.K) @ np.abs(y))
     if system.kernel is not None:
@@ -92,8 +96,9 @@ def full_certificate(
     blur *= np.sign(np.cos(np.arange(1.0, system.n + 1.0) ** 2))
     responses = condensation.solve(np.column_stack([r, blur]))
     equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * abs(float(blur @ responses[:, 1]))
-    return Certificate(max(equilibrium, 0.0), friction, floor)
+    return Certificate(max(equilibrium, 0.0), own.friction, floor, own.limits)
 
 
-def _pulled(system: System, lam: Floats) -> Floats:
-    return np.zeros(system.n) if system.norms is None else system.norms.B.T @ lam.ravel()
+def _pulled(system: System, lam: Floats, p: Floats) -> Floats:
+    pulled = np.zeros(system.n) if system.norms is None else system.norms.B.T @ lam.ravel()
+    return pulled if system.limits is None else pulled + system.limits.D.T @ p

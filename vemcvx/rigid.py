@@ -11,6 +11,8 @@ and the body floats if and only if this vanishes for some c. Of one piece it is 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -35,7 +37,7 @@ def loose_motions(space: Space, supports: Supports, friction: sp.csr_matrix) -> 
     Parameters
     ----------
     friction : (rows, n) sparse matrix
-        What the norm terms feel of the free unknowns.
+        What norm terms and limits feel of the free unknowns.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def loose_motions(space: Space, supports: Supports, friction: sp.csr_matrix) -> 
     fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R
     joined = sp.csr_matrix((np.ones(len(piece)), (piece, node)))
     parts, label = connected_components(joined @ joined.T, directed=False)
-    modes, names = [], []
+    fields_of, names, motions = [], [], []
     for part in range(parts):
         columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
@@ -64,10 +66,26 @@ def loose_motions(space: Space, supports: Supports, friction: sp.csr_matrix) -> 
         field = fields[:, columns] @ loose
         rank, rotated = _felt(friction @ field)
         if rank < loose.shape[1]:
-            raise SceneError(_words(which, loose @ rotated[:, rank:], hinges, space.mesh.points))
-        modes.append(field / np.abs(field).max(axis=0))
-        names += [f"{_motion(column, hinges)} of {which}" for column in loose.T]
-    return Kernel(np.hstack(modes), tuple(names)) if modes else None
+            raise SceneError(_words(which, _forward(loose @ rotated[:, rank:]), hinges, space.mesh.points))
+        size = np.abs(field).max(axis=0)
+        fields_of.append(field / size)
+        names += [f"{_motion(_forward(column), hinges)} of {which}" for column in loose.T]
+        motions += [(which, hinges, column) for column in (loose / size).T]
+    return Kernel(np.hstack(fields_of), tuple(names), partial(_combined, motions)) if names else None
+
+
+def _combined(motions: list[tuple[str, list[int], Floats]], c: Floats) -> str:
+    """A combination of loose motions in words, part by part."""
+    parts: dict[str, tuple[list[int], Floats]] = {}
+    for share, (which, hinges, motion) in zip(c, motions, strict=True):
+        sum_so_far = parts[which][1] if which in parts else 0.0
+        parts[which] = hinges, sum_so_far + share * motion
+    largest = max(np.abs(motion).max() for _, motion in parts.values())
+    return " and ".join(
+        f"{_motion(motion, hinges)} of {which}"
+        for which, (hinges, motion) in parts.items()
+        if np.abs(motion).max() > 1e-3 * largest
+    )
 
 
 def _felt(grip: Floats) -> tuple[int, Floats]:
@@ -107,6 +125,13 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
 
 
+def _forward(motions: Floats) -> Floats:
+    """The motions with the sign that makes their largest component positive."""
+    if motions.ndim == 1:
+        return motions * np.sign(motions[np.argmax(np.abs(motions))])
+    return np.column_stack([_forward(column) for column in motions.T])
+
+
 def _words(which: str, modes: Floats, hinges: list[int], points: Floats) -> str:
     count = modes.shape[1]
     if hinges:
@@ -126,7 +151,7 @@ def _words(which: str, modes: Floats, hinges: list[int], points: Floats) -> str:
 def _motion(mode: Floats, hinges: list[int]) -> str:
     if hinges:
         return "a motion about hinges"
-    x, y, turn = np.round(mode / np.linalg.norm(mode), 12) * np.sign(mode[np.argmax(np.abs(mode))])
+    x, y, turn = np.round(mode / np.linalg.norm(mode), 6)
     if abs(turn) > 0.9:
         return "a rotation"
     moves = f"the translation ({x + 0.0:.2g}, {y + 0.0:.2g})"

@@ -24,6 +24,9 @@ class Rows:
         single = np.diff(B.indptr) == 1
         self.single = single
         """(k,) which rows have one entry"""
+        self.exact = single.copy()
+        """(k,) which rows have one entry, a power of two: reading them rounds nothing"""
+        self.exact[single] = np.abs(np.frexp(B.data[B.indptr[:-1][single]])[0]) == 0.5
         self.columns: Ints | None = None
         """(k,) the unknown that each row reads, if every row reads its own and no other; else None"""
         if single.all() and len(np.unique(B.indices)) == B.shape[0]:

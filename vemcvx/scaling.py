@@ -4,10 +4,13 @@ With d = alpha D d^ and s_i = alpha sigma_i s^_i the program of :mod:`vemcvx.pro
 kappa alpha^2, has
 
     K^ = D K D / kappa,  g^ = D g / (kappa alpha),  B^ = B D / sigma,  b^ = b / (alpha sigma),
-    w^ = w sigma / (kappa alpha),  and lam = kappa alpha lam^ / sigma.
+    w^ = w sigma / (kappa alpha),  and lam = kappa alpha lam^ / sigma;
 
-kappa is the size of diag(K), D that of diag(K / kappa)^{-1/2}, sigma that of the rows of B D, all fixed
-for a run; alpha is the energy norm of the frictionless answer, (g'K^{-1}g / kappa)^{1/2}, step by step.
+limits likewise with tau in place of sigma, E the matrix of their rows: E^ = E D / tau, e^ = e / (alpha tau),
+c^ = c kappa / tau^2, p = kappa alpha p^ / tau.
+
+kappa is the size of diag(K), D that of diag(K / kappa)^{-1/2}, sigma and tau those of the rows of B D and E D, all
+fixed for a run; alpha is the energy norm of the frictionless answer, (g'K^{-1}g / kappa)^{1/2}, step by step.
 
 Weights far above every multiplier are lowered (walls of friction; loads near zero). Where each row of B reads one
 unknown of its own, K^_ii < 2 and coefficients are >= 1/2; with v = K^{-1}g, |v|_K <= 1, and d_b the field that moves
@@ -15,8 +18,8 @@ with b alone,
 
     |d* - v|_K <= |d_b - v|_K  gives  |lam_i*| <= 2 (|g_i| + |K d*|_i) < 9 + 8 |b|_1  for every component,
 
-whatever w is. So w_i may be lowered to 16 (1 + |b|_1) a component without changing the solution, or what a certificate
-says of it; the gap, linear in w, then no longer magnifies a slip of rounding size.
+whatever w is (without limits). So w_i may be lowered to 16 (1 + |b|_1) a component without changing the solution, or
+what a certificate says of it; the gap, linear in w, then no longer magnifies a slip of rounding size.
 
 Without this, interior-point solvers stop at 40-70 % energy error in small units and say "solved".
 """
@@ -29,8 +32,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.form import Form
 from vemcvx.linear import Scaled
-from vemcvx.program import Answer, Form, StepProgram
+from vemcvx.program import Answer, StepProgram
 
 Floats = NDArray[np.float64]
 
@@ -52,15 +56,16 @@ class Scaling:
     kappa: float
     D: Floats
     sigma: Floats
+    tau: Floats
 
     def scale(self, program: StepProgram, alpha: float) -> StepProgram:
         """The scaled program of a step."""
         sigma = np.repeat(self.sigma, self.form.block)
         force = self.kappa * alpha
         w, b = program.w * self.sigma / force, program.b / (alpha * sigma)
-        if self.form.rows.columns is not None and self.form.kernel is None:
+        if self.form.rows.columns is not None and self.form.kernel is None and len(self.tau) == 0:
             w = np.minimum(w, WALL * np.sqrt(self.form.block) * (1.0 + np.abs(b).sum()))
-        return StepProgram(self.form, self.D * program.g / force, w, b)
+        return StepProgram(self.form, self.D * program.g / force, w, b, program.e / (alpha * self.tau))
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:
         """The weights (m,) of a scaled program in unscaled units."""
@@ -69,11 +74,17 @@ class Scaling:
     def restore(self, answer: Answer, alpha: float) -> Answer:
         """An answer of the scaled program in the units of the unscaled one."""
         lam = self.kappa * alpha * answer.lam / self.sigma[:, None]
-        return replace(answer, d=alpha * self.D * answer.d, lam=lam)
+        p = self.kappa * alpha * answer.p / self.tau
+        return replace(answer, d=alpha * self.D * answer.d, lam=lam, p=p)
 
-    def guess(self, lam: Floats, alpha: float) -> Floats:
-        """Multipliers (m, block) in scaled units."""
-        return lam * self.sigma[:, None] / (self.kappa * alpha)
+    def shrink(self, d: Floats, alpha: float) -> Floats:
+        """Increments (n,) in scaled units."""
+        return d / (alpha * self.D)
+
+    def guess(self, lam: Floats, p: Floats, alpha: float) -> tuple[Floats, Floats]:
+        """Multipliers (m, block) and (r,) in scaled units."""
+        force = self.kappa * alpha
+        return lam * self.sigma[:, None] / force, p * self.tau / force
 
     def energy(self, value: float, alpha: float) -> float:
         """An energy in scaled units."""
@@ -87,24 +98,36 @@ class Scaling:
             unit = scaled / power_of_two(top)
             return float(power_of_two(top) * power_of_two(np.sqrt(abs(unit @ self.form.factor.solve(unit)))))
         pushed = float(program.w @ np.linalg.norm(self.form.blocks(program.b), axis=1)) / self.kappa
-        return float(power_of_two(np.sqrt(pushed))) if pushed > 0 else 0.0
+        # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
+        inward = np.maximum(-program.e, 0.0) / self.tau
+        size = max(np.sqrt(pushed), inward.max(initial=0.0))
+        return float(power_of_two(size)) if size > 0 else 0.0
 
 
 def scaling(form: Form) -> Scaling:
-    """Choose the scales of a run from K and B."""
+    """Choose the scales of a run from K, B and the limits."""
     diagonal = form.K.diagonal()
     kappa = float(power_of_two(diagonal.max(initial=0.0)))
     exponent = np.frexp(diagonal / kappa)[1]
     D = np.ldexp(1.0, -(exponent // 2))
-    rows = (abs(form.B) @ sp.diags_array(D)).max(axis=1).toarray().ravel() if form.count else np.zeros(0)
-    sigma = power_of_two(form.blocks(rows).max(axis=1)) if form.count else np.zeros(0)
-    spread = sp.diags_array(1.0 / np.repeat(sigma, form.block))
-    B = sp.csr_matrix(spread @ form.B @ sp.diags_array(D))
+    sigma = power_of_two(form.blocks(_size(form.B, D)).max(axis=1)) if form.count else np.zeros(0)
+    tau = power_of_two(_size(form.D, D))
+    B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, form.block)) @ form.B @ sp.diags_array(D))
+    E = sp.csr_matrix(sp.diags_array(1.0 / tau) @ form.D @ sp.diags_array(D))
+    limits = {"D": E, "softness": form.softness * kappa / tau**2}
     kernel, anchor = form.kernel, form.anchor
     if kernel is not None:
         kernel, anchor = np.linalg.qr(kernel / D[:, None])[0], D * anchor * D / kappa
     if sp.issparse(form.K):
         K = sp.csr_matrix(sp.diags_array(D) @ form.K @ sp.diags_array(D / kappa))
-        return Scaling(Form(K, B, form.block, Scaled(form.factor, D, kappa), kernel, anchor), kappa, D, sigma)
-    K = D[:, None] * form.K * (D / kappa)
-    return Scaling(Form(K, B, form.block, kernel=kernel, anchor=anchor), kappa, D, sigma)
+        scaled = Form(K, B, form.block, Scaled(form.factor, D, kappa), kernel, anchor, **limits)
+    else:
+        scaled = Form(D[:, None] * form.K * (D / kappa), B, form.block, None, kernel, anchor, **limits)
+    return Scaling(scaled, kappa, D, sigma, tau)
+
+
+def _size(rows: sp.csr_matrix, D: Floats) -> Floats:
+    """(k,) the largest entry of each row of rows D."""
+    if rows.shape[0] == 0:
+        return np.zeros(0)
+    return (abs(rows) @ sp.diags_array(D)).max(axis=1).toarray().ravel()

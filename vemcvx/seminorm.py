@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.certificate import duality_gap
-from vemcvx.kernel import Kernel, refuse_unheld, unheld
+from vemcvx.kernel import Kernel, refuse_unheld
 from vemcvx.program import Answer, StepProgram
 from vemcvx.solvers import Prepared
 
@@ -26,7 +26,7 @@ SHARP = 1e-4
 """Points go on below the target, down to this part of it: they are cheap."""
 
 
-def answered(prepared: Prepared, program: StepProgram, target: float, lam: Floats) -> Answer:
+def answered(prepared: Prepared, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
     """The solver's answer to a step, with admissible multipliers.
 
     Parameters
@@ -36,17 +36,19 @@ def answered(prepared: Prepared, program: StepProgram, target: float, lam: Float
     program : StepProgram
     target : float
         Duality gap that is good enough.
-    lam : (m, block) array
+    lam, p : (m, block) and (r,) arrays
         Multipliers to start from.
     """
-    if program.form.kernel is None:
-        answer = prepared.solve(program, target, lam)
-        return replace(answer, lam=program.project(answer.lam))
-    return _proximal(prepared, program, target, lam)
+    if program.form.kernel is not None:
+        return _proximal(prepared, program, target, lam, p)
+    answer = prepared.solve(program, target, lam, p)
+    d = program.feasible(answer.d)
+    lam, p = program.admissible(answer.lam, answer.p, d)
+    return replace(answer, d=d, lam=lam, p=p)
 
 
 def refuse_unbalanced(program: StepProgram, kernel: Kernel, touched: Ints, n: int, t: float) -> None:
-    """Raise SceneError when no friction forces balance the load of step `n` on K's kernel.
+    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel.
 
     Parameters
     ----------
@@ -54,30 +56,31 @@ def refuse_unbalanced(program: StepProgram, kernel: Kernel, touched: Ints, n: in
         The unknowns of `kernel` that the program has.
     """
     form = program.form
-    motion = unheld(program.w, form.grip, form.kernel.T @ program.g)  # type: ignore[union-attr]
+    motion = form.hold.unheld(program.w, form.kernel.T @ program.g)  # type: ignore[union-attr]
     if motion is None:
         return
     field = form.kernel @ motion  # type: ignore[operator]
     field /= np.abs(field).max()
     felt = np.linalg.norm(form.blocks(form.rows.read(field)), axis=1)
     parts = np.linalg.lstsq(kernel.modes[touched], field, rcond=None)[0]
-    refuse_unheld(kernel, parts, program.w, float(field @ program.g), felt, n, t)
+    refuse_unheld(kernel, parts, float(field @ program.g), float(program.w @ felt), n, t)
 
 
-def _proximal(prepared: Prepared, program: StepProgram, target: float, lam: Floats) -> Answer:
-    form = program.form
-    d = np.zeros(len(program.g))
-    best, least, waited = Answer(d, program.project(lam), 0, "nothing answered"), np.inf, 0
+def _proximal(prepared: Prepared, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+    form, d = program.form, np.zeros(len(program.g))
+    lam, p = program.admissible(lam, p, d)
+    best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
     iterations = safeguards = 0
     for _ in range(MOST_POINTS):
-        nearby = StepProgram(form.regular, program.g + form.anchor * d, program.w, program.b)
-        answer = prepared.solve(nearby, target, lam)
+        nearby = StepProgram(form.regular, program.g + form.anchor * d, program.w, program.b, program.e)
+        answer = prepared.solve(nearby, target, lam, p)
         iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
-        d, lam = answer.d, program.project(answer.lam)
-        gap = duality_gap(program, d, lam)
+        d = program.feasible(answer.d)
+        lam, p = program.admissible(answer.lam, answer.p, d)
+        gap = duality_gap(program, d, lam, p)
         waited = 0 if gap <= 0.5 * least else waited + 1
         if gap < least:
-            best, least = replace(answer, lam=lam), gap
+            best, least = replace(answer, d=d, lam=lam, p=p), gap
         if least <= SHARP * target or waited >= PATIENCE:
             break
     return replace(best, iterations=iterations, safeguards=safeguards)

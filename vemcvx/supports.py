@@ -1,7 +1,7 @@
 """Nodal constraints eliminated: u = P y + u_D(t), with P'P = I and the held part u_D orthogonal to P's range.
 
 At each node the prescribed directions are orthonormalised in a fixed order (Gram-Schmidt): what is
-prescribed first, then the normals of bilateral contact, then the normals friction refers to; the axes fill
+prescribed first, then the normals of bilateral contact, then those that friction and obstacles refer to; the axes fill
 the frame up. The first two kinds are held, the rest are the free unknowns y. A frame so chosen makes every
 friction term touch its own unknowns alone, and sticking exactly representable: y_i = 0.
 """
@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.effects import Friction, Support
+from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.errors import SceneError
 
 Floats = NDArray[np.float64]
@@ -98,13 +98,13 @@ class _Slot:
         motion[nodes[new]] += (missing[new] / self.length[new])[:, None] * self.unit[new]
 
 
-def resolve(supports: Sequence[Support], frictions: Sequence[Friction], points: Floats) -> Supports:
+def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
     """Choose the frame of every node and split it into held and free directions.
 
     Parameters
     ----------
-    supports, frictions
-        In canonical order; contact gives way to what is prescribed.
+    supports, normals
+        In canonical order; contact gives way to what is prescribed. Of the second, the normals become axes.
     points : (n_nodes, dim) array
     """
     dim = points.shape[1]
@@ -116,9 +116,9 @@ def resolve(supports: Sequence[Support], frictions: Sequence[Friction], points: 
             unit, length = _append(frame, filled, support.nodes[chosen], support.directions[chosen])
             slots.append(_Slot(support, chosen, unit, length))
     held = filled.copy()
-    for friction in frictions:
-        for chosen in _layers(friction.nodes):
-            _append(frame, filled, friction.nodes[chosen], friction.normals[chosen])
+    for surface in normals:
+        for chosen in _layers(surface.nodes):
+            _append(frame, filled, surface.nodes[chosen], surface.normals[chosen])
     _fill_with_axes(frame, filled)
     return _free(frame, held, slots, points)
 

@@ -13,15 +13,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.checks import SYMMETRIC, at_instant, check_stiffness, checked_matrix, finite
+from vemcvx.errors import SceneError
 from vemcvx.kernel import Kernel
+from vemcvx.limits import Limits
 from vemcvx.real import brief, real, shape_in_words
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-# Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
-SYMMETRIC = 1e-10
 
 
 @dataclass(frozen=True)
@@ -37,15 +36,19 @@ class Norms:
         Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
     places : callable i -> str, optional
         Where term i acts, in words, for messages.
+    law : callable (t, p) -> (m,), optional
+        Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
+        then the weights without limits acting.
     """
 
     B: sp.csr_matrix
     w: ArrayLike | Callable[[float], ArrayLike]
     block: int = 1
     places: Callable[[int], str] | None = None
+    law: Callable[[float, Floats], Floats] | None = None
 
     def __post_init__(self) -> None:
-        B = _matrix(self.B, "Norms: B")
+        B = checked_matrix(self.B, "Norms: B")
         if not isinstance(self.block, (int, np.integer)) or self.block < 1 or B.shape[0] % self.block:
             raise SceneError(
                 f"Norms: found B with {B.shape[0]} rows and block = {self.block!r}; "
@@ -66,14 +69,18 @@ class Norms:
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`."""
-        return self._checked(_at(self.w, t, "Norms: w")) if callable(self.w) else self.w  # type: ignore[return-value]
+        return self._checked(at_instant(self.w, t, "Norms: w")) if callable(self.w) else self.w  # type: ignore[return-value]
+
+    def weights_under(self, t: float, p: Floats) -> Floats:
+        """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
+        return self.weights(t) if self.law is None else self._checked(self.law(t, p))
 
     def _checked(self, raw: ArrayLike) -> Floats:
         wanted = f"a weight, or ({self.count},) of them, one a term"
         w = real(raw, "Norms: w", wanted)
         if w.shape not in ((), (self.count,)):
             raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
-        _finite(w, "Norms: w")
+        finite(w, "Norms: w")
         if (w < 0).any():
             raise SceneError(
                 f"Norms: found the weight {w.min():.6g} of {self.name(int(np.argmin(w)))}; weights must be >= 0."
@@ -94,6 +101,8 @@ class Motion:
     """t -> (m * block,), what u_D adds to the argument of the norms"""
     stored: Callable[[float, float], float]
     """(s, t) -> u_D(s)'A u_D(t)"""
+    reach: Callable[[float], Floats] | None = None
+    """t -> (r,), what u_D takes from the limits"""
 
 
 @dataclass(frozen=True)
@@ -115,6 +124,8 @@ class System:
     kernel : Kernel, optional
         The motions of no energy, all of which the norm terms must feel. Answers are then unique, and certified, in the
         seminorm of K only.
+    limits : Limits, optional
+        Bounds on y, hard or soft.
     """
 
     K: sp.csr_matrix
@@ -124,10 +135,11 @@ class System:
     order: Ints | None = None
     near_kernel: Floats | None = None
     kernel: Kernel | None = None
+    limits: Limits | None = None
 
     def __post_init__(self) -> None:
-        K = _matrix(self.K, "System: K")
-        _check_stiffness(K)
+        K = checked_matrix(self.K, "System: K")
+        check_stiffness(K)
         object.__setattr__(self, "K", K)
         if not callable(self.load):
             raise SceneError(
@@ -139,6 +151,13 @@ class System:
             raise SceneError(
                 f"System: found norms over {self.norms.B.shape[1]} unknowns, but K has {self.n}; "
                 "B must have one column an unknown."
+            )
+        if self.limits is not None and not isinstance(self.limits, Limits):
+            raise SceneError(f"System: found limits = {brief(self.limits)}; wanted Limits(D, e), or None.")
+        if self.limits is not None and self.limits.D.shape[1] != self.n:
+            raise SceneError(
+                f"System: found limits over {self.limits.D.shape[1]} unknowns, but K has {self.n}; "
+                "D must have one column an unknown."
             )
         if self.order is not None and not np.array_equal(np.sort(self.order), np.arange(self.n)):
             raise SceneError(
@@ -158,11 +177,19 @@ class System:
         if felt.any():
             raise SceneError(f"System: K feels {kernel.names[int(np.argmax(felt))]}, which is no motion of its kernel.")
         B = sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
-        if np.linalg.matrix_rank(B @ N) < N.shape[1]:
+        D = sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
+        if np.linalg.matrix_rank(np.vstack([B @ N, D @ N])) < N.shape[1]:
             raise SceneError(
-                f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term: nothing holds "
-                "it. Add stiffness or norm terms that do."
+                f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term and no limit: "
+                "nothing holds it. Add stiffness, norm terms or limits that do."
             )
+
+    def reach(self, t: float) -> Floats:
+        """What the limits (r,) leave free at the instant `t`, moving supports accounted for."""
+        if self.limits is None:
+            return np.zeros(0)
+        e = self.limits.reach(t)
+        return e if self.motion is None or self.motion.reach is None else e - self.motion.reach(t)
 
     @property
     def n(self) -> int:
@@ -172,58 +199,8 @@ class System:
     def force(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
         wanted = f"({self.n},) forces, one an unknown"
-        f = real(_at(self.load, t, "System: load"), f"System: load({t:.6g})", wanted, copy=False)
+        f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted, copy=False)
         if f.shape != (self.n,):
             raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
-        _finite(f, f"System: load({t:.6g})")
+        finite(f, f"System: load({t:.6g})")
         return f
-
-
-def _at(function: Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
-    try:
-        return function(t)
-    except VemcvxError:
-        raise
-    except Exception as error:
-        words = " ".join(str(error).split()).rstrip(".")
-        raise SceneError(
-            f"{subject}: its function failed when called as f(t) with t = {t:.6g}: {type(error).__name__}: {words}. "
-            "It must take an instant and return an array."
-        ) from error
-
-
-def _matrix(raw: object, subject: str) -> sp.csr_matrix:
-    if not sp.issparse(raw) or raw.dtype.kind not in "biuf":  # type: ignore[attr-defined]
-        raw = real(raw, subject, "a matrix of real numbers")
-        if raw.ndim != 2:
-            raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
-    matrix = sp.csr_matrix(raw, dtype=float)
-    _finite(matrix.data, subject)
-    return matrix
-
-
-def _check_stiffness(K: sp.csr_matrix) -> None:
-    if K.shape[0] != K.shape[1]:
-        raise SceneError(f"System: found K of shape {K.shape}; it must be square.")
-    if K.nnz == 0:
-        return
-    # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
-    x = np.cos(np.arange(1.0, K.shape[0] + 1.0) ** 2)
-    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * np.abs(K.data).max()
-    apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
-    if apart.nnz and apart.data.max() > SYMMETRIC * np.abs(K.data).max():
-        worst = int(np.argmax(apart.data))
-        i, j = int(apart.row[worst]), int(apart.col[worst])
-        raise SceneError(
-            f"System: found K[{i}, {j}] = {K[i, j]:.6g} but K[{j}, {i}] = {K[j, i]:.6g}; K must be symmetric. "
-            "For the energy 1/2 y'Ky, give (K + K.T) / 2."
-        )
-    diagonal = K.diagonal()
-    if diagonal.min() <= 0:
-        i = int(np.argmin(diagonal))
-        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
-
-
-def _finite(values: Floats, subject: str) -> None:
-    if not np.isfinite(values).all():
-        raise SceneError(f"{subject}: found NaN or infinite values; all must be finite.")

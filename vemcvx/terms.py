@@ -33,6 +33,9 @@ class Terms:
     lengths: Floats
     """(m,) integrals of the nodal basis functions over the edges with friction"""
     weights: Callable[[float], Floats]
+    pressed: Callable[[float, Sequence[Floats]], Floats] | None = None
+    """(t, normal forces of every friction's rows) -> (m,), the weights where some depend on the pressure"""
+    frictions: Sequence[Friction] = ()
 
 
 def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Floats) -> Terms:
@@ -54,11 +57,19 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Fl
     def weights(t: float) -> Floats:
         return gather @ np.concatenate([f.weights(t) for f in frictions])
 
+    def pressed(t: float, forces: Sequence[Floats]) -> Floats:
+        parts = [
+            f.weights(t) if f.law is None else f.weights(t) + f.law(t, P)
+            for f, P in zip(frictions, forces, strict=True)
+        ]
+        return gather @ np.concatenate(parts)
+
     kept = np.flatnonzero(np.repeat(slides, dim - 1))
-    return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights)
+    depends = pressed if any(f.law is not None for f in frictions) else None
+    return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights, depends, frictions)
 
 
-def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, points: Floats) -> None:
+def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints, points: Floats) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
     dim = points.shape[1]
     for friction in frictions:
@@ -68,6 +79,7 @@ def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, poi
             (friction.normals.ravel(), columns, np.arange(0, k * dim + 1, dim)), shape=(k, points.size)
         )
         free = abs(sp.csr_matrix(normal @ supports.P)).max(axis=1).toarray().ravel() > PARALLEL
+        free &= ~np.isin(friction.nodes, stopped)
         if free.any():
             warnings.warn(
                 f"{friction.subject}: at {free.sum()} of {k} places nothing holds the body in the normal direction; "

@@ -24,7 +24,11 @@ class Trajectory:
     state : (S, n) array
         y at the stored instants.
     multipliers : (S, m, block) array
-        lam with K y = load - B'lam and |lam_i| <= w_i.
+        lam with K y = load - B'lam - D'p and |lam_i| <= w_i.
+    pressures : (S, r) array
+        p >= 0 of the limits.
+    weights : (S, m) array
+        w of the norm terms.
     sticking : (S, m) array of bool
         Whether the increment B_i (y - y_prev) cannot be told from zero; true in row 0.
     energy, dissipated, work : (N + 1,) arrays
@@ -35,6 +39,8 @@ class Trajectory:
         Certified duality gap of each step, and what of it round-off alone may account for.
     iterations, safeguards : (N + 1,) arrays of int
         Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
+    contraction : (N + 1,) array
+        Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
     seconds : dict
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
@@ -45,6 +51,8 @@ class Trajectory:
     stored: Ints
     state: Floats
     multipliers: Floats
+    pressures: Floats
+    weights: Floats
     sticking: Bools
     energy: Floats
     dissipated: Floats
@@ -54,6 +62,7 @@ class Trajectory:
     floor: Floats
     iterations: Ints
     safeguards: Ints
+    contraction: Floats
     seconds: dict[str, float]
     solver: str
 
@@ -72,7 +81,8 @@ class Trajectory:
         """(N + 1,) certified relative error of u_n, all steps' errors accumulated.
 
         The step map u_prev -> u_n of norms with given weights is nonexpansive in the energy norm, so
-        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m).
+        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). With limits it is only if they never act; else the sum is
+        that of the steps' own errors and no bound.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.norm)
 

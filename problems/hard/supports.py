@@ -9,7 +9,7 @@ from hard.case import REFUSAL, WARNING, Case, Setting
 from hard.ground import TIMES, cyclic, on
 
 MESH = vx.meshes.voronoi(10)
-ALONE = "nothing but friction holds the body against the translation (1, 0)"
+ALONE = "nothing but friction or one-sided contact holds the body against the translation (1, 0)"
 
 
 def slab(force, bound=4.0, course=cyclic):

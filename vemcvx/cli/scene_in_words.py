@@ -7,8 +7,8 @@ from rich.table import Table
 
 from vemcvx.cli.problem_file import Problem
 from vemcvx.condensation import Condensation
+from vemcvx.form import QUADRATIC
 from vemcvx.pose import pose
-from vemcvx.program import QUADRATIC
 from vemcvx.solvers.choose import BY_SIZE, words
 
 

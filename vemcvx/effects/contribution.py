@@ -63,6 +63,23 @@ class Friction:
     """(m,) integrals of the nodal basis functions over the edges with that normal."""
     weights: Callable[[float], Floats]
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
+    law: Callable[[float, Floats], Floats] | None = None
+    """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Limits n . u(node_i) <= gap_i(t), one row a node and distinct normal; soft where the obstacle gives way."""
+
+    subject: str
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    gap: Callable[[float], Floats]
+    """t -> (m,) distance to the obstacle along the outward normal."""
+    softness: Floats
+    """(m,) depth per nodal force; 0 where the obstacle is rigid."""
 
 
 @dataclass(frozen=True)
@@ -92,4 +109,5 @@ class Contribution:
     loads: tuple[Load, ...] = ()
     supports: tuple[Support, ...] = ()
     frictions: tuple[Friction, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
     surfaces: tuple[ContactSurface, ...] = ()

@@ -1,10 +1,11 @@
 """A step as a convex program in cvxpy, and any solver that cvxpy can call.
 
-    minimise  1/2 d'Kd - g'd + w't    subject to  |B_i d - b_i| <= t_i
+    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
-with one second-order cone a term, or, on absolute values, the two inequalities -t <= B d - b <= t. The
-multiplier lam_i = dt_i-part of the dual: cvxpy's dual of the cone |s_i| <= t_i is (w_i, -lam_i), that
-of the inequalities (upper, lower) gives lam = upper - lower.
+with one second-order cone a term, or, on absolute values, the two inequalities -t <= B d - b <= t; v = 0 where a
+limit is a bound, v >= (z)_+ where it is soft. The multiplier lam_i = dt_i-part of the dual: cvxpy's dual of the cone
+|s_i| <= t_i is (w_i, -lam_i), that of the inequalities (upper, lower) gives lam = upper - lower; p is the dual of D d
+- v <= e.
 """
 
 from __future__ import annotations
@@ -23,8 +24,16 @@ from numpy.typing import NDArray
 
 from vemcvx.certificate import certify, duality_gap
 from vemcvx.errors import NotAccepted
-from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Answer, Form, StepProgram
-from vemcvx.solvers.sets import answer_on, sets_at
+from vemcvx.form import (
+    ABSOLUTE_VALUES,
+    BOUNDS,
+    QUADRATIC,
+    SECOND_ORDER_CONES,
+    SQUARED_POSITIVE_PARTS,
+    Form,
+)
+from vemcvx.program import Answer, StepProgram
+from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy
 
 if TYPE_CHECKING:
@@ -35,32 +44,59 @@ Floats = NDArray[np.float64]
 log = logging.getLogger("vemcvx")
 
 
+LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
+"""What fits a quadratic program with linear constraints."""
+
+
 @dataclass(frozen=True)
 class Posed:
-    """The program as cvxpy sees it, and how to read the multipliers off its solution."""
+    """The program as cvxpy sees it, and how to read the multipliers lam and p off its solution."""
 
     problem: cp.Problem
     d: cp.Variable
-    multipliers: Callable[[], Floats]
+    lam: Callable[[], Floats]
+    p: Callable[[], Floats]
 
 
-def pose(form: Form, g: Any, w: Any, b: Any, cones: bool = True) -> Posed:
-    """Write a step in cvxpy: `g`, `w`, `b` are arrays, or cvxpy parameters of the same lengths."""
+def pose(form: Form, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> Posed:
+    """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
     import cvxpy as cp
 
+    d = cp.Variable(len(form.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    d, t = cp.Variable(len(form.K.diagonal())), cp.Variable(max(form.count, 1))
     energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
+    norms, friction, lam = _norms(form, d, w, b, cones)
+    limits, pressing, p = _limits(form, d, e)
+    return Posed(cp.Problem(cp.Minimize(energy + friction + pressing), norms + limits), d, lam, p)
+
+
+def _norms(form: Form, d: cp.Variable, w: Any, b: Any, cones: bool) -> tuple[list[Any], Any, Callable[[], Floats]]:
+    import cvxpy as cp
+
     if form.count == 0:
-        return Posed(cp.Problem(cp.Minimize(energy)), d, lambda: np.zeros((0, form.block)))
-    s = form.B @ d - b
+        return [], 0.0, lambda: np.zeros((0, form.block))
+    t, s = cp.Variable(form.count), form.B @ d - b
     if cones:
         cone = cp.SOC(t, cp.reshape(s, (form.block, form.count), order="F"), axis=0)
-        problem = cp.Problem(cp.Minimize(energy + w @ t), [cone])
-        return Posed(problem, d, lambda: -np.reshape(cone.dual_value[1], (form.block, form.count), order="F").T)
+        return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (form.block, form.count), order="F").T
     upper, lower = s <= t, -s <= t
-    problem = cp.Problem(cp.Minimize(energy + w @ t), [upper, lower])
-    return Posed(problem, d, lambda: (upper.dual_value - lower.dual_value)[:, None])
+    return [upper, lower], w @ t, lambda: (upper.dual_value - lower.dual_value)[:, None]
+
+
+def _limits(form: Form, d: cp.Variable, e: Any) -> tuple[list[Any], Any, Callable[[], Floats]]:
+    import cvxpy as cp
+
+    soft = np.flatnonzero(form.softness > 0)
+    if len(form.softness) == 0:
+        return [], 0.0, lambda: np.zeros(0)
+    z = form.D @ d - e
+    if len(soft) == 0:
+        bound = z <= 0
+        return [bound], 0.0, lambda: bound.dual_value
+    v = cp.Variable(len(soft))
+    give = sp.csr_matrix((np.ones(len(soft)), (soft, np.arange(len(soft)))), shape=(len(form.softness), len(soft)))
+    bound = z - give @ v <= 0
+    return [bound], 0.5 * cp.sum_squares(cp.multiply(form.softness[soft] ** -0.5, v)), lambda: bound.dual_value
 
 
 @dataclass(frozen=True)
@@ -101,8 +137,7 @@ class ThroughCvxpy(Solver):
 
     @property
     def accepts(self) -> frozenset[str]:  # type: ignore[override]
-        known = frozenset({QUADRATIC, ABSOLUTE_VALUES})
-        return known | {SECOND_ORDER_CONES} if self.cones else known
+        return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR
 
     def prepare(self, form: Form) -> _PreparedConic:
         import cvxpy as cp
@@ -136,7 +171,7 @@ class Clarabel(ThroughCvxpy):
 
     solver: str = field(default="CLARABEL", init=False)
 
-    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES})
+    accepts: ClassVar[frozenset[str]] = LINEAR | {SECOND_ORDER_CONES}
     cones: ClassVar[bool] = True
 
     @property
@@ -171,7 +206,7 @@ class OSQP(ThroughCvxpy):
 
     solver: str = field(default="OSQP", init=False)
 
-    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC, ABSOLUTE_VALUES})
+    accepts: ClassVar[frozenset[str]] = LINEAR
     cones: ClassVar[bool] = False
 
     def tolerances(self, target: float) -> dict[str, Any]:
@@ -202,18 +237,19 @@ class _PreparedConic:
             import cvxpy as cp
 
             self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
-            self._b = cp.Parameter(form.count * form.block)
-            self._posed = pose(form, self._g, self._w, self._b, cones)
+            self._b, self._e = cp.Parameter(form.count * form.block), cp.Parameter(len(form.softness))
+            self._posed = pose(form, self._g, self._w, self._b, self._e, cones)
 
-    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         posed = self._posed
         if posed is None:
-            posed = pose(self._form, program.g, program.w, program.b, self._cones)
+            posed = pose(self._form, program.g, program.w, program.b, program.e, self._cones)
         else:
-            self._g.value, self._w.value, self._b.value = program.g, program.w, program.b
+            self._g.value, self._w.value = program.g, program.w
+            self._b.value, self._e.value = program.b, program.e
         answer = self._ask(posed, program, target, {})
         careful = self._settings.careful()
-        if careful and duality_gap(program, answer.d, program.project(answer.lam)) > target:
+        if careful and duality_gap(program, answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
             again = self._ask(posed, program, target, careful)
             answer = replace(again, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
@@ -222,19 +258,22 @@ class _PreparedConic:
         status = _run(posed, self._settings, {**self._settings.tolerances(target), **more})
         if posed.d.value is None:
             still = np.zeros((program.form.count, program.form.block))
-            return Answer(np.zeros_like(program.g), still, 0, status)
+            return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
         iterations = posed.problem.solver_stats.num_iters or 0
-        return Answer(posed.d.value, posed.multipliers(), int(iterations), status)
+        # Interior points stop a rounding error short of their bounds, or beyond them.
+        return Answer(program.feasible(posed.d.value), posed.lam(), int(iterations), status, p=posed.p())
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
-    lam, s = program.project(answer.lam), program.slip(answer.d)
-    d, sharper = answer_on(program, sets_at(program, lam, s, 1.0 / program.form.compliance))
-    before, after = certify(program, answer.d, lam), certify(program, d, sharper)
+    lam, p = program.admissible(answer.lam, answer.p, answer.d)
+    sharper = answer_on(program, sets_at(program, Point(answer.d, lam, p), Shifts.of(program.form)))
+    d = program.feasible(sharper.d)
+    pair = program.admissible(sharper.lam, sharper.p, d)
+    before, after = certify(program, answer.d, lam, p), certify(program, d, *pair)
     if after.gap >= before.gap:
         return answer
-    return Answer(d, program.project(sharper), answer.iterations + 1, answer.status + ", polished")
+    return Answer(d, pair[0], answer.iterations + 1, answer.status + ", polished", p=pair[1])
 
 
 def _run(posed: Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> str:

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.program import QUADRATIC, Answer, Form, StepProgram
+from vemcvx.form import QUADRATIC, Form
+from vemcvx.program import Answer, StepProgram
 from vemcvx.solvers.solver import Solver, checked_accuracy
 
 Floats = NDArray[np.float64]
@@ -30,5 +31,5 @@ class Direct(Solver):
 
 
 class _PreparedDirect:
-    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
-        return Answer(program.form.factor.solve(program.g), np.zeros_like(lam), 1, "solved")
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        return Answer(program.form.factor.solve(program.g), np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))

@@ -1,11 +1,11 @@
 """Semismooth Newton, by hand: active sets first, a proximal point method when they fail, the gap as judge.
 
-The residual is that of the proximal map on the multipliers, F(d, lam) = (K d - g + B'lam, lam - P_w(lam + c s)),
-s = B d - b; a Newton step on it is the answer on the sets of :mod:`vemcvx.solvers.sets`. In the manner of
-the adaptive semismooth Newton method of Xiao, Li, Wen and Zhang (J. Sci. Comput. 2018; the paper's [24]) a
-Newton point is *accepted* while it brings progress, and otherwise a *safeguard* step of a globally
-convergent method is taken from the best point so far, from which Newton is tried again. Merit and stopping
-test are one number, the certified duality gap, which is zero only at the solution and needs no scaling.
+The residual is that of the proximal map on the multipliers (norm terms only, for brevity; limits likewise), F(d, lam)
+= (K d - g + B'lam, lam - P_w(lam + a s)), s = B d - b; a Newton step on it is the answer on the sets of
+:mod:`vemcvx.solvers.sets`. In the manner of the adaptive semismooth Newton method of Xiao, Li, Wen and Zhang (J. Sci.
+Comput. 2018; the paper's [24]) a Newton point is *accepted* while it brings progress, and otherwise a *safeguard*
+step of a globally convergent method is taken from the best point so far, from which Newton is tried again. Merit and
+stopping test are one number, the certified duality gap, which is zero only at the solution and needs no scaling.
 
 Theorem. The gaps of the best points tend to 0. Proof: if the safeguard is called finitely often, every
 further Newton point but PATIENCE in a row has at most half the best gap. Otherwise the safeguard's
@@ -25,9 +25,17 @@ from numpy.typing import NDArray
 
 from vemcvx.certificate import duality_gap, rounding_floor
 from vemcvx.errors import SceneError
-from vemcvx.program import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Answer, Form, StepProgram
+from vemcvx.form import (
+    ABSOLUTE_VALUES,
+    BOUNDS,
+    QUADRATIC,
+    SECOND_ORDER_CONES,
+    SQUARED_POSITIVE_PARTS,
+    Form,
+)
+from vemcvx.program import Answer, StepProgram
 from vemcvx.solvers.proximal import proximal_points
-from vemcvx.solvers.sets import Sets, answer_on, sets_at
+from vemcvx.solvers.sets import Point, Sets, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy
 
 Floats = NDArray[np.float64]
@@ -57,7 +65,9 @@ class Newton(Solver):
     accuracy: float = 1e-8
     max_iterations: int = 200
 
-    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES})
+    accepts: ClassVar[frozenset[str]] = frozenset(
+        {QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS}
+    )
 
     def __post_init__(self) -> None:
         checked_accuracy(self.accuracy, "Newton")
@@ -75,20 +85,22 @@ class _PreparedNewton:
     def __init__(self, max_iterations: int):
         self._max_iterations = max_iterations
 
-    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         run = _Run(program, target, self._max_iterations)
-        shift = 1.0 / program.form.compliance
-        run.newton(np.zeros(len(program.g)), program.project(lam), SHIFT * shift)
+        shift = Shifts.of(program.form)
+        pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
+        start = Point(np.zeros(len(program.g)), program.project(lam), pressed)
+        run.newton(start, shift * SHIFT)
         if not run.done:
-            for d, multipliers, centre_shift in proximal_points(program, *run.best, PROXIMAL_SHIFT * shift):
-                run.offer(d, multipliers, "proximal")
+            for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL_SHIFT):
+                run.offer(point, "proximal")
                 if run.done:
                     break
-                run.newton(d, multipliers, centre_shift, patience=1)
+                run.newton(point, centre_shift, patience=1)
                 if run.done:
                     break
-        d, lam = run.best
-        return Answer(d, lam, run.iterations, run.words, run.safeguards)
+        best = run.best
+        return Answer(best.d, best.lam, run.iterations, run.words, run.safeguards, best.p)
 
 
 @dataclass
@@ -100,22 +112,24 @@ class _Run:
     max_iterations: int
     iterations: int = 0
     safeguards: int = 0
-    best: tuple[Floats, Floats] = field(init=False)
+    best: Point = field(init=False)
     gap: float = np.inf
     floor: float = 0.0
     stationary: bool = False
 
-    def offer(self, d: Floats, lam: Floats, kind: str) -> None:
-        """Count a linear solve, and keep its point if it is the best."""
+    def offer(self, point: Point, kind: str) -> None:
+        """Count a linear solve, and keep its point, moved within the bounds, if it is the best."""
         self.iterations += 1
         self.safeguards += kind == "proximal"
-        lam = self.program.project(lam)
+        program = self.program
+        d = program.feasible(point.d)
+        lam, p = program.admissible(point.lam, point.p, d)
         if self.iterations == 1:
             # The floor hardly changes from point to point of a step; it is taken once.
-            self.floor = rounding_floor(self.program, d, lam)
-        gap = duality_gap(self.program, d, lam)
-        if gap < self.gap:
-            self.best, self.gap = (d, lam), gap
+            self.floor = rounding_floor(program, d, lam, p)
+        gap = duality_gap(program, d, lam, p)
+        if self.iterations == 1 or gap < self.gap:
+            self.best, self.gap = Point(d, lam, p), gap
 
     @property
     def done(self) -> bool:
@@ -127,24 +141,20 @@ class _Run:
     def words(self) -> str:
         return "converged" if self.gap <= max(self.target, self.floor) else "iteration limit"
 
-    def newton(self, d: Floats, lam: Floats, shift: Floats, patience: int = PATIENCE) -> None:
+    def newton(self, point: Point, shift: Shifts, patience: int = PATIENCE) -> None:
         """Active-set steps while one in `patience` halves the best gap and the sets change."""
         seen: Sets | None = None
         waited = 0
         while waited < patience and self.iterations < self.max_iterations:
-            sets = sets_at(self.program, lam, self.program.slip(d), shift)
-            if seen is not None and _same(sets, seen):
+            sets = sets_at(self.program, point, shift)
+            if seen is not None and sets.same(seen):
                 self.stationary = True
                 return
             before = self.gap
-            d, lam = answer_on(self.program, sets)
-            self.offer(d, lam, "newton")
+            point = answer_on(self.program, sets)
+            self.offer(point, "newton")
             waited = 0 if self.gap <= 0.5 * before else waited + 1
             if waited and self.gap <= self.target:
                 self.stationary = True
                 return
             seen = sets
-
-
-def _same(one: Sets, other: Sets) -> bool:
-    return bool((one.stick == other.stick).all()) and np.array_equal(one.direction, other.direction)

@@ -1,13 +1,14 @@
 """The safeguard: the proximal point method on the multipliers, each step by a line-searched Newton method.
 
-With centre lam and shifts c > 0, minimise the convex, continuously differentiable function
+With centre (lam, p) and shifts a > 0, minimise the convex, continuously differentiable function
 
-    psi(d) = 1/2 d'Kd - g'd + sum_i [ |q_i|^2 - (|q_i| - w_i)_+^2 - |lam_i|^2 ] / (2 c_i),   q = lam + c (Bd - b)
+    psi(d) = 1/2 d'Kd - g'd + sum_i [ |q_i|^2 - (|q_i| - w_i)_+^2 - |lam_i|^2 ] / (2 a_i)    q = lam + a (Bd - b)
+             + sum_j [ (x_j)_+^2 / (1 + a_j c_j) - p_j^2 ] / (2 a_j)                         x = p + a (Dd - e)
 
-(the norms replaced by Moreau envelopes), whose gradient is K d - g + B'P_w(q), then move the centre to
-P_w(q). The outer iteration is Rockafellar's proximal point algorithm on the dual (SIAM J. Control Optim. 14,
-1976), which converges from any centre and for any c; the inner one is a semismooth Newton method with
-Armijo's rule on a strongly convex function (Li, Sun and Toh, SIAM J. Optim. 28, 2018), which converges
+(every term replaced by its Moreau envelope), whose gradient is K d - g + B'P_w(q) + D' x_+ / (1 + a c), then move the
+centre to (P_w(q), x_+ / (1 + a c)). The outer iteration is Rockafellar's proximal point algorithm on the dual (SIAM
+J. Control Optim. 14, 1976), which converges from any centre and for any a; the inner one is a semismooth Newton
+method with Armijo's rule on a strongly convex function (Li, Sun and Toh, SIAM J. Optim. 28, 2018), which converges
 from any start, and in finitely many steps where the envelope is piecewise quadratic (block 1).
 """
 
@@ -20,6 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.program import StepProgram
+from vemcvx.solvers.sets import Point, Shifts
 
 Floats = NDArray[np.float64]
 
@@ -29,43 +31,46 @@ GROWTH = 4.0
 MOST_INNER = 60
 
 
-def proximal_points(
-    program: StepProgram, d: Floats, lam: Floats, shift: Floats
-) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield (d, lam, shift) after every Newton step, centre after centre, for ever; the caller stops."""
-    lam = program.project(lam)
+def proximal_points(program: StepProgram, start: Point, shift: Shifts) -> Iterator[tuple[Point, Shifts]]:
+    """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops."""
+    centre = Point(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
     while True:
+        d = centre.d
         for _ in range(MOST_INNER):
-            d, moved = _newton_step(program, d, lam, shift)
-            yield d, _multiplier(program, d, lam, shift), shift
+            d, moved = _newton_step(program, d, centre, shift)
+            yield Point(d, *_multipliers(program, d, centre, shift)), shift
             if not moved:
                 break
-        lam = _multiplier(program, d, lam, shift)
-        shift = GROWTH * shift
+        centre = Point(d, *_multipliers(program, d, centre, shift))
+        shift = shift * GROWTH
 
 
-def _multiplier(program: StepProgram, d: Floats, lam: Floats, shift: Floats) -> Floats:
-    return program.project(lam + shift[:, None] * program.slip(d))
+def _pulls(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, Floats]:
+    return centre.lam + shift.norms[:, None] * program.slip(d), centre.p + shift.limits * program.excess(d)
 
 
-def _newton_step(program: StepProgram, d: Floats, lam: Floats, shift: Floats) -> tuple[Floats, bool]:
+def _multipliers(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, Floats]:
+    q, x = _pulls(program, d, centre, shift)
+    return program.project(q), np.maximum(x, 0.0) / (1.0 + shift.limits * program.form.softness)
+
+
+def _newton_step(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, bool]:
     """One damped Newton step on psi; also whether it moved by more than rounding."""
-    q = lam + shift[:, None] * program.slip(d)
-    gradient = -program.residual(d, program.project(q))
-    every = np.arange(len(d))
-    step = program.form.factor.within(_hessian(program, q, shift), every).solve(-gradient)
+    gradient = -program.residual(d, *_multipliers(program, d, centre, shift))
+    hessian = _hessian(program, *_pulls(program, d, centre, shift), shift)
+    step = program.form.factor.within(hessian, np.arange(len(d))).solve(-gradient)
     slope = float(gradient @ step)
-    start = _psi(program, d, lam, shift)
+    start = _psi(program, d, centre, shift)
     if -slope <= 4 * np.finfo(float).eps * abs(start):
         return d + step, False
     length = 1.0
-    while _psi(program, d + length * step, lam, shift) > start + ARMIJO * length * slope and length > 1e-12:
+    while _psi(program, d + length * step, centre, shift) > start + ARMIJO * length * slope and length > 1e-12:
         length *= 0.5
     return d + length * step, True
 
 
-def _hessian(program: StepProgram, q: Floats, shift: Floats) -> Floats | sp.csr_matrix:
-    """K + B'HB with H_i = c on sticking blocks, c (w/|q|)(I - qq'/|q|^2) on slipping ones."""
+def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Floats | sp.csr_matrix:
+    """K + B'HB + D'diag D with H_i = a on sticking blocks, a (w/|q|)(I - qq'/|q|^2) on slipping ones."""
     form = program.form
     size = np.linalg.norm(q, axis=1)
     slip = size > program.w
@@ -74,10 +79,14 @@ def _hessian(program: StepProgram, q: Floats, shift: Floats) -> Floats | sp.csr_
     unit = np.zeros_like(q)
     unit[slip] = q[slip] / size[slip, None]
     tangential = np.eye(form.block) - np.einsum("ij,ik->ijk", unit, unit)
-    return form.stiffened((shift * share)[:, None, None] * tangential)
+    pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * form.softness), 0.0)
+    return form.stiffened((shift.norms * share)[:, None, None] * tangential, pressed)
 
 
-def _psi(program: StepProgram, d: Floats, lam: Floats, shift: Floats) -> float:
-    q = np.linalg.norm(lam + shift[:, None] * program.slip(d), axis=1)
-    envelope = (q * q - np.maximum(q - program.w, 0.0) ** 2 - np.einsum("ij,ij->i", lam, lam)) / (2 * shift)
-    return float(0.5 * d @ (program.form.K @ d) - program.g @ d + envelope.sum())
+def _psi(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> float:
+    q, x = _pulls(program, d, centre, shift)
+    size = np.linalg.norm(q, axis=1)
+    norms = size * size - np.maximum(size - program.w, 0.0) ** 2 - np.einsum("ij,ij->i", centre.lam, centre.lam)
+    limits = np.maximum(x, 0.0) ** 2 / (1.0 + shift.limits * program.form.softness) - centre.p * centre.p
+    envelopes = (norms / (2 * shift.norms)).sum() + (limits / (2 * shift.limits)).sum()
+    return float(0.5 * d @ (program.form.K @ d) - program.g @ d + envelopes)

@@ -1,9 +1,11 @@
-"""The answer on given sets: which terms stick, which slip and where to (one step of an active-set method).
+"""The answer on given sets: what sticks, what slips and where to, which limits act (one step of an active-set method).
 
-Sticking terms give equations B_i d = b_i; a slipping one, with direction q_i and curvature h_i, the
-linearised multiplier lam_i = w_i q_i + h_i (I - q_i q_i') (B_i d - b_i), so that
+Sticking terms give equations B_i d = b_i; a slipping one, with direction q_i and curvature h_i, the linearised
+multiplier lam_i = w_i q_i + h_i (I - q_i q_i') (B_i d - b_i). An acting limit gives the equation D_j d = e_j where it
+is a bound and the multiplier p_j = (D_j d - e_j) / c_j where it is soft, so that
 
-    (K + B'HB) d = g - B'(w q) + B'H b  on the slipping terms,   B_i d = b_i  on the sticking ones.
+    (K + B'HB + D'C^{-1}D) d = g - B'(w q) + B'H b + D'C^{-1}e  on slipping terms and soft limits that act,
+    B_i d = b_i  on the sticking terms,   D_j d = e_j  on the bounds that act.
 
 On absolute values (block 1) H vanishes and the answer on the right sets is the solution itself.
 """
@@ -16,7 +18,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.program import Form, StepProgram
+from vemcvx.form import Form
+from vemcvx.program import StepProgram
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -25,73 +28,122 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Sets:
-    """Sticking terms, and direction (m, block) and curvature (m,) of the others (0 where they stick)."""
+    """Sticking terms, direction (m, block) and curvature (m,) of the others (0 where they stick), acting limits."""
 
     stick: Bools
     direction: Floats
     curvature: Floats
+    act: Bools
+
+    def same(self, other: Sets) -> bool:
+        """Whether the other sets lead to the same answer."""
+        return (
+            bool((self.stick == other.stick).all())
+            and bool((self.act == other.act).all())
+            and np.array_equal(self.direction, other.direction)
+        )
 
 
-def sets_at(program: StepProgram, lam: Floats, s: Floats, shift: Floats) -> Sets:
-    """The sets at (lam, s): q = lam + shift s sticks where |q| <= w, otherwise slips along q.
+@dataclass(frozen=True)
+class Point:
+    """Increments d (n,) with multipliers lam (m, block) and p (r,)."""
+
+    d: Floats
+    lam: Floats
+    p: Floats
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """How strongly slips (m,) and excesses (r,) count against multipliers; units of stiffness."""
+
+    norms: Floats
+    limits: Floats
+
+    def __mul__(self, factor: float) -> Shifts:
+        return Shifts(factor * self.norms, factor * self.limits)
+
+    @staticmethod
+    def of(form: Form) -> Shifts:
+        """One over the compliances B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j."""
+        return Shifts(1.0 / form.compliance, 1.0 / (form.limit_compliance + form.softness))
+
+
+def sets_at(program: StepProgram, at: Point, shift: Shifts) -> Sets:
+    """The sets at a point: q = lam + shift s sticks where |q| <= w, else slips along q; p + shift (z - c p) > 0 acts.
 
     The curvature shift w / (|q| - w) is that of Newton's method on lam = P_w(lam + shift s) after lam is
     eliminated (Kunisch and Stadler 2005; Hueber, Stadler and Wohlmuth 2008); at a solution it is w / |s|.
     """
-    q = lam + shift[:, None] * s
+    q = at.lam + shift.norms[:, None] * program.slip(at.d)
     size = np.linalg.norm(q, axis=1)
     stick = size <= program.w
     slip = ~stick
     direction, curvature = np.zeros_like(q), np.zeros_like(size)
     direction[slip] = q[slip] / size[slip, None]
     if program.form.block > 1:
-        curvature[slip] = shift[slip] * program.w[slip] / (size[slip] - program.w[slip])
-    return Sets(stick, direction, curvature)
+        curvature[slip] = shift.norms[slip] * program.w[slip] / (size[slip] - program.w[slip])
+    act = at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p) > 0
+    return Sets(stick, direction, curvature, act)
 
 
-def answer_on(program: StepProgram, sets: Sets) -> tuple[Floats, Floats]:
-    """Increments d (n,) and multipliers lam (m, block), the latter not yet projected."""
+def answer_on(program: StepProgram, sets: Sets) -> Point:
+    """The point that the sets lead to; its multipliers are not yet projected."""
     form = program.form
+    soft = sets.act & (form.softness > 0)
+    spring = np.zeros(len(form.softness))
+    spring[soft] = 1.0 / form.softness[soft]
     pull = program.w[:, None] * sets.direction
-    M, load = form.K, program.g - form.rows.pull(pull.ravel())
+    M, load = form.K, program.g - program.held(pull, -spring * program.e)
     bends = sets.curvature.any()
-    if bends:
+    if bends or soft.any():
         tangential = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
         H = sets.curvature[:, None, None] * tangential
-        M = form.stiffened(H)
+        M = form.stiffened(H, spring)
         load = load + form.rows.pull(np.einsum("ijk,ik->ij", H, form.blocks(program.b)).ravel())
-    held = np.flatnonzero(np.repeat(sets.stick, form.block))
-    solve = _held if form.rows.columns is None else _held_coordinates
-    d, reaction = solve(M, load, form, held, program.b[held])
+    stick = np.flatnonzero(np.repeat(sets.stick, form.block))
+    stop = np.flatnonzero(sets.act & ~soft)
+    solve = _held_coordinates if form.separate else _held
+    d, reaction, stopped = solve(M, load, program, stick, stop)
     lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else pull).ravel()
-    lam[held] = reaction
-    return d, form.blocks(lam)
+    lam[stick] = reaction
+    p = spring * program.excess(d)
+    p[stop] = stopped
+    return Point(d, form.blocks(lam), p)
 
 
-def _held(M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Ints, value: Floats) -> tuple[Floats, Floats]:
-    """Minimise 1/2 d'Md - load'd subject to B_i d = value on the rows `held`; returns d and the reactions."""
-    B = form.B[held]
+def _held(
+    M: Floats | sp.csr_matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
+) -> tuple[Floats, Floats, Floats]:
+    """Minimise 1/2 d'Md - load'd subject to B_i d = b_i and D_j d = e_j on the rows given; d and the reactions."""
+    form = program.form
+    A = sp.vstack([form.B[stick], form.D[stop]], format="csr")
+    value = np.concatenate([program.b[stick], program.e[stop]])
     factor = form.factor.within(M, np.arange(len(load)))
-    spread = factor.solve(B.T.toarray())
-    small = B @ spread
+    spread = factor.solve(A.T.toarray())
+    small = A @ spread
 
     def correct(force: Floats, gap: Floats) -> tuple[Floats, Floats]:
         free = factor.solve(force)
         # Redundant rows make the small system singular; least squares picks one of the equal reactions.
-        push = np.linalg.lstsq(small, B @ free - gap, rcond=None)[0] if len(gap) else gap
+        push = np.linalg.lstsq(small, A @ free - gap, rcond=None)[0] if len(gap) else gap
         return free - spread @ push, push
 
     d, reaction = correct(load, value)
-    # One step of refinement: B d = value then holds to the rounding of d instead of cond(K) times that.
-    more, push = correct(load - M @ d - B.T @ reaction, value - B @ d)
-    return d + more, reaction + push
+    # One step of refinement: A d = value then holds to the rounding of d instead of cond(K) times that.
+    more, push = correct(load - M @ d - A.T @ reaction, value - A @ d)
+    reaction = reaction + push
+    return d + more, reaction[: len(stick)], reaction[len(stick) :]
 
 
 def _held_coordinates(
-    M: Floats | sp.csr_matrix, load: Floats, form: Form, held: Ints, value: Floats
-) -> tuple[Floats, Floats]:
+    M: Floats | sp.csr_matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
+) -> tuple[Floats, Floats, Floats]:
     """The same where every row reads its own unknown: the held unknowns are known."""
-    columns, coefficient = form.rows.columns[held], form.B.data[held]  # type: ignore[index]
+    form = program.form
+    columns = np.concatenate([form.rows.columns[stick], form.limits.columns[stop]])  # type: ignore[index]
+    coefficient = np.concatenate([form.B.data[stick], form.D.data[stop]])
+    value = np.concatenate([program.b[stick], program.e[stop]])
     d = np.zeros(len(load))
     d[columns] = value / coefficient
     free = np.ones(len(load), dtype=bool)
@@ -99,4 +151,5 @@ def _held_coordinates(
     F = np.flatnonzero(free)
     rows = M[F]
     d[F] = form.factor.within(rows[:, F], F).solve(load[F] - rows @ d if value.any() else load[F])
-    return d, (load[columns] - M[columns] @ d) / coefficient
+    reaction = (load[columns] - M[columns] @ d) / coefficient
+    return d, reaction[: len(stick)], reaction[len(stick) :]

@@ -13,7 +13,8 @@ from typing import ClassVar, Protocol
 from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.program import Answer, Form, StepProgram
+from vemcvx.form import Form
+from vemcvx.program import Answer, StepProgram
 
 Floats = NDArray
 
@@ -21,7 +22,7 @@ Floats = NDArray
 class Prepared(Protocol):
     """A solver ready for all steps of one run."""
 
-    def solve(self, program: StepProgram, target: float, lam: Floats) -> Answer:
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         """Answer one scaled step.
 
         Parameters
@@ -30,8 +31,8 @@ class Prepared(Protocol):
             Scaled, on the form that was prepared.
         target : float
             The duality gap asked for, in the units of the scaled program.
-        lam : (m, block) array
-            A guess: the multipliers of the step before.
+        lam, p : (m, block) and (r,) arrays
+            A guess: the multipliers of the step before; no forces of limits by default.
         """
 
 

@@ -1,0 +1,71 @@
+"""What data of a system must be: matrices of finite real numbers, functions of t that work, a symmetric stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.real import real, shape_in_words
+
+Floats = NDArray[np.float64]
+
+# Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
+SYMMETRIC = 1e-10
+
+
+def at_instant(function: Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
+    """function(t), or a SceneError that says how it failed."""
+    try:
+        return function(t)
+    except VemcvxError:
+        raise
+    except Exception as error:
+        words = " ".join(str(error).split()).rstrip(".")
+        raise SceneError(
+            f"{subject}: its function failed when called as f(t) with t = {t:.6g}: {type(error).__name__}: {words}. "
+            "It must take an instant and return an array."
+        ) from error
+
+
+def checked_matrix(raw: object, subject: str) -> sp.csr_matrix:
+    """A sparse matrix of finite numbers, from a dense or sparse one."""
+    if not sp.issparse(raw) or raw.dtype.kind not in "biuf":  # type: ignore[attr-defined]
+        raw = real(raw, subject, "a matrix of real numbers")
+        if raw.ndim != 2:
+            raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
+    matrix = sp.csr_matrix(raw, dtype=float)
+    finite(matrix.data, subject)
+    return matrix
+
+
+def check_stiffness(K: sp.csr_matrix) -> None:
+    """Raise SceneError unless K is square and symmetric with a positive diagonal."""
+    if K.shape[0] != K.shape[1]:
+        raise SceneError(f"System: found K of shape {K.shape}; it must be square.")
+    if K.nnz == 0:
+        return
+    # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
+    x = np.cos(np.arange(1.0, K.shape[0] + 1.0) ** 2)
+    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * np.abs(K.data).max()
+    apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
+    if apart.nnz and apart.data.max() > SYMMETRIC * np.abs(K.data).max():
+        worst = int(np.argmax(apart.data))
+        i, j = int(apart.row[worst]), int(apart.col[worst])
+        raise SceneError(
+            f"System: found K[{i}, {j}] = {K[i, j]:.6g} but K[{j}, {i}] = {K[j, i]:.6g}; K must be symmetric. "
+            "For the energy 1/2 y'Ky, give (K + K.T) / 2."
+        )
+    diagonal = K.diagonal()
+    if diagonal.min() <= 0:
+        i = int(np.argmin(diagonal))
+        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
+
+
+def finite(values: Floats, subject: str) -> None:
+    """Raise SceneError for NaN or infinity."""
+    if not np.isfinite(values).all():
+        raise SceneError(f"{subject}: found NaN or infinite values; all must be finite.")

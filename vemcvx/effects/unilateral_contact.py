@@ -1,0 +1,61 @@
+"""Signorini's contact with a rigid obstacle: u . n <= gap, pressure >= 0, and no pressure where there is a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vemcvx.effects import data
+from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Obstacle
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError
+from vemcvx.vem import BoundaryRows, Space
+
+
+@dataclass(frozen=True)
+class UnilateralContact(Effect):
+    """The body may leave the obstacle but not enter it.
+
+    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with n the outward normal of the undeformed
+    boundary and p the pressure, the multiplier of the bound over the nodal length. Kikuchi and Oden, *Contact
+    Problems in Elasticity* (1988), chapter 2. At nodes shared with a clamp or a prescribed value, those win.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Boundary names.
+    gap : number or callable f(x, t) -> (m,)
+        Distance to the obstacle along n before anything moves, >= 0, in units of length; it may change in time.
+    """
+
+    on: str | Sequence[str]
+    gap: data.Datum = 0.0
+
+    def contribute(self, space: Space) -> Contribution:
+        rows = space.part(self.on, "UnilateralContact").corners
+        return obstacle(space, rows, f"UnilateralContact on {where(self.on)}", self.gap, np.zeros(len(rows.nodes)))
+
+    def describe(self) -> str:
+        return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
+
+
+def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, softness: Floats) -> Contribution:
+    """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
+    points = space.mesh.points[rows.nodes]
+
+    def distance(t: float) -> Floats:
+        g = data.scalar(gap, points, t, f"{subject}: gap")
+        if (g < 0).any():
+            worst = int(np.argmin(g))
+            raise SceneError(
+                f"{subject}: found the gap {g[worst]:.6g} at {points[worst]} and t = {t:.6g}; a gap is a distance and "
+                "must be >= 0."
+            )
+        return g
+
+    return Contribution(
+        obstacles=(Obstacle(subject, rows.nodes, rows.normals, rows.lengths, distance, softness),),
+        surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+    )

@@ -1,0 +1,88 @@
+"""Friction that depends on the pressure: a fixed point of convex programs inside each step.
+
+With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks for
+
+    w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   from the pressures of the step before.
+
+An iterate is accepted when it is certified for the weights that its own pressures call for: the duality gap of
+(d_k, lam_k, p_k), lam_k made admissible for law(p_k), is at the target. The distance to the fixed point is then at most
+error / (1 - rate), if the iteration contracts with that rate, |d_{k+1} - d_k|_K <= rate |d_k - d_{k-1}|_K, which is
+measured and kept in the history. Uniqueness and contraction hold for small coefficients (Necas, Jarusek and Haslinger
+1980); nothing is claimed beyond, and an iteration that does not contract is an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.errors import NotContracting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vemcvx.backward_euler import State
+
+Floats = NDArray[np.float64]
+
+MOST_PROGRAMS = 200
+SLOWEST = 0.98
+"""Iterations that contract more slowly than this, ten times in a row, will not get there in MOST_PROGRAMS."""
+
+
+def resolved(
+    solve: Callable[[Floats], State],
+    certified: Callable[[State, Floats], State],
+    law: Callable[[Floats], Floats],
+    distance: Callable[[State, State], float],
+    accuracy: float,
+    start: Floats,
+    n: int,
+) -> State:
+    """The state whose weights are those that its own pressures call for.
+
+    Parameters
+    ----------
+    solve : weights (m,) -> state
+    certified : (state, weights) -> the state certified for other weights
+    law : pressures (r,) -> weights
+    distance : energy norm of the difference of two states
+    accuracy : float
+        Certified relative energy error at which to stop.
+    start : (m,) array
+        Weights of the first program.
+    n : int
+        The step, for messages.
+
+    Raises
+    ------
+    NotContracting
+        Successive iterates do not come closer, or too slowly.
+    """
+    w, before, apart, rate, slow, iterations = start, None, np.inf, np.nan, 0, 0
+    for _ in range(MOST_PROGRAMS):
+        state = solve(w)
+        iterations += state.iterations
+        wanted = law(state.p)
+        own = certified(state, wanted)
+        if before is not None:
+            now = distance(state, before)
+            rate = now / apart if 0 < apart < np.inf else rate
+            slow, apart = slow + 1 if rate > SLOWEST else 0, now
+        if own.certificate.error <= accuracy * own.scale:
+            return replace(own, iterations=iterations, rate=rate)
+        if slow >= 10:
+            break
+        w, before = wanted, state
+    raise NotContracting(
+        f"step {n} at t = {state.t:.6g}: the fixed point of Coulomb friction contracts with the rate {rate:.3g} only: "
+        f"after {MOST_PROGRAMS if slow < 10 else 'some'} programs its certified error is "
+        f"{own.certificate.error / (own.scale or np.nan):.1e}, asked was {accuracy:.1e}. Take a smaller coefficient, a "
+        "cap, NormalCompliance in place of UnilateralContact, or smaller steps.",
+        step=n,
+        time=state.t,
+        rate=float(rate),
+    )

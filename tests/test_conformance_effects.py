@@ -19,7 +19,7 @@ from vemcvx.effects import Contribution
 from vemcvx.vem import Space
 
 TIMES = np.array([0.0, 0.4, 1.0])
-OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature"}
+OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness"}
 """Fields of effects that carry no data f(x, t)."""
 
 
@@ -48,9 +48,22 @@ def stiff(x):
     return 200 + 50 * x[:, 0]
 
 
+def apart(x, t):
+    return 1e-3 * x[:, 0] * (1 + t)
+
+
+def springy(x, t):
+    return 400 + 100 * x[:, 0] + 0 * t
+
+
+def grip(x, t):
+    return 0.3 + 0.1 * x[:, 0] + 0 * t
+
+
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 HELD = vx.Clamp(on="right")
 PULLED = vx.Traction(pull, on="left")
+PRESSED = vx.Traction(lambda x, t: t * np.column_stack([4 + x[:, 0], -6 - x[:, 0]]), on="top")
 TOUCHING = vx.BilateralContact(on="bottom")
 RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
 
@@ -131,6 +144,24 @@ SAMPLES = {
         {"bound": 1},
         {"bound": 2.0, "on": "left", "quadrature": "nodes"},
     ),
+    "UnilateralContact": Sample(
+        vx.UnilateralContact(on="bottom", gap=apart),
+        (STEEL, HELD, PRESSED, RUBBING),
+        data={"gap": 1},
+        others={"on": "left", "gap": 0.25},
+    ),
+    "NormalCompliance": Sample(
+        vx.NormalCompliance(springy, on="bottom", gap=apart),
+        (STEEL, HELD, PRESSED, RUBBING),
+        data={"gap": 1},
+        others={"stiffness": 7.0, "on": "left", "gap": 0.25},
+    ),
+    "CoulombFriction": Sample(
+        vx.CoulombFriction(grip, on="bottom", cap=uneven),
+        (STEEL, HELD, PRESSED, PULLED, vx.UnilateralContact(on=["bottom", "left"])),
+        data={"coefficient": 1, "cap": 1},
+        others={"coefficient": 0.1, "on": "left", "cap": 0.1},
+    ),
 }
 
 
@@ -155,6 +186,8 @@ def content(thing):
         return thing.shape, thing.dtype.str, thing.tobytes()
     if isinstance(thing, tuple):
         return tuple(map(content, thing))
+    if callable(thing) and len(inspect.signature(thing).parameters) == 2:
+        return tuple(content(thing(t, np.ones(len(thing(t, 1.0))))) for t in TIMES)
     if callable(thing):
         return tuple(content(thing(t)) for t in TIMES)
     return thing

@@ -29,7 +29,7 @@ def insist(
         The step and its instant.
     """
     accuracy = solver.accuracy
-    if certificate.error <= accuracy * scale:
+    if certificate.error <= accuracy * scale or certificate.nothing(scale):
         return
     unit = scale or np.nan
     reached, floor = certificate.error / unit, certificate.error_floor / unit

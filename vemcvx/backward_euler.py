@@ -28,6 +28,8 @@ from vemcvx.system import System
 
 Floats = NDArray[np.float64]
 
+INSIDE = 0.1
+"""Part of the accuracy at which the programs inside a fixed point are solved: at 1 it stalls at twice the accuracy."""
 ATTEMPTS = 3
 """A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known."""
 
@@ -140,7 +142,7 @@ def _under_pressure(run: Run, before: State, now: Drive, weights: Floats, n: int
     norms, form = run.system.norms, run.form
 
     def solve(w: Floats) -> State:
-        return trial(run, before, now, w).solve()
+        return trial(run, before, now, w).solve(INSIDE)
 
     def certified(state: State, w: Floats) -> State:
         return trial(run, before, now, w).reconsidered(state)
@@ -213,8 +215,14 @@ class Trial:
     program: StepProgram
     drive: Drive
 
-    def solve(self) -> State:
-        """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked."""
+    def solve(self, share: float = 1.0) -> State:
+        """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
+
+        Parameters
+        ----------
+        share : float
+            Of the solver's accuracy: less is asked where the answer is but a part of something.
+        """
         alpha = self.run.scaling.size(self.program)
         if alpha == 0.0:
             before = self.before
@@ -222,7 +230,7 @@ class Trial:
                 np.zeros_like(before.y), np.zeros_like(before.lam), 0, "nothing pushes", p=np.zeros_like(before.p)
             )
             return self.enter(still, certify(self.program, still.d, still.lam))
-        accuracy = self.run.solver.accuracy
+        accuracy = share * self.run.solver.accuracy
         size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
         best: State | None = None
         for _ in range(ATTEMPTS):

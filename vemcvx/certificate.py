@@ -30,10 +30,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.program import StepProgram
+from vemcvx.program import EPS, StepProgram
 
 Floats = NDArray[np.float64]
-EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -71,6 +70,10 @@ class Certificate:
         """|d - d*|_K <= error = sqrt(2 gap)."""
         return float(np.sqrt(2.0 * self.gap))
 
+    def nothing(self, norm: float) -> bool:
+        """Whether an answer of that energy norm is nothing but rounding, and so is its gap: 0/0 counts as 0."""
+        return max(self.error, norm) <= 10 * self.error_floor
+
     @property
     def error_floor(self) -> float:
         """The part of the error that the floor accounts for, sqrt(2 floor)."""
@@ -102,7 +105,7 @@ def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[flo
     if form.kernel is not None:
         left, blur = _imbalance(program, lam, p)
         equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
-    limits = limit_gaps(form.softness, p, program.excess(d), _excess_blur(program, d))
+    limits = limit_gaps(form.softness, p, program.excess(d), program.excess_blur(d))
     return max(equilibrium, 0.0), norm_gaps(program.w, lam, program.slip(d)), limits
 
 
@@ -110,12 +113,6 @@ def _imbalance(program: StepProgram, lam: Floats, p: Floats) -> tuple[Floats, Fl
     """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
     N = program.form.kernel
     return program.form.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))  # type: ignore
-
-
-def _excess_blur(program: StepProgram, d: Floats) -> Floats:
-    """(r,) the rounding of z; a bound d_i = e_i is exact."""
-    limits = program.form.limits
-    return np.where(limits.exact, 0.0, EPS * (limits.absolute.read(np.abs(d)) + np.abs(program.e)))
 
 
 def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
@@ -129,7 +126,7 @@ def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> f
     if form.block > 1:
         slip_blur += 2 * EPS * np.linalg.norm(s, axis=1)
     floor = 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
-    floor += float(p @ _excess_blur(program, d))
+    floor += float(p @ program.excess_blur(d))
     if form.kernel is not None:
         # A load off balance by so much moves the answer along N, and does work on that motion.
         floor += float(_imbalance(program, lam, p)[1] @ np.abs(form.kernel.T @ d))

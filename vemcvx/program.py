@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vemcvx.form import Form
 
 Floats = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
 
 
 def _none() -> Floats:
@@ -52,6 +53,11 @@ class StepProgram:
         """z = D d - e, (r,)."""
         return self.form.limits.read(d) - self.e
 
+    def excess_blur(self, d: Floats) -> Floats:
+        """(r,) the rounding of z; a bound d_i = e_i is exact."""
+        limits = self.form.limits
+        return np.where(limits.exact, 0.0, EPS * (limits.absolute.read(np.abs(d)) + np.abs(self.e)))
+
     def held(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
         return self.form.rows.pull(lam.ravel()) + self.form.limits.pull(p)
@@ -64,6 +70,7 @@ class StepProgram:
         """The energy that the step minimises; infinite beyond a bound."""
         norms = np.linalg.norm(self.slip(d), axis=1)
         over = np.maximum(self.excess(d), 0.0)
+        over[over <= self.excess_blur(d)] = 0.0
         soft = self.form.softness > 0
         pressed = 0.5 * float(over[soft] @ (over[soft] / self.form.softness[soft]))
         if (over[~soft] > 0).any():

@@ -73,6 +73,8 @@ def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, sto
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
     dim = points.shape[1]
     for friction in frictions:
+        if friction.law is not None:
+            continue
         k = len(friction.nodes)
         columns = (friction.nodes[:, None] * dim + np.arange(dim)).ravel()
         normal = sp.csr_matrix(

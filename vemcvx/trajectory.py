@@ -36,7 +36,8 @@ class Trajectory:
     norm : (N + 1,) array
         Energy norm |u_n|_a.
     gap, floor : (N + 1,) arrays
-        Certified duality gap of each step, and what of it round-off alone may account for.
+        Certified duality gap of each step, and what of it round-off alone may account for. Weights far above every
+        multiplier count as lowered (:mod:`vemcvx.scaling`), here and in `dissipated`: the minimiser is the same.
     iterations, safeguards : (N + 1,) arrays of int
         Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
     contraction : (N + 1,) array
@@ -67,9 +68,15 @@ class Trajectory:
     solver: str
 
     @property
+    def _error(self) -> Floats:
+        """sqrt(2 gap_n); 0 where nothing but rounding has moved so far and the gap is rounding too."""
+        error, floor = np.sqrt(2 * self.gap), np.sqrt(2 * self.floor)
+        return np.where(np.maximum(error, np.maximum.accumulate(self.norm)) <= 10 * floor, 0.0, error)
+
+    @property
     def certificate(self) -> Floats:
         """(N + 1,) certified relative energy error of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a."""
-        return relative(np.sqrt(2 * self.gap), self.norm)
+        return relative(self._error, self.norm)
 
     @property
     def certificate_floor(self) -> Floats:
@@ -84,7 +91,7 @@ class Trajectory:
         |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). With limits it is only if they never act; else the sum is
         that of the steps' own errors and no bound.
         """
-        return relative(np.cumsum(np.sqrt(2 * self.gap)), self.norm)
+        return relative(np.cumsum(self._error), self.norm)
 
 
 def relative(error: Floats, norm: Floats) -> Floats:

@@ -26,7 +26,8 @@ class NormalCompliance(Effect):
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per depth, force per length^3 (unit thickness: force per length^2 per length), > 0, fixed in time.
+        Pressure per depth, force per length^3 (unit thickness: force per length^2 per length), > 0; fixed in time (f
+        is evaluated at t = 0).
     on : str or sequence of str
         Boundary names.
     gap : number or callable f(x, t) -> (m,)

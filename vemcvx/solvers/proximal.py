@@ -28,11 +28,14 @@ Floats = NDArray[np.float64]
 ARMIJO = 1e-4
 GROWTH = 4.0
 """Shifts grow from centre to centre; the method converges for any, faster for larger ones."""
+MOST_GROWTH = 1e8
+"""Beyond this, a B'B in the Hessian would leave K no digits."""
 MOST_INNER = 60
 
 
 def proximal_points(program: StepProgram, start: Point, shift: Shifts) -> Iterator[tuple[Point, Shifts]]:
     """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops."""
+    grown = 1.0
     centre = Point(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
     while True:
         d = centre.d
@@ -42,7 +45,8 @@ def proximal_points(program: StepProgram, start: Point, shift: Shifts) -> Iterat
             if not moved:
                 break
         centre = Point(d, *_multipliers(program, d, centre, shift))
-        shift = shift * GROWTH
+        if grown < MOST_GROWTH:
+            grown, shift = GROWTH * grown, shift * GROWTH
 
 
 def _pulls(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, Floats]:

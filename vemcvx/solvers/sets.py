@@ -65,8 +65,9 @@ class Shifts:
 
     @staticmethod
     def of(form: Form) -> Shifts:
-        """One over the compliances B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j."""
-        return Shifts(1.0 / form.compliance, 1.0 / (form.limit_compliance + form.softness))
+        """One over the compliances B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j; one for rows that read nothing."""
+        norms, limits = form.compliance, form.limit_compliance + form.softness
+        return Shifts(1.0 / np.where(norms > 0, norms, 1.0), 1.0 / np.where(limits > 0, limits, 1.0))
 
 
 def sets_at(program: StepProgram, at: Point, shift: Shifts) -> Sets:

@@ -1,0 +1,122 @@
+"""The body: its stiffness and the motions it does not feel, and the same answers wherever it lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import strategies as st
+from strategies import SEEDS, for_all, materials, meshes, settings_of_scenes
+
+import vemcvx as vx
+from properties.rounding import EPS, Energy, majorant
+from vemcvx.pose import pose
+from vemcvx.vem import Space, rigid_modes
+
+CELL = 64
+"""Roundings on the way from vertices to an entry of a local matrix: sums over a dozen vertices, and products."""
+
+
+@for_all(mesh=meshes(), data=st.data(), kind=st.sampled_from(("shear", "unit")))
+def stiffness_feels_all_but_rigid_motions(mesh, data, kind):
+    """A is symmetric to the bit, A R = 0 for the rigid motions R, and positive on everything else.
+
+    Entries are wrong by at most CELL eps M_ij, a product with R adds a rounding a summand. For D^{-1/2} A D^{-1/2},
+    of unit diagonal, M is all ones, of norm 2N: eigenvalues are wrong by at most (CELL + 2N) eps 2N.
+    """
+    material = data.draw(materials(mesh))
+    material = vx.Elasticity(material.young, material.poisson, material.plane, kind)
+    A = material.contribute(Space(mesh)).stiffness.toarray()
+    assert np.array_equal(A, A.T)
+    size = len(A)
+    reached = np.where(A != 0, majorant(A), 0.0)
+    R = rigid_modes(mesh.points)
+    assert (np.abs(A @ R) <= (CELL + size) * EPS * reached @ np.abs(R)).all()
+    root = 1 / np.sqrt(np.diagonal(A))
+    eigenvalues = np.linalg.eigvalsh(root[:, None] * A * root)
+    rounding = (CELL + size) * EPS * size
+    assert (np.abs(eigenvalues[:3]) <= rounding).all()
+    assert eigenvalues[3] > 10 * rounding
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A body elsewhere: x -> Q x, and other numbers for its nodes and cells."""
+
+    Q: np.ndarray
+    nodes: np.ndarray
+    """new number of each node"""
+    cells: np.ndarray
+    """old number of each new cell"""
+
+    def mesh(self, mesh):
+        """The mesh there; a mirror image turns the cells round, each begins at another of its vertices."""
+        points = np.empty_like(mesh.points)
+        points[self.nodes] = mesh.points @ self.Q.T
+        turn = 1 if np.linalg.det(self.Q) > 0 else -1
+        old = [self.nodes[mesh.cells[c]][::turn] for c in self.cells]
+        names = {name: self.nodes[edges] for name, edges in mesh.boundaries.items() if name != "boundary"}
+        return vx.PolygonMesh(points, [np.roll(cell, c) for c, cell in enumerate(old)], boundaries=names)
+
+    def scene(self, setting):
+        """The scene there: forces turn with the body, and know where it was."""
+        Q = self.Q
+
+        def elsewhere(force):
+            return lambda x, t: force(x @ Q, t) @ Q.T
+
+        effects = []
+        for effect in setting.scene:
+            if isinstance(effect, vx.Traction):
+                effect = vx.Traction(elsewhere(effect.force), on=effect.on)
+            elif isinstance(effect, vx.BodyForce):
+                effect = vx.BodyForce(elsewhere(effect.force))
+            elif isinstance(effect, vx.TrescaFriction):
+                bound = effect.bound
+                effect = vx.TrescaFriction(lambda x, t, g=bound: g(x @ Q, t), effect.on, effect.quadrature)
+            elif isinstance(effect, vx.Elasticity) and np.ndim(effect.young):
+                effect = vx.Elasticity(effect.young[self.cells], effect.poisson, effect.plane)
+            effects.append(effect)
+        return vx.Scene(*effects)
+
+
+ANGLES = st.one_of(st.just(0.0), st.floats(0, 2 * np.pi))
+
+
+@for_all(setting=settings_of_scenes(), angle=ANGLES, mirror=st.booleans(), renumber=st.booleans(), seed=SEEDS)
+def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
+    """u(Q x) = Q u(x) for every rotation and mirror image Q, however nodes and cells are numbered.
+
+    Both histories are answers to one problem but for the rounding of coordinates, Q x = x' (1 + eps). Relative to a
+    cell of diameter h this is kappa eps, kappa = CELL / h (the body is of size one). It changes
+    - forces A u and f by kappa eps (M|u| + |f|), which moves an answer by that much in the norm of forces;
+    - the weights w by kappa eps w: the other answer, its multipliers shrunk by 1 - kappa eps, is then off by a gap of
+      2 kappa eps sum w|s|, hence by sqrt(4 kappa eps loss) in the energy norm.
+    Steps do not expand what the steps before left, so all this adds up with the certified errors.
+    """
+    rng, mesh = np.random.default_rng(seed), setting.mesh
+    c, s = np.cos(angle), np.sin(angle)
+    Q = np.array([[c, -s], [s, c]]) @ np.diag([-1.0 if mirror else 1.0, 1.0])
+    nodes = rng.permutation(mesh.n_nodes) if renumber else np.arange(mesh.n_nodes)
+    cells = rng.permutation(mesh.n_cells) if renumber else np.arange(mesh.n_cells)
+    move = Moved(Q, nodes, cells)
+    here = vx.simulate(setting.scene, mesh, setting.times, solver=vx.Newton(accuracy=1e-9), check=False)
+    there = vx.simulate(
+        move.scene(setting), move.mesh(mesh), setting.times, solver=vx.Newton(accuracy=1e-9), check=False
+    )
+    posed = pose(setting.scene, mesh)
+    P, A = posed.supports.P.toarray(), posed.A.toarray()
+    energy = Energy(posed.system.K.toarray())
+    shortest = np.linalg.norm(mesh.points[mesh.vertices] - mesh.points[np.roll(mesh.vertices, 1)], axis=1)
+    kappa = CELL / min(shortest[shortest > 0].min(), np.sqrt(mesh.areas.min()))
+    claimed = 0.0
+    for n, t in enumerate(setting.times):
+        u, back = here.displacement[n].ravel(), (there.displacement[n][nodes] @ Q).ravel()
+        forces = np.abs(posed.force(t)) + majorant(A) @ (np.abs(u) + np.abs(back))
+        claimed += energy.of_blurred_force(kappa * EPS * np.abs(P).T @ forces)
+        if n:
+            loss = (here.dissipated[n] - here.dissipated[n - 1]) + (there.dissipated[n] - there.dissipated[n - 1])
+            claimed += np.sqrt(4 * kappa * EPS * loss)
+            claimed += sum(np.sqrt(2 * h.trajectory.gap[n]) + np.sqrt(2 * h.trajectory.floor[n]) for h in (here, there))
+        assert energy.norm(P.T @ (u - back)) <= claimed
+    assert np.abs(here.contact.bound.sum() - there.contact.bound.sum()) <= kappa * EPS * here.contact.bound.sum()

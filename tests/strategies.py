@@ -1,0 +1,221 @@
+"""Random meshes, materials, loads, bounds and systems, for hypothesis.
+
+Hypothesis draws what a failure is to be told by (family, moduli, scales, courses); bulk arrays come from numpy with a
+drawn seed. Small seeds and zeros come first, so failures shrink to simple cases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from hypothesis import strategies as st
+
+import vemcvx as vx
+from vemcvx.pose import pose
+
+SEEDS = st.integers(0, 10_000)
+SQUARES = {"squares", "distorted"}
+HUGE = 1e6
+
+
+def exponents(low, high):
+    """Powers of ten between 10^low and 10^high."""
+    return st.floats(low, high).map(lambda x: float(10.0**x))
+
+
+def for_all(**strategies):
+    """Note down what the arguments of a claim are drawn from."""
+
+    def note(claim):
+        claim.strategies = strategies
+        return claim
+
+    return note
+
+
+@st.composite
+def meshes(draw):
+    """The unit square in a few cells: mostly Voronoi, sometimes another family."""
+    others = ("squares", "nonconvex", "hanging", "distorted")
+    family = draw(st.sampled_from(("voronoi",) * 4 + others))
+    return vx.meshes.FAMILIES[family](draw(st.integers(2, 5 if family == "voronoi" else 3)), seed=draw(SEEDS))
+
+
+@st.composite
+def materials(draw, mesh):
+    """Elasticity with moduli of any size and, sometimes, a contrast between the cells."""
+    young, poisson = draw(exponents(-3, 6)), draw(st.floats(-0.9, 0.4999))
+    # Linear triangles cannot be nearly incompressible, and say so.
+    poisson = min(poisson, 0.45) if (np.diff(mesh.offsets) == 3).any() else poisson
+    contrast = draw(st.sampled_from((0.0, 0.0, 1.0, 3.0)))
+    spread = 10.0 ** (contrast * np.random.default_rng(draw(SEEDS)).uniform(-1, 1, mesh.n_cells))
+    plane = draw(st.sampled_from(("strain", "stress")))
+    return vx.Elasticity(young * spread if contrast else young, poisson, plane=plane)
+
+
+def courses(steps):
+    """A course in time, (steps + 1,) from 0: steady, held, reversing, as it comes."""
+    free = st.lists(st.floats(-1, 1), min_size=steps, max_size=steps)
+    few = st.lists(st.sampled_from((0.0, 1.0, -1.0, 0.5, 1.0 + 1e-6)), min_size=steps, max_size=steps)
+    return st.one_of(st.just(list(np.linspace(0, 1, steps + 1)[1:])), few, free).map(lambda c: np.array([0.0, *c]))
+
+
+@st.composite
+def instants(draw, most=4):
+    """Increasing times from 0, of steps as different as 1e-3 and 1."""
+    return np.append(0.0, np.cumsum(draw(st.lists(exponents(-3, 0), min_size=1, max_size=most))))
+
+
+@st.composite
+def bounds(draw, scale):
+    """A friction bound g(x, t): constant, varying, zero in places, jumping in space or in time, zero, or huge."""
+    kind = draw(st.sampled_from(("constant", "varies", "zero in places", "jumps", "jumps in time", "zero", "huge")))
+    size = scale * draw(exponents(-2, 0.5))
+    shapes = {
+        "constant": lambda x, t: np.ones(len(x)),
+        "varies": lambda x, t: 0.1 + x[:, 0] ** 2 + x[:, 1],
+        "zero in places": lambda x, t: np.maximum(x[:, 0] + x[:, 1] - 0.5, 0.0),
+        "jumps": lambda x, t: np.where(x[:, 0] + x[:, 1] < 0.5, 0.01, 1.0),
+        "jumps in time": lambda x, t: np.full(len(x), 1.0 if t < 0.5 else 0.2),
+        "zero": lambda x, t: np.zeros(len(x)),
+        "huge": lambda x, t: np.full(len(x), HUGE),
+    }
+    shape = shapes[kind]
+    return lambda x, t: size * shape(x, t)
+
+
+def affine(matrix, vector, times, course):
+    """f(x, t) = (vector + matrix x) course(t), at the instants given."""
+
+    def value(x, t):
+        return (vector + x @ matrix.T) * course[np.searchsorted(times, t)]
+
+    return value
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A scene in its parts, a mesh and the times of a history."""
+
+    mesh: vx.PolygonMesh
+    material: vx.Elasticity
+    loads: tuple
+    """(matrix, vector, course, side), side None for a body force"""
+    bound: object
+    quadrature: str
+    times: np.ndarray
+    motion: tuple | None = None
+    """(matrix, vector, course) of the right side; clamped without"""
+
+    @property
+    def contact(self):
+        """Where there is contact."""
+        return "bottom"
+
+    @property
+    def scene(self):
+        """The scene."""
+        effects = []
+        for matrix, vector, course, side in self.loads:
+            force = affine(matrix, vector, self.times, course)
+            effects.append(vx.BodyForce(force) if side is None else vx.Traction(force, on=side))
+        held = vx.Clamp(on="right")
+        if self.motion is not None:
+            matrix, vector, course = self.motion
+            held = vx.PrescribedDisplacement(affine(matrix, vector, self.times, course), on="right")
+        friction = vx.TrescaFriction(self.bound, on=self.contact, quadrature=self.quadrature)
+        return vx.Scene(self.material, held, vx.BilateralContact(on=self.contact), friction, *effects)
+
+
+@st.composite
+def settings_of_scenes(draw, moving=False, most_steps=4):
+    """Settings: affine tractions on two sides, sometimes a body force, random courses, bounds of every kind."""
+    mesh, times = draw(meshes()), draw(instants(most_steps))
+    steps, rng = len(times) - 1, np.random.default_rng(draw(SEEDS))
+    size = draw(exponents(-3, 3))
+    sides = draw(st.sampled_from((("left",), ("left", "top"), ("left", None))))
+    loads = tuple(
+        (size * rng.normal(size=(2, 2)), size * rng.normal(size=2), draw(courses(steps)), side) for side in sides
+    )
+    material, motion = draw(materials(mesh)), None
+    if moving and draw(st.booleans()):
+        stretch = size / np.min(material.young)
+        motion = stretch * rng.normal(size=(2, 2)), stretch * rng.normal(size=2), draw(courses(steps))
+    quadrature = draw(st.sampled_from(("nodes", "integral")))
+    return Setting(mesh, material, loads, draw(bounds(size)), quadrature, times, motion)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A quasistatic problem in arrays: K, the norm terms, and load and weights instant by instant.
+
+    Loads and weights are of single precision, so that products with a number of few digits are exact.
+    """
+
+    K: np.ndarray
+    B: sp.csr_matrix
+    block: int
+    loads: np.ndarray
+    """(N + 1, n)"""
+    weights: np.ndarray
+    """(N + 1, m)"""
+    times: np.ndarray
+
+    def __post_init__(self):
+        for name in ("loads", "weights"):
+            object.__setattr__(self, name, getattr(self, name).astype(np.float32).astype(float))
+
+    def times_forces(self, c):
+        """The same case with all forces c-fold."""
+        scaled = replace(self)
+        object.__setattr__(scaled, "loads", c * self.loads)
+        object.__setattr__(scaled, "weights", c * self.weights)
+        return scaled
+
+    def march(self, solver, check=True):
+        """Its trajectory from zero, where the load is zero."""
+
+        def row(t):
+            return int(np.searchsorted(self.times, t))
+
+        norms = vx.Norms(self.B, lambda t: self.weights[row(t)], self.block)
+        system = vx.System(sp.csr_matrix(self.K), lambda t: self.loads[row(t)], norms)
+        return vx.march(system, self.times, solver=solver, check=check)
+
+
+@st.composite
+def abstract_cases(draw, blocks=(1, 2)):
+    """Random K of condition up to 1e6, B of full row rank (random, or reading one unknown a row), loads and weights."""
+    block, rng = draw(st.sampled_from(blocks)), np.random.default_rng(draw(SEEDS))
+    m = draw(st.integers(1, 4))
+    n = draw(st.integers(m * block, 10))
+    basis = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    K = basis * 10.0 ** (rng.uniform(0, draw(st.floats(0, 6)), n)) @ basis.T * draw(exponents(-4, 4))
+    B = rng.normal(size=(m * block, n))
+    if draw(st.booleans()):
+        B = np.zeros_like(B)
+        B[np.arange(m * block), rng.permutation(n)[: m * block]] = rng.choice([-1.0, 2.0], m * block)
+    times = draw(instants())
+    fields, size = rng.normal(size=(2, n)), draw(exponents(-3, 3))
+    loads = size * sum(np.outer(draw(courses(len(times) - 1)), field) for field in fields)
+    weights = size * draw(exponents(-2, 1)) * rng.uniform(0, 1, m) * np.ones((len(times), 1))
+    weights[:, rng.random(m) < draw(st.sampled_from((0.0, 0.3)))] = 0.0
+    weights[:, rng.random(m) < draw(st.sampled_from((0.0, 0.3)))] *= HUGE
+    weights[len(times) // 2 :] *= draw(st.sampled_from((1.0, 0.3, 3.0)))
+    return Case(0.5 * (K + K.T), sp.csr_matrix(B), block, loads, weights, times)
+
+
+@st.composite
+def scene_cases(draw):
+    """A random scene as arrays."""
+    setting = draw(settings_of_scenes())
+    system, times = pose(setting.scene, setting.mesh).system, setting.times
+    loads, weights = (np.array([f(t) for t in times]) for f in (system.force, system.norms.weights))
+    return Case(system.K.toarray(), system.norms.B, system.norms.block, loads, weights, times)
+
+
+def cases(blocks=(1, 2)):
+    """Random problems, from scenes and without any."""
+    return st.one_of(abstract_cases(blocks), scene_cases())

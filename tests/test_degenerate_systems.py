@@ -1,0 +1,52 @@
+"""Systems that scenes do not make: redundant rows, rows that read nothing, loads that friction holds completely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    ("K", "B", "f"),
+    [
+        (np.diag([2.0, 3.0]), [[1.0, 0.3], [0.2, 1.0]], [0.31, 0.17]),
+        ([[1.0]], [[1.0], [0.7], [-0.3]], [0.5]),
+        (np.eye(2), [[0.3, 0.4], [-0.2, -1.3]], [0.3, -0.1]),
+    ],
+)
+def test_what_friction_holds_stays_where_it_is(solver, K, B, f):
+    """The answer is zero up to rounding, and 0/0 is 0; who only comes near has no relative accuracy and says so."""
+    system = vx.System(K, lambda t: t * np.array(f), vx.Norms(B, 3.0))
+    run = vx.march(system, [0.0, 0.5, 1.0], solver=solver, check=False)
+    assert np.abs(run.state).max() < 1e-5
+    if solver.name == "Newton":
+        assert run.certificate.max() <= solver.accuracy
+        vx.march(system, [0.0, 0.5, 1.0], solver=solver)
+    elif run.certificate.max() > solver.accuracy:
+        with pytest.raises(vx.NotCertified, match=r"use polish=True, or vx\.Newton"):
+            vx.march(system, [0.0, 0.5, 1.0], solver=solver)
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.name)
+def test_rows_that_read_nothing(solver):
+    system = vx.System(np.diag([2.0, 3.0]), lambda t: [2 * t, t], vx.Norms([[1.0, 0.0], [0.0, 0.0]], [1.0, 1.0]))
+    run = vx.march(system, [0.0, 1.0, 2.0], solver=solver)
+    assert run.state[-1] == pytest.approx([1.5, 2 / 3], abs=2 * solver.accuracy)
+    assert run.state[1] == pytest.approx([0.5, 1 / 3], abs=2 * solver.accuracy)
+
+
+@pytest.mark.parametrize("block", [1, 2])
+def test_the_safeguard_never_loses_K(block):
+    """When the floor cannot be met shifts stop growing, and whatever was found is handed back."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        B = rng.normal(size=(2 * block, 2 * block + 1))
+        f = rng.normal(size=2 * block + 1)
+        system = vx.System(np.eye(2 * block + 1), lambda t, f=f: t * f, vx.Norms(B, 3.0, block))
+        run = vx.march(system, [0.0, 1.0, 2.0], solver=vx.Newton(accuracy=1e-15), check=False)
+        assert run.certificate.max() < 1e-6

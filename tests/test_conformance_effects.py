@@ -156,6 +156,12 @@ SAMPLES = {
         data={"gap": 1},
         others={"stiffness": 7.0, "on": "left", "gap": 0.25},
     ),
+    "Viscosity": Sample(
+        vx.Viscosity(shear=30.0, volume=20.0),
+        (STEEL, HELD, PULLED, TOUCHING, RUBBING),
+        data={"shear": 1, "volume": 1},
+        others={"shear": 10.0, "volume": 0.0},
+    ),
     "CoulombFriction": Sample(
         vx.CoulombFriction(grip, on="bottom", cap=uneven),
         (STEEL, HELD, PRESSED, PULLED, vx.UnilateralContact(on=["bottom", "left"])),
@@ -228,7 +234,10 @@ def contributes_finite_arrays_that_fit_the_space(sample):
     space = Space(mesh("hanging", 3))
     part = sample.effect.contribute(space)
     assert isinstance(part, Contribution)
-    assert any(value for name, value in vars(part).items() if name != "stiffness") or part.stiffness is not None
+    matrices = part.stiffness, part.viscosity
+    assert any(value for value in vars(part).values() if isinstance(value, tuple)) or any(
+        matrix is not None for matrix in matrices
+    )
     n, nodes = space.n_unknowns, space.mesh.n_nodes
     if part.stiffness is not None:
         assert part.stiffness.shape == (n, n)

@@ -489,7 +489,7 @@ SYSTEMS = {
     ),
     "not square": (
         lambda: vx.System(np.ones((2, 3)), pull),
-        r"^System: found K of shape \(2, 3\); it must be square\.$",
+        r"^System: K: found a matrix of shape \(2, 3\); it must be square\.$",
     ),
     "complex, sparse": (lambda: vx.System(sp.csr_array(1j * np.eye(2)), pull), rf"^System: K: found .*, {NOT_REAL}"),
     "NaN": (
@@ -498,7 +498,7 @@ SYSTEMS = {
     ),
     "not symmetric": (
         lambda: vx.System([[2.0, 1.0], [0.0, 2.0]], pull),
-        r"^System: found K\[0, 1\] = 1 but K\[1, 0\] = 0; K must be symmetric\. For the energy .* give \(K \+ "
+        r"^System: K: found 1 at \[0, 1\] but 0 at \[1, 0\]; it must be symmetric\. For the energy .* give \(K \+ "
         r"K\.T\) / 2\.$",
     ),
     "not positive": (

@@ -29,6 +29,7 @@ LAYERS = [
     ["solvers"],
     ["seminorm", "ledger", "acceptance", "fixed_point"],
     ["backward_euler"],
+    ["viscous"],
     ["initial", "trajectory", "checkpoint"],
     ["recorder"],
     ["march"],

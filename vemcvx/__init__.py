@@ -19,6 +19,7 @@ from vemcvx.effects import (
     Traction,
     TrescaFriction,
     UnilateralContact,
+    Viscosity,
 )
 from vemcvx.errors import (
     HistoryError,
@@ -41,7 +42,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.scene import Scene
 from vemcvx.simulate import simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
-from vemcvx.system import Norms, System
+from vemcvx.system import Damping, Norms, System
 from vemcvx.trajectory import Trajectory
 
 __version__ = "0.1.0"
@@ -54,6 +55,7 @@ __all__ = [
     "Clarabel",
     "Contact",
     "CoulombFriction",
+    "Damping",
     "Direct",
     "Effect",
     "Elasticity",
@@ -85,6 +87,7 @@ __all__ = [
     "TrescaFriction",
     "UnilateralContact",
     "VemcvxError",
+    "Viscosity",
     "march",
     "meshes",
     "read_history",

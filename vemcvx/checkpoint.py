@@ -23,8 +23,8 @@ def fingerprint(run: Run, times: Floats, kept: NDArray[Any]) -> NDArray[np.int64
     return np.array([run.system.n, run.form.count, *(zlib.crc32(np.ascontiguousarray(p)) for p in parts)])
 
 
-def to_arrays(n: int, state: State) -> Arrays:
-    """The state after step `n`."""
+def to_arrays(n: int, state: State, whole: bool) -> Arrays:
+    """The state after step `n`; with all its unknowns where the next step needs them."""
     certificate, ledger = state.certificate, state.ledger
     numbers = [
         n,
@@ -45,6 +45,7 @@ def to_arrays(n: int, state: State) -> Arrays:
         "lam": state.lam,
         "p": state.p,
         "slip": state.slip,
+        "full": state.full if whole and state.full is not None else np.zeros(0),
         "friction": certificate.friction,
         "limits": certificate.limits,
     }
@@ -68,6 +69,7 @@ def from_arrays(run: Run, arrays: Arrays) -> tuple[int, State]:
             ledger,
             scale,
             int(iterations),
+            full=arrays["full"] if len(arrays["full"]) else None,
         )
     except (KeyError, ValueError) as error:
         raise HistoryError(f"checkpoint: incomplete: {error}. Remove the folder and run again.") from error

@@ -44,10 +44,19 @@ def checked_matrix(raw: object, subject: str) -> sp.csr_matrix:
 
 def check_stiffness(K: sp.csr_matrix) -> None:
     """Raise SceneError unless K is square and symmetric with a positive diagonal."""
-    if K.shape[0] != K.shape[1]:
-        raise SceneError(f"System: found K of shape {K.shape}; it must be square.")
-    if K.nnz == 0:
+    if K.nnz == 0 and K.shape[0] == K.shape[1]:
         return
+    check_symmetric(K, "System: K")
+    diagonal = K.diagonal()
+    if diagonal.min() <= 0:
+        i = int(np.argmin(diagonal))
+        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
+
+
+def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
+    """Raise SceneError unless K is square and symmetric."""
+    if K.shape[0] != K.shape[1]:
+        raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
     x = np.cos(np.arange(1.0, K.shape[0] + 1.0) ** 2)
     doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * np.abs(K.data).max()
@@ -56,13 +65,9 @@ def check_stiffness(K: sp.csr_matrix) -> None:
         worst = int(np.argmax(apart.data))
         i, j = int(apart.row[worst]), int(apart.col[worst])
         raise SceneError(
-            f"System: found K[{i}, {j}] = {K[i, j]:.6g} but K[{j}, {i}] = {K[j, i]:.6g}; K must be symmetric. "
+            f"{subject}: found {K[i, j]:.6g} at [{i}, {j}] but {K[j, i]:.6g} at [{j}, {i}]; it must be symmetric. "
             "For the energy 1/2 y'Ky, give (K + K.T) / 2."
         )
-    diagonal = K.diagonal()
-    if diagonal.min() <= 0:
-        i = int(np.argmin(diagonal))
-        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
 
 
 def finite(values: Floats, subject: str) -> None:

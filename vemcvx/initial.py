@@ -36,6 +36,10 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
         return _at_rest(run, _settle(run, _state(run, now, np.zeros(run.system.n))))
     y = _given(run, now, initial)
     state = _state(run, now, y)
+    if run.system.damping is not None:
+        # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
+        norm = _norm(run, y)
+        return replace(state, ledger=Ledger(0.5 * norm * norm, 0.0, 0.0), scale=norm, full=y)
     settled = _settle(run, state)
     jump = _norm(run, run.condensation.recover(settled.y, now.force) - y)
     scale = max(state.ledger.norm, _norm(run, now.force.x))

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.backward_euler import prepare, step
+from vemcvx.backward_euler import completed, prepare, step
 from vemcvx.errors import SceneError
 from vemcvx.initial import initial_state
 from vemcvx.linear import LinearSolver
@@ -21,6 +22,7 @@ from vemcvx.solvers import Solver
 from vemcvx.storage import Memory, Storage
 from vemcvx.system import System
 from vemcvx.trajectory import Trajectory
+from vemcvx.viscous import ViscousSteps
 
 Floats = NDArray[np.float64]
 
@@ -83,8 +85,12 @@ def march(
         earlier = 0, initial_state(run, instants[0], initial)
         recorder.add(*earlier)
     begin, state = earlier
+    advance = partial(step, run)
+    if system.damping is not None:
+        state = completed(run, state, given=True)
+        advance = ViscousSteps(run, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
     for n in range(begin + 1, steps + 1):
-        state = step(run, state, n, instants[n])
+        state = advance(state, n, instants[n])
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)

@@ -26,7 +26,7 @@ from vemcvx.ordering import nested_dissection
 from vemcvx.rigid import loose_motions
 from vemcvx.scene import Scene
 from vemcvx.supports import Supports, resolve
-from vemcvx.system import Motion, Norms, System
+from vemcvx.system import Damping, Motion, Norms, System
 from vemcvx.terms import Terms, contact_surface, friction_terms, on_free, warn_of_loose_normals
 from vemcvx.vem import Space, rigid_modes
 
@@ -74,6 +74,7 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     """
     space = Space(mesh)
     parts = [effect.contribute(space) for effect in scene.canonical]
+    rates = [p.viscosity for p in parts if p.viscosity is not None]
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
     loads = _chain(p.loads for p in parts)
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
@@ -94,6 +95,7 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
         supports.P.T @ rigid_modes(mesh.points),
         kernel,
         _limits(obstacles, supports, mesh.points),
+        _damping(rates, supports),
     )
     material = next(p.material for p in parts if p.material is not None)
     return Posed(scene, space, system, supports, A, loads, terms, _chain(p.surfaces for p in parts), material)
@@ -165,6 +167,14 @@ def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix, nor
 def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
     """Whatever refers to normals, so that nodal frames have them as axes."""
     return (*_chain(p.frictions for p in parts), *_chain(p.obstacles for p in parts))
+
+
+def _damping(rates: Sequence[sp.csr_matrix], supports: Supports) -> Damping | None:
+    if not rates:
+        return None
+    A = _sum(rates)
+    nothing = sp.csr_matrix((0, A.shape[0]))
+    return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing))
 
 
 def _limits(obstacles: Obstacles, supports: Supports, points: Floats) -> Limits | None:

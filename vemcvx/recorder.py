@@ -93,7 +93,7 @@ class Recorder:
             *(c.gap, c.floor, state.iterations, state.safeguards, state.rate),
         )
         if row is not None:
-            self._storage.save({"mark": self._mark, **to_arrays(n, state)})
+            self._storage.save({"mark": self._mark, **to_arrays(n, state, self._run.system.damping is not None)})
 
     def finish(self, seconds: dict[str, float]) -> Trajectory:
         """The trajectory."""

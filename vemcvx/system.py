@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.checks import SYMMETRIC, at_instant, check_stiffness, checked_matrix, finite
+from vemcvx.checks import SYMMETRIC, at_instant, check_stiffness, check_symmetric, checked_matrix, finite
 from vemcvx.errors import SceneError
 from vemcvx.kernel import Kernel
 from vemcvx.limits import Limits
@@ -106,6 +106,28 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Damping:
+    """The form b of the rate, b(u', v), beside a(u, v).
+
+    Parameters
+    ----------
+    C : (n, n) array or sparse matrix
+        Symmetric, positive semidefinite.
+    motion : Motion, optional
+        What moving supports add, with the matrix of b in place of that of a; drag and reach are those of a.
+    """
+
+    C: sp.csr_matrix
+    motion: Motion | None = None
+
+    def __post_init__(self) -> None:
+        C = checked_matrix(self.C, "Damping: C")
+        if C.nnz:
+            check_symmetric(C, "Damping: C")
+        object.__setattr__(self, "C", C)
+
+
+@dataclass(frozen=True)
 class System:
     """K, the load, and the norm terms; the load already includes minus the stretch of moving supports.
 
@@ -126,6 +148,8 @@ class System:
         seminorm of K only.
     limits : Limits, optional
         Bounds on y, hard or soft.
+    damping : Damping, optional
+        A force C y' of the rate; the lengths of steps then matter.
     """
 
     K: sp.csr_matrix
@@ -136,6 +160,7 @@ class System:
     near_kernel: Floats | None = None
     kernel: Kernel | None = None
     limits: Limits | None = None
+    damping: Damping | None = None
 
     def __post_init__(self) -> None:
         K = checked_matrix(self.K, "System: K")
@@ -159,6 +184,8 @@ class System:
                 f"System: found limits over {self.limits.D.shape[1]} unknowns, but K has {self.n}; "
                 "D must have one column an unknown."
             )
+        if self.damping is not None and self.damping.C.shape != self.K.shape:
+            raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
         if self.order is not None and not np.array_equal(np.sort(self.order), np.arange(self.n)):
             raise SceneError(
                 f"System: found order = {brief(self.order)}; wanted a permutation of the {self.n} unknowns, or None."

@@ -20,6 +20,7 @@ from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
 from vemcvx.effects.traction import Traction
 from vemcvx.effects.tresca_friction import TrescaFriction
 from vemcvx.effects.unilateral_contact import UnilateralContact
+from vemcvx.effects.viscosity import Viscosity
 
 __all__ = [
     "BilateralContact",
@@ -40,4 +41,5 @@ __all__ = [
     "Traction",
     "TrescaFriction",
     "UnilateralContact",
+    "Viscosity",
 ]

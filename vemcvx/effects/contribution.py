@@ -105,6 +105,8 @@ class Contribution:
     """The sum of what an effect adds; every field may be absent."""
 
     stiffness: sp.csr_matrix | None = None
+    viscosity: sp.csr_matrix | None = None
+    """matrix of b^h, stress in proportion to the rate of strain"""
     material: Material | None = None
     loads: tuple[Load, ...] = ()
     supports: tuple[Support, ...] = ()

@@ -20,7 +20,7 @@ LAYERS = [
     ["vem"],
     ["effects"],
     ["kernel", "scene", "supports"],
-    ["rigid", "terms"],
+    ["rigid", "terms", "composition"],
     ["linear"],
     ["rows", "ordering", "extended", "system", "program", "scaling", "certificate", "condensation", "refine"],
     ["pose"],

@@ -3,10 +3,27 @@
 from vemcvx.effects.bilateral_contact import BilateralContact
 from vemcvx.effects.body_force import BodyForce
 from vemcvx.effects.clamp import Clamp
-from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Load, Material, Support
+from vemcvx.effects.contribution import (
+    ContactSurface,
+    Contribution,
+    Friction,
+    InitialStress,
+    Load,
+    Material,
+    Support,
+    Swelling,
+)
 from vemcvx.effects.effect import Effect
+from vemcvx.effects.elastic_foundation import ElasticFoundation
 from vemcvx.effects.elasticity import Elasticity
+from vemcvx.effects.material_law import MaterialLaw
+from vemcvx.effects.orthotropic import Orthotropic
+from vemcvx.effects.point_load import PointLoad
 from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
+from vemcvx.effects.pressure import Pressure
+from vemcvx.effects.prestress import Prestress
+from vemcvx.effects.symmetry import Symmetry
+from vemcvx.effects.thermal_strain import ThermalStrain
 from vemcvx.effects.traction import Traction
 from vemcvx.effects.tresca_friction import TrescaFriction
 
@@ -17,12 +34,22 @@ __all__ = [
     "ContactSurface",
     "Contribution",
     "Effect",
+    "ElasticFoundation",
     "Elasticity",
     "Friction",
+    "InitialStress",
     "Load",
     "Material",
+    "MaterialLaw",
+    "Orthotropic",
+    "PointLoad",
     "PrescribedDisplacement",
+    "Pressure",
+    "Prestress",
     "Support",
+    "Swelling",
+    "Symmetry",
+    "ThermalStrain",
     "Traction",
     "TrescaFriction",
 ]

@@ -19,7 +19,7 @@ from vemcvx.effects import Contribution
 from vemcvx.vem import Space
 
 TIMES = np.array([0.0, 0.4, 1.0])
-OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness"}
+OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at"}
 """Fields of effects that carry no data f(x, t)."""
 
 
@@ -60,12 +60,41 @@ def grip(x, t):
     return 0.3 + 0.1 * x[:, 0] + 0 * t
 
 
+def press(x, t):
+    return t * (3 + x[:, 1])
+
+
+def suck(x, t):
+    return -t * (1 + x[:, 0])
+
+
+def stretch(x, t):
+    return t * np.column_stack([3 + x[:, 0], 1 - x[:, 1], x[:, 0] * x[:, 1]])
+
+
+def squeeze(x, t):
+    return -stretch(x, t) - [t, 0.0, 0.0]
+
+
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 HELD = vx.Clamp(on="right")
 PULLED = vx.Traction(pull, on="left")
 PRESSED = vx.Traction(lambda x, t: t * np.column_stack([4 + x[:, 0], -6 - x[:, 0]]), on="top")
 TOUCHING = vx.BilateralContact(on="bottom")
 RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
+
+
+@dataclass(frozen=True)
+class Other:
+    """Another value of a field that asks for more: for changes of other fields, or for effects beside."""
+
+    value: object
+    changes: dict[str, object] = field(default_factory=dict)
+    beside: tuple[vx.Effect, ...] = ()
+
+
+REST = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, on="east"),))
+REST_STRESS = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, plane="stress", on="east"),))
 
 
 @dataclass(frozen=True)
@@ -79,6 +108,13 @@ class Sample:
     """Names of the fields that carry data, and the number of components of each."""
     others: dict[str, object] = field(default_factory=dict)
     """For every field another value."""
+    tuples: tuple[str, ...] = ()
+    """Names of the fields whose value is a pair of data."""
+
+    def with_datum(self, name: str, value: object) -> vx.Effect:
+        """The effect with a datum replaced; in a pair the second."""
+        first = getattr(self.effect, name)
+        return dataclasses.replace(self.effect, **{name: (first[0], value) if name in self.tuples else value})
 
     @property
     def name(self) -> str:
@@ -91,14 +127,29 @@ SAMPLES = {
         (HELD, PULLED, TOUCHING, RUBBING),
         (vx.Elasticity(young=100.0, poisson=0.3),),
         {"young": 1, "poisson": 1},
-        {"young": 150.0, "poisson": 0.2, "plane": "stress", "stabilisation": "unit"},
+        {"young": 150.0, "poisson": 0.2, "plane": "stress", "stabilisation": "unit", "on": REST},
     ),
     "Elasticity, varying, plane stress": Sample(
         vx.Elasticity(young=stiff, poisson=0.2, plane="stress", stabilisation="unit"),
         (HELD, PULLED, TOUCHING, RUBBING),
         (STEEL,),
         {"young": 1, "poisson": 1},
-        {"young": 225.0, "poisson": 0.1, "plane": "strain", "stabilisation": "shear"},
+        {"young": 225.0, "poisson": 0.1, "plane": "strain", "stabilisation": "shear", "on": REST_STRESS},
+    ),
+    "Orthotropic": Sample(
+        vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0, angle=0.4),
+        (HELD, PULLED, TOUCHING, RUBBING),
+        (STEEL,),
+        {"young": 1, "poisson": 1, "shear": 1, "angle": 1},
+        {
+            "young": (200.0, 80.0),
+            "poisson": 0.2,
+            "shear": stiff,
+            "angle": 0.1,
+            "plane": Other("strain", {"young": (200.0, 60.0, 50.0), "poisson": (0.3, 0.3, 0.2)}),
+            "on": REST_STRESS,
+        },
+        ("young",),
     ),
     "Clamp": Sample(
         vx.Clamp(on=["top", "right"]), (STEEL, HELD, PULLED, TOUCHING, RUBBING), others={"on": ["right", "bottom"]}
@@ -129,6 +180,36 @@ SAMPLES = {
         (STEEL, HELD, TOUCHING, RUBBING),
         data={"force": 2},
         others={"force": weigh, "on": "left"},
+    ),
+    "Pressure": Sample(
+        vx.Pressure(press, on=("left", "top")),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"value": 1},
+        others={"value": suck, "on": "left"},
+    ),
+    "PointLoad": Sample(
+        vx.PointLoad(pull, at=(0.0, 1.0)),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"force": 2},
+        others={"force": weigh, "at": [(0.0, 1.0), (0.0, 0.0)]},
+    ),
+    "Symmetry": Sample(
+        vx.Symmetry(on=["top"]), (STEEL, HELD, PULLED, TOUCHING, RUBBING), others={"on": ["right", "left"]}
+    ),
+    "ElasticFoundation": Sample(
+        vx.ElasticFoundation(normal=stiff, tangential=15.0, on="left"),
+        (STEEL, HELD, PULLED, TOUCHING, RUBBING),
+        data={"normal": 1, "tangential": 1},
+        others={"normal": 10.0, "tangential": 5.0, "on": "top"},
+    ),
+    "ThermalStrain": Sample(
+        vx.ThermalStrain(expansion=1e-3, temperature=press),
+        (STEEL, HELD, TOUCHING, RUBBING),
+        data={"expansion": 1, "temperature": 1},
+        others={"expansion": 2e-3, "temperature": suck},
+    ),
+    "Prestress": Sample(
+        vx.Prestress(stretch), (STEEL, HELD, TOUCHING, RUBBING), data={"stress": 3}, others={"stress": squeeze}
     ),
     "BilateralContact": Sample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
     "TrescaFriction": Sample(
@@ -173,7 +254,9 @@ SAMPLES = {
 
 @cache
 def mesh(family: str = "squares", n: int = 3) -> vx.PolygonMesh:
-    return vx.meshes.FAMILIES[family](n)
+    made = vx.meshes.FAMILIES[family](n)
+    west = made.centroids[:, 0] < 0.5
+    return made.with_cell_data("west", west).with_cell_data("east", ~west)
 
 
 def answer(*effects, on=None):
@@ -204,6 +287,17 @@ def at_times(thing):
     if hasattr(thing, "vector"):
         return tuple(content(thing.vector(t)) for t in TIMES)
     return content(thing.value) if callable(getattr(thing, "value", None)) else None
+
+
+def nameless(thing):
+    """Content without the words that name its subject."""
+    if isinstance(thing, dict):
+        return {name: nameless(value) for name, value in thing.items() if name != "subject"}
+    return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
+
+
+def on_boundaries(sample):
+    return hasattr(sample.effect, "on") and not isinstance(sample.effect, vx.effects.MaterialLaw)
 
 
 # The sentences: "every effect ..."
@@ -243,7 +337,7 @@ def contributes_finite_arrays_that_fit_the_space(sample):
         assert part.stiffness.shape == (n, n)
         assert np.isfinite(part.stiffness.data).all()
     for load in part.loads:
-        assert load.matrix.shape == (n, load.points.size)
+        assert load.matrix.shape in ((n, load.points.size), (n, len(load.points)))
         assert np.isfinite(load.vector(1.0)).all()
     for support in part.supports:
         m = len(support.nodes)
@@ -254,12 +348,15 @@ def contributes_finite_arrays_that_fit_the_space(sample):
         assert ((rows.nodes >= 0) & (rows.nodes < nodes)).all()
         assert (rows.lengths > 0).all()
         assert np.abs(np.linalg.norm(rows.normals, axis=1) - 1).max() < 1e-15 * 4
+    for stress in (*part.swellings, *part.initial_stresses):
+        assert len(stress.value(1.0)) == space.mesh.n_cells
+        assert np.isfinite(stress.value(1.0)).all()
     for friction in part.frictions:
         assert (friction.weights(1.0) >= 0).all()
 
 
 def names_an_unknown_boundary_and_what_exists(sample):
-    if not hasattr(sample.effect, "on"):
+    if not on_boundaries(sample):
         return
     for on in ("bottm", ["left", "bottm"]):
         lost = dataclasses.replace(sample.effect, on=on)
@@ -271,15 +368,29 @@ def names_an_unknown_boundary_and_what_exists(sample):
             answer(lost, *sample.beside)
 
 
-def takes_a_name_or_a_list_of_names(sample):
-    if not hasattr(sample.effect, "on"):
+def names_an_unknown_cell_datum_and_what_exists(sample):
+    if not isinstance(sample.effect, vx.effects.MaterialLaw):
         return
+    for on in ("wst", ["west", "wst"]):
+        with pytest.raises(
+            vx.SceneError,
+            match=rf"^{sample.name}: on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh "
+            r"has 'west', 'east'\. Add one with mesh\.with_cell_data\(name, values\)\.$",
+        ):
+            answer(dataclasses.replace(sample.effect, on=on), *sample.beside)
+
+
+def takes_a_name_or_a_list_of_names(sample):
     space = Space(mesh())
 
     def on(names):
-        part = content(dataclasses.replace(sample.effect, on=names).contribute(space))
-        return [{k: v for k, v in row.items() if k != "subject"} for rows in part.values() if rows for row in rows]
+        return nameless(content(dataclasses.replace(sample.effect, on=names).contribute(space)))
 
+    if isinstance(sample.effect, vx.effects.MaterialLaw):
+        assert on("west") == on(["west"]) == on(("west", "west"))
+        assert on("west") != on("east")
+    if not on_boundaries(sample):
+        return
     assert on("left") == on(["left"]) == on(("left", "left"))
     assert on("boundary") == on(["left", "boundary", "right"])
     assert on("left") != on(["left", "top"])
@@ -292,8 +403,8 @@ def has_no_data_but_those_probed_here(sample):
 def refuses_data_that_are_not_finite(sample):
     for name, components in sample.data.items():
         for wrong in (np.nan, np.inf):
-            constant = wrong if components == 1 else (0.0, wrong)
-            shape = () if components == 1 else (2,)
+            constant = wrong if components == 1 else (*np.zeros(components - 1), wrong)
+            shape = () if components == 1 else (components,)
 
             def late(x, t=1.0, wrong=wrong, shape=shape):
                 values = np.zeros((len(x), *shape))
@@ -301,7 +412,7 @@ def refuses_data_that_are_not_finite(sample):
                 return values
 
             for value in (constant, late):
-                spoilt = dataclasses.replace(sample.effect, **{name: value})
+                spoilt = sample.with_datum(name, value)
                 with pytest.raises(vx.SceneError, match=rf"^{sample.name}.*found NaN or infinity .*must be finite"):
                     answer(spoilt, *sample.beside)
 
@@ -314,7 +425,7 @@ def leaves_the_arrays_of_the_user_alone(sample):
             shape = (len(x), components) if components > 1 else len(x)
             return handed.setdefault(len(x), np.full(shape, 0.25))
 
-        effect = dataclasses.replace(sample.effect, **{name: given})
+        effect = sample.with_datum(name, given)
         first = content(effect.contribute(Space(mesh())))
         assert handed
         assert all((array == 0.25).all() for array in handed.values())
@@ -327,10 +438,12 @@ def describes_itself_in_one_line(sample):
     assert words.strip() == words
     assert "\n" not in words
     assert "0x" not in words
-    for name in np.atleast_1d(getattr(sample.effect, "on", [])):
+    for name in np.atleast_1d(sample.effect.on) if on_boundaries(sample) else []:
         assert name in words
+    if isinstance(sample.effect, vx.effects.MaterialLaw):
+        assert "west" in dataclasses.replace(sample.effect, on="west").describe()
     for name, components in sample.data.items():
-        many = dataclasses.replace(sample.effect, **{name: np.ones((500, components))}).describe()
+        many = sample.with_datum(name, np.ones((500, components))).describe()
         assert "\n" not in many
         assert len(many) < 200
 
@@ -363,10 +476,11 @@ def changes_the_answer_by_each_of_its_settings(sample):
     assert set(sample.others) == {f.name for f in dataclasses.fields(sample.effect)}
     reference = answer(sample.effect, *sample.beside).displacement
     for name, other in sample.others.items():
-        changes = {name: other}
+        other = other if isinstance(other, Other) else Other(other)
+        changes = {name: other.value, **other.changes}
         if name == "direction" and sample.effect.direction is None:
             changes["value"] = lift
-        found = answer(dataclasses.replace(sample.effect, **changes), *sample.beside).displacement
+        found = answer(dataclasses.replace(sample.effect, **changes), *sample.beside, *other.beside).displacement
         assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
 
 
@@ -376,6 +490,7 @@ SENTENCES: list[Callable[[Sample], None]] = [
     remembers_no_mesh,
     contributes_finite_arrays_that_fit_the_space,
     names_an_unknown_boundary_and_what_exists,
+    names_an_unknown_cell_datum_and_what_exists,
     takes_a_name_or_a_list_of_names,
     has_no_data_but_those_probed_here,
     refuses_data_that_are_not_finite,

@@ -20,7 +20,7 @@ LAYERS = [
     ["vem"],
     ["effects"],
     ["kernel", "scene", "supports"],
-    ["rigid", "terms"],
+    ["rigid", "terms", "composition"],
     ["obstacles"],
     ["linear"],
     ["rows", "ordering", "extended", "checks", "limits", "system"],

@@ -20,7 +20,7 @@ from vemcvx.pose import Posed
 from vemcvx.scene import Scene
 from vemcvx.storage import Storage
 from vemcvx.trajectory import Trajectory
-from vemcvx.vem import Space, strains
+from vemcvx.vem import Space, strains, stresses
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,12 +42,15 @@ class History:
     forces : (S, n_nodes, dim)
         Nodal forces that supports, contact and friction exert on the body, A u - f.
     contact : Contact
-    moduli : (2, n_cells)
-        Lame's lambda (as it acts in the plane) and mu.
+    moduli : (2, n_cells) or (6, n_cells)
+        Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
+        matrix row by row, see :mod:`vemcvx.vem.hooke`.
     trajectory : Trajectory
         The march in free unknowns, with scalars of all N + 1 instants.
     seconds : dict
         "assemble", "prepare" and "solve".
+    prestress : (S, n_cells, 3) or None
+        Stresses at zero strain, of eigenstrains and prestress; None where the scene has none.
     """
 
     mesh: PolygonMesh
@@ -59,6 +62,7 @@ class History:
     moduli: Floats
     trajectory: Trajectory
     seconds: dict[str, float]
+    prestress: Floats | None = None
 
     @property
     def steps(self) -> int:
@@ -77,7 +81,7 @@ class History:
 
     @property
     def energy(self) -> Floats:
-        """(S,) stored energy 1/2 a^h(u, u)."""
+        """(S,) 1/2 a^h(u, u): what the body stores, and springs with it, where no stress precedes strain."""
         return self.trajectory.energy[self.stored]
 
     @property
@@ -137,16 +141,16 @@ class History:
         return self.forces[:, self._space.part(name, "reaction").nodes].sum(axis=1)
 
     def stress(self, step: int) -> Floats:
-        """(n_cells, 3) stresses (xx, yy, xy) of Pi u at a stored step; tension positive.
+        """(n_cells, 3) stresses (xx, yy, xy) of Pi u, and those at zero strain, at a stored step; tension positive.
 
         Raises
         ------
         SceneError
             That step was not stored.
         """
-        lam, mu = self.moduli
-        xx, yy, xy = strains(self._space, self.displacement[self.row(step)]).T
-        return np.column_stack([2 * mu * xx + lam * (xx + yy), 2 * mu * yy + lam * (xx + yy), mu * xy])
+        row = self.row(step)
+        sigma = stresses(self.moduli, strains(self._space, self.displacement[row]))
+        return sigma if self.prestress is None else sigma + self.prestress[row]
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
@@ -197,7 +201,19 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
         displacement=u,
         forces=forces,
         contact=contact_history(posed, trajectory, u, forces),
-        moduli=np.stack([posed.material.lam, posed.material.mu]),
+        moduli=posed.material.moduli,
         trajectory=trajectory,
         seconds={"assemble": assembled, **trajectory.seconds},
+        prestress=_prestress(posed, trajectory, storage),
     )
+
+
+def _prestress(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:
+    """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
+    if posed.prestress is None:
+        return None
+    times = trajectory.times[trajectory.stored]
+    stress = storage.array("prestress", (len(times), posed.space.mesh.n_cells, 3))
+    for row, t in enumerate(times):
+        stress[row] = posed.prestress.stress(float(t))
+    return stress

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.composition import InitialStresses, compose, initial_stresses
 from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.kernel import Kernel
@@ -44,10 +45,12 @@ class Posed:
     supports: Supports
     A: sp.csr_matrix
     """(n_u, n_u) stiffness over all nodal values"""
-    loads: tuple[Load, ...]
+    loads: tuple[Load | InitialStresses, ...]
     terms: Terms
     surfaces: tuple[ContactSurface, ...]
     material: Material
+    prestress: InitialStresses | None = None
+    """stresses at zero strain, also among the loads; None if there are none"""
 
     @property
     def contact(self) -> tuple[Ints, Floats, Floats]:
@@ -76,13 +79,16 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     parts = [effect.contribute(space) for effect in scene.canonical]
     rates = [p.viscosity for p in parts if p.viscosity is not None]
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
-    loads = _chain(p.loads for p in parts)
+    material = compose([p.material for p in parts if p.material is not None], mesh)
+    prestress = initial_stresses(parts, material, space)
+    loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
     supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
     terms = friction_terms(frictions, supports, mesh.points)
     obstacles = gathered(_chain(p.obstacles for p in parts), supports, mesh.points)
     felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
-    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"))
+    springs = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
+    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), _sum(springs) if springs else None)
     warn_of_loose_normals(frictions, supports, obstacles.nodes, mesh.points)
     if kernel is not None:
         _say_unsupported(kernel)
@@ -97,8 +103,8 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
         _limits(obstacles, supports, mesh.points),
         _damping(rates, supports),
     )
-    material = next(p.material for p in parts if p.material is not None)
-    return Posed(scene, space, system, supports, A, loads, terms, _chain(p.surfaces for p in parts), material)
+    surfaces = _chain(p.surfaces for p in parts)
+    return Posed(scene, space, system, supports, A, loads, terms, surfaces, material, prestress)
 
 
 def _say_unsupported(kernel: Kernel) -> None:
@@ -111,7 +117,7 @@ def _say_unsupported(kernel: Kernel) -> None:
     )
 
 
-def total_load(loads: Sequence[Load], n: int, t: float) -> Floats:
+def total_load(loads: Sequence[Load | InitialStresses], n: int, t: float) -> Floats:
     """The sum of nodal loads (n,) at `t`."""
     f = np.zeros(n)
     for load in loads:
@@ -138,7 +144,7 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     return sp.csr_matrix(0.5 * (K + K.T))
 
 
-def _load(loads: tuple[Load, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
+def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
     def load(t: float) -> Floats:
         f = total_load(loads, A.shape[0], t)
         if not supports.still:

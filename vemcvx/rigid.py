@@ -7,6 +7,7 @@ distance to the nearest admissible field, the same at every node for all pieces 
     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 
 and the body floats if and only if this vanishes for some c. Of one piece it is the part of c that meets a support.
+Springs to the ground of matrix F hold what they feel: of the fields v with vanishing distance, v'Fv = 0 float.
 """
 
 from __future__ import annotations
@@ -31,13 +32,17 @@ Ints = NDArray[np.int64]
 FREE = 1e-12
 
 
-def loose_motions(space: Space, supports: Supports, friction: sp.csr_matrix) -> Kernel | None:
+def loose_motions(
+    space: Space, supports: Supports, friction: sp.csr_matrix, springs: sp.csr_matrix | None = None
+) -> Kernel | None:
     """The motions without strain that no support resists but friction does; None if there are none.
 
     Parameters
     ----------
     friction : (rows, n) sparse matrix
         What norm terms and limits feel of the free unknowns.
+    springs : (n_u, n_u) sparse matrix, optional
+        Stiffness that is no material's, over all nodal values.
 
     Raises
     ------
@@ -53,12 +58,16 @@ def loose_motions(space: Space, supports: Supports, friction: sp.csr_matrix) -> 
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
     fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R
     joined = sp.csr_matrix((np.ones(len(piece)), (piece, node)))
+    if springs is not None:
+        joined = joined @ (sp.eye_array(joined.shape[1]) + _nodes_coupled(springs, dim))
     parts, label = connected_components(joined @ joined.T, directed=False)
     fields_of, names, motions = [], [], []
     for part in range(parts):
         columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
         loose = vector[:, value < FREE * k]
+        if springs is not None:
+            loose = loose @ _unfelt(springs, supports.P @ (fields[:, columns] @ loose))
         if loose.shape[1] == 0:
             continue
         which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
@@ -92,6 +101,24 @@ def _felt(grip: Floats) -> tuple[int, Floats]:
     """How many independent combinations of the columns friction feels, and a basis with those first."""
     _, singular, rotated = np.linalg.svd(grip)
     return int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()), rotated.T
+
+
+def _unfelt(springs: sp.csr_matrix, fields: Floats) -> Floats:
+    """Combinations of the columns, as orthonormal columns, to which springs give no energy."""
+    if fields.shape[1] == 0:
+        return np.zeros((0, 0))
+    size = np.abs(fields).max(axis=0)
+    energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
+    free = rotated[:, energy <= FREE * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
+    return np.linalg.qr(free / size[:, None])[0]
+
+
+def _nodes_coupled(springs: sp.csr_matrix, dim: int) -> sp.csr_matrix:
+    """(n_nodes, n_nodes) which nodes springs join, as ones."""
+    entries = springs.tocoo()
+    n = springs.shape[0] // dim
+    ones = np.ones(entries.nnz)
+    return sp.csr_matrix((ones, (entries.row // dim, entries.col // dim)), shape=(n, n))
 
 
 def _pieces(space: Space) -> tuple[Ints, Ints]:
@@ -151,6 +178,8 @@ def _words(which: str, modes: Floats, hinges: list[int], points: Floats) -> str:
 def _motion(mode: Floats, hinges: list[int]) -> str:
     if hinges:
         return "a motion about hinges"
+    if len(mode) > 3:
+        return "a motion of pieces that springs join"
     x, y, turn = np.round(mode / np.linalg.norm(mode), 6)
     if abs(turn) > 0.9:
         return "a rotation"

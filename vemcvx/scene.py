@@ -6,25 +6,25 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vemcvx.effects import Effect, Elasticity
+from vemcvx.effects import Effect, MaterialLaw
 from vemcvx.errors import SceneError
 from vemcvx.real import brief
 
 
 class Scene:
-    """A set of effects: one material, and whatever supports, loads, contact and friction it calls for.
+    """A set of effects: materials, and whatever supports, loads, contact and friction it calls for.
 
     The order of the effects changes nothing; a scene runs on every mesh that has the boundaries it names.
 
     Parameters
     ----------
     *effects : Effect
-        Exactly one of them an Elasticity.
+        At least one of them a material; several name their cells by `on`, so that every cell has exactly one.
 
     Raises
     ------
     SceneError
-        Something is not an effect, or there is not exactly one material.
+        Something is not an effect, or there is no material.
 
     Examples
     --------
@@ -39,11 +39,9 @@ class Scene:
                     f"Scene: found {_found(effect)}; a scene is made of effects, one by one, such as "
                     'Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
                 )
-        materials = sum(isinstance(effect, Elasticity) for effect in effects)
-        if materials != 1:
+        if not any(isinstance(effect, MaterialLaw) for effect in effects):
             raise SceneError(
-                f"Scene: found {materials} materials; a scene has exactly one, such as "
-                "Elasticity(young=200.0, poisson=0.3). Moduli may vary from cell to cell."
+                "Scene: found 0 materials; a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)."
             )
         self._effects = tuple(effects)
 
@@ -80,6 +78,8 @@ def _content(setting: object) -> bytes:
     if isinstance(setting, np.ndarray):
         # Printed, arrays are cut short and rounded to eight digits.
         return setting.tobytes()
+    if isinstance(setting, (tuple, list)) and any(map(callable, setting)):
+        return b", ".join(map(_content, setting))
     if callable(setting):
         line = getattr(getattr(setting, "__code__", None), "co_firstlineno", 0)
         return f"{getattr(setting, '__module__', '')}.{getattr(setting, '__qualname__', '')}:{line:09}".encode()

@@ -7,16 +7,26 @@ from vemcvx.effects.contribution import (
     ContactSurface,
     Contribution,
     Friction,
+    InitialStress,
     Load,
     Material,
     Obstacle,
     Support,
+    Swelling,
 )
 from vemcvx.effects.coulomb_friction import CoulombFriction
 from vemcvx.effects.effect import Effect
+from vemcvx.effects.elastic_foundation import ElasticFoundation
 from vemcvx.effects.elasticity import Elasticity
+from vemcvx.effects.material_law import MaterialLaw
 from vemcvx.effects.normal_compliance import NormalCompliance
+from vemcvx.effects.orthotropic import Orthotropic
+from vemcvx.effects.point_load import PointLoad
 from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
+from vemcvx.effects.pressure import Pressure
+from vemcvx.effects.prestress import Prestress
+from vemcvx.effects.symmetry import Symmetry
+from vemcvx.effects.thermal_strain import ThermalStrain
 from vemcvx.effects.traction import Traction
 from vemcvx.effects.tresca_friction import TrescaFriction
 from vemcvx.effects.unilateral_contact import UnilateralContact
@@ -30,14 +40,24 @@ __all__ = [
     "Contribution",
     "CoulombFriction",
     "Effect",
+    "ElasticFoundation",
     "Elasticity",
     "Friction",
+    "InitialStress",
     "Load",
     "Material",
+    "MaterialLaw",
     "NormalCompliance",
     "Obstacle",
+    "Orthotropic",
+    "PointLoad",
     "PrescribedDisplacement",
+    "Pressure",
+    "Prestress",
     "Support",
+    "Swelling",
+    "Symmetry",
+    "ThermalStrain",
     "Traction",
     "TrescaFriction",
     "UnilateralContact",

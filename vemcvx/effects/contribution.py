@@ -27,12 +27,13 @@ class Load:
     points: Floats
     """(q, dim) points where the datum is evaluated."""
     matrix: sp.csr_matrix
-    """(n_u, q * dim) quadrature times test functions."""
+    """(n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar."""
     value: data.Datum
 
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
-        return self.matrix @ data.vector(self.value, self.points, t, self.subject).ravel()
+        read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
+        return self.matrix @ read(self.value, self.points, t, self.subject).ravel()
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,36 @@ class ContactSurface:
 
 @dataclass(frozen=True)
 class Material:
-    """Hooke's law a cell: stress = 2 mu eps + lam tr(eps) I (lam already reduced in plane stress)."""
+    """Hooke's law on the cells of a material; zero on all others."""
 
-    lam: Floats
-    mu: Floats
+    subject: str
+    moduli: Floats
+    """(2, n_cells) Lame's lam, already reduced in plane stress, and mu; or (6, n_cells), the upper triangle of the
+    elastic matrix row by row: see :mod:`vemcvx.vem.hooke`"""
+    swelling: Floats
+    """(n_cells, 3) stress that holds back a unit strain in all three directions of space, with a minus sign"""
+    plane: str
+    """plane "strain" or "stress"; one for the whole body"""
+    cells: NDArray[np.bool_] | None = None
+    """(n_cells,) which cells; None means all"""
+
+
+@dataclass(frozen=True)
+class Swelling:
+    """An isotropic strain that is free of stress; the material of a cell says what blocking it costs."""
+
+    subject: str
+    value: Callable[[float], Floats]
+    """t -> (n_cells,)"""
+
+
+@dataclass(frozen=True)
+class InitialStress:
+    """A stress that is there without strain."""
+
+    subject: str
+    value: Callable[[float], Floats]
+    """t -> (n_cells, 3): xx, yy, xy"""
 
 
 @dataclass(frozen=True)
@@ -105,11 +132,14 @@ class Contribution:
     """The sum of what an effect adds; every field may be absent."""
 
     stiffness: sp.csr_matrix | None = None
-    viscosity: sp.csr_matrix | None = None
-    """matrix of b^h, stress in proportion to the rate of strain"""
+    """of a material, or of springs to the ground: motions that these feel are held"""
     material: Material | None = None
     loads: tuple[Load, ...] = ()
     supports: tuple[Support, ...] = ()
     frictions: tuple[Friction, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     surfaces: tuple[ContactSurface, ...] = ()
+    swellings: tuple[Swelling, ...] = ()
+    initial_stresses: tuple[InitialStress, ...] = ()
+    viscosity: sp.csr_matrix | None = None
+    """matrix of b^h, stress in proportion to the rate of strain"""

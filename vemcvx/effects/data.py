@@ -31,6 +31,19 @@ def vector(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     return _shaped(_call(value, (x, t), "x, t", subject), x.shape, subject, wanted, _place(x, t))
 
 
+def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
+    """Values (m, 3) of a symmetric tensor (xx, yy, xy) at the points `x` (m, dim) and the instant `t`."""
+    shape = (len(x), 3)
+    wanted = f"3 components (xx, yy, xy), or an array {shape}, one row a point"
+    return _shaped(_call(value, (x, t), "x, t", subject), shape, subject, wanted, _place(x, t))
+
+
+def coefficient(value: Datum, x: Floats, subject: str) -> Floats:
+    """Values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
+    wanted = f"a number, or ({len(x)},) values, one a point"
+    return _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
+
+
 def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floats:
     """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name."""
     if isinstance(value, str):

@@ -1,22 +1,28 @@
 """Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain or plane stress.
 
 lam = E nu / ((1 + nu)(1 - 2 nu)),   mu = E / (2 (1 + nu)),   plane stress: lam -> 2 lam mu / (lam + 2 mu)
+
+A strain s in all three directions of space that is held back in the plane costs the stress -b s in the plane, with
+b = 3 lam + 2 mu = E / (1 - 2 nu) in plane strain (held back across the plane, too) and b = 2 (lam + mu), with the
+reduced lam, = E / (1 - nu) in plane stress.
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Floats, Material
-from vemcvx.effects.effect import Effect, amount
+from vemcvx.effects.effect import amount, where
+from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import Space, stiffness
 
-PLANES = ("strain", "stress")
 STABILISATIONS = ("shear", "unit")
 # Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds
 # twice that of polygons of the same size, and grows without bound towards 1/2.
@@ -24,8 +30,8 @@ LOCKING_POISSON = 0.49
 
 
 @dataclass(frozen=True)
-class Elasticity(Effect):
-    """The material of the body.
+class Elasticity(MaterialLaw):
+    """The material of the body, or of a part of it.
 
     Parameters
     ----------
@@ -37,32 +43,44 @@ class Elasticity(Effect):
     stabilisation : {"shear", "unit"}
         The part of a_K^h that polynomials do not see: 2 mu times the dofi-dofi product (independent of
         units, does not lock), or S_K of (3.13) to the letter, without a factor.
+    on : None, str or sequence of str
+        The cells of this material: those where the cell datum of that name is nonzero; None is the whole body. Moduli
+        must be finite on all cells, and are read on these.
     """
 
     young: data.Datum | str
     poisson: data.Datum | str
     plane: str = "strain"
     stabilisation: str = "shear"
+    on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
         if self.stabilisation not in STABILISATIONS:
             raise SceneError(f"Elasticity: found stabilisation {self.stabilisation!r}; there are 'shear' and 'unit'.")
-        lam, mu = self._lame(space)
+        cells = region(space, self.on, "Elasticity")
+        lam, mu = self._lame(space, cells)
+        if cells is not None:
+            lam, mu = lam * cells, mu * cells
         K = stiffness(space, lam, mu, stabilisation=self.stabilisation)
-        return Contribution(stiffness=K, material=Material(lam, mu))
+        volume = 3 * lam + 2 * mu if self.plane == "strain" else 2 * (lam + mu)
+        swelling = np.column_stack([volume, volume, np.zeros_like(volume)])
+        subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
+        return Contribution(K, Material(subject, np.stack([lam, mu]), swelling, self.plane, cells))
 
     def describe(self) -> str:
+        place = "" if self.on is None else f", on {where(self.on)}"
         return (
             f"Elasticity: E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}, plane {self.plane}, "
-            f"{self.stabilisation} stabilisation"
+            f"{self.stabilisation} stabilisation{place}"
         )
 
-    def _lame(self, space: Space) -> tuple[Floats, Floats]:
+    def _lame(self, space: Space, cells: NDArray[np.bool_] | None) -> tuple[Floats, Floats]:
         mesh = space.mesh
         E = data.modulus(self.young, mesh.centroids, mesh.cell_data, "Elasticity: young")
         nu = data.modulus(self.poisson, mesh.centroids, mesh.cell_data, "Elasticity: poisson")
-        if self.plane not in PLANES:
-            raise SceneError(f"Elasticity: found plane {self.plane!r}; there are 'strain' and 'stress'.")
+        if cells is not None:
+            E, nu = np.where(cells, E, 1.0), np.where(cells, nu, 0.0)
+        check_plane(self.plane, "Elasticity")
         if (E <= 0).any():
             cell = int(np.argmin(E))
             raise SceneError(f"Elasticity: found young = {E[cell]:.6g} in cell {cell}; Young's modulus must be > 0.")

@@ -34,6 +34,7 @@ def write_archive(history: History, path: Path) -> None:
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
         **{name: getattr(history, name) for name in ("displacement", "forces", "moduli")},
+        **({} if history.prestress is None else {"prestress": history.prestress}),
         **{f"contact.{name}": value for name, value in vars(history.contact).items()},
         **{f"trajectory.{name}": value for name, value in run.items() if isinstance(value, np.ndarray)},
     }
@@ -80,6 +81,7 @@ def _history(arrays: Arrays, about: dict[str, Any]) -> History:
         moduli=arrays["moduli"],
         trajectory=Trajectory(**_under("trajectory.", arrays), **about["trajectory"]),
         seconds=about["seconds"],
+        prestress=arrays.get("prestress"),
     )
 
 

@@ -1,7 +1,7 @@
 """The stored steps for ParaView and PyVista: one VTU file a step, and a PVD file that lists them in time.
 
 At nodes: displacement, slip, traction, pressure and sticking (zero away from contact). On cells: stress (xx, yy, xy)
-and strain_energy, the density 1/2 sigma : eps, both of Pi u.
+and strain_energy, the density 1/2 eps : C eps, both of Pi u; the stress includes what is there at zero strain.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vemcvx.history import History
 from vemcvx.meshes.files import write_cells
-from vemcvx.vem import Space, strains
+from vemcvx.vem import Space, strains, stresses
 
 Fields = dict[str, NDArray[np.float64]]
 
@@ -54,6 +54,7 @@ def at_nodes(history: History, row: int) -> Fields:
 
 def on_cells(history: History, row: int) -> Fields:
     """Stress and strain energy per area."""
-    stress = history.stress(int(history.stored[row]))
     strain = strains(Space(history.mesh), history.displacement[row])
-    return {"stress": stress, "strain_energy": 0.5 * np.einsum("ci,ci->c", stress, strain)}
+    elastic = stresses(history.moduli, strain)
+    energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
+    return {"stress": history.stress(int(history.stored[row])), "strain_energy": energy}

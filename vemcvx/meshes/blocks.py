@@ -98,6 +98,9 @@ def mesh_of(points: Floats, blocks: Blocks) -> tuple[PolygonMesh, list[str]]:
         )
     if not polygons:
         raise MeshError(f"it holds no polygons, only {', '.join(kind for kind, _ in blocks.cells) or 'nothing'}.")
+    ragged = [kind for kind, corners in blocks.cells if np.ndim(corners) != 2 and kind in POLYGONS]
+    if ragged:
+        raise MeshError(f"its cells of the kind {ragged[0]!r} do not all have as many nodes as that takes.")
     cells, order = _cells_in_order(blocks, polygons)
     data = {
         name: np.concatenate([parts[k] for k in polygons])[order]

@@ -1,7 +1,9 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
+from vemcvx.vem.anisotropic import anisotropic_stiffness
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows
-from vemcvx.vem.loads import cell_load, edge_load
+from vemcvx.vem.hooke import elastic_matrix, stresses, upper_triangle
+from vemcvx.vem.loads import cell_load, edge_load, stress_load
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.space import CellGroup, Space
 from vemcvx.vem.stiffness import stiffness
@@ -12,10 +14,15 @@ __all__ = [
     "BoundaryRows",
     "CellGroup",
     "Space",
+    "anisotropic_stiffness",
     "cell_load",
     "cell_quadrature",
     "edge_load",
+    "elastic_matrix",
     "rigid_modes",
     "stiffness",
     "strains",
+    "stress_load",
+    "stresses",
+    "upper_triangle",
 ]

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.vem.boundary import BoundaryPart
+from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.space import Space
 
@@ -60,6 +61,27 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix]:
             shares = np.repeat(weights[:, None] / n, n, axis=1)
             matrices.append(_spread(chunk.nodes[owner], shares, space.mesh.n_nodes))
     return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr()
+
+
+def stress_load(space: Space) -> sp.csr_matrix:
+    """The virtual work of stresses that are constant on cells, sum_K |K| sigma : eps(Pi v).
+
+    Returns
+    -------
+    (2 n_nodes, 3 n_cells) csr_matrix
+        ``matrix @ sigma.ravel()`` for sigma (n_cells, 3), (xx, yy, xy).
+    """
+    rows, columns, values = [], [], []
+    for group in space.groups:
+        g = area_gradients(group.corners)[1]
+        x, y = 2 * group.nodes, 2 * group.nodes + 1
+        cell = 3 * np.repeat(group.cells[:, None], g.shape[1], axis=1)
+        rows += [x, y, x, y]
+        columns += [cell, cell + 1, cell + 2, cell + 2]
+        values += [g[:, :, 0], g[:, :, 1], g[:, :, 1], g[:, :, 0]]
+    triple = tuple(np.concatenate([part.ravel() for part in parts]) for parts in (values, rows, columns))
+    shape = (space.n_unknowns, 3 * space.mesh.n_cells)
+    return sp.coo_matrix((triple[0], triple[1:]), shape=shape).tocsr()
 
 
 def _spread(nodes: Ints, shares: Floats, n_nodes: int) -> sp.csc_matrix:

@@ -19,14 +19,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.vem.assembly import assemble
+from vemcvx.vem.assembly import assemble_cells
 from vemcvx.vem.projection import area_gradients, vertex_values
-from vemcvx.vem.space import Space
+from vemcvx.vem.space import CellGroup, Space
 
 Floats = NDArray[np.float64]
-
-# 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
-CHUNK = 2**16
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
@@ -36,7 +33,8 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     ----------
     space : Space
     lam, mu : (n_cells,) arrays
-        Lame's constants, force per area; `lam` already reduced in plane stress.
+        Lame's constants, force per area; `lam` already reduced in plane stress. Both zero on cells that another
+        material fills.
     stabilisation : {"shear", "unit"}
         tau = 2 mu, or tau = 1.
 
@@ -52,17 +50,12 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     """
     if stabilisation not in ("shear", "unit"):
         raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
-    tau = 2.0 * mu if stabilisation == "shear" else np.ones_like(mu)
-    pairs = sum(group.nodes.size * group.nodes.shape[1] for group in space.groups)
-    blocks = np.empty((pairs, 4))
-    start = 0
-    for group in space.groups:
-        for chunk in group.chunks(CHUNK):
-            local = local_blocks(chunk.corners, lam[chunk.cells], mu[chunk.cells], tau[chunk.cells])
-            stop = start + local.size // 4
-            blocks[start:stop] = local.reshape(-1, 4)
-            start = stop
-    return assemble([group.nodes for group in space.groups], blocks, space.mesh.n_nodes)
+    tau = 2.0 * mu if stabilisation == "shear" else np.sign(mu)
+
+    def local(cells: CellGroup) -> Floats:
+        return local_blocks(cells.corners, lam[cells.cells], mu[cells.cells], tau[cells.cells])
+
+    return assemble_cells(space, local)
 
 
 def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Floats:
@@ -90,13 +83,13 @@ def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Float
     blocks[..., 0, 1] = lam * xy + mu * yx
     blocks[..., 1, 0] = lam * yx + mu * xy
     if corners.shape[1] > 3:
-        stable = tau[:, None, None] * _seminorm(corners)
+        stable = tau[:, None, None] * missed_squares(corners)
         blocks[..., 0, 0] += stable
         blocks[..., 1, 1] += stable
     return blocks
 
 
-def _seminorm(corners: Floats) -> Floats:
+def missed_squares(corners: Floats) -> Floats:
     """(I - Pi)'(I - Pi), (c, n, n): the sum of squares of the vertex values that Pi misses."""
     missed = np.eye(corners.shape[1]) - vertex_values(corners)
     product = np.matmul(missed.transpose(0, 2, 1), missed)

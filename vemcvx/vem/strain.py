@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.vem.assembly import CHUNK
 from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.space import Space
 
 Floats = NDArray[np.float64]
-
-# See vemcvx.vem.stiffness: pieces that stay in cache.
-CHUNK = 2**16
 
 
 def strains(space: Space, u: Floats) -> Floats:

@@ -1,0 +1,101 @@
+"""The body put together from its materials: every cell has exactly one.
+
+Stresses that need no strain are known only here, where the effects that cause them meet the materials that bear them:
+
+    sigma = C eps(u) + sigma_0,   sigma_0 = sum of initial stresses - b sum of swellings,
+
+with b what a material says that a blocked unit swelling costs. sigma_0 acts as the load -sum_K |K| sigma_0 : eps(Pi v).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.effects import Contribution, InitialStress, Material, Swelling
+from vemcvx.errors import SceneError
+from vemcvx.meshes import PolygonMesh
+from vemcvx.vem import Space, elastic_matrix, stress_load, upper_triangle
+
+Floats = NDArray[np.float64]
+
+# A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a scale on
+# which nothing else happens, and so violate the condition on initial states.
+ROUNDED = 16 * float(np.finfo(float).eps)
+
+
+def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
+    """One material for the whole body.
+
+    Raises
+    ------
+    SceneError
+        Cells have no material or several, or plane strain and plane stress are mixed.
+    """
+    if len(materials) == 1 and materials[0].cells is None:
+        return materials[0]
+    _check_cover(materials, mesh)
+    planes = {m.plane: m.subject for m in materials}
+    if len(planes) > 1:
+        words = " and ".join(f"plane {plane} in {subject}" for plane, subject in sorted(planes.items()))
+        raise SceneError(
+            f"materials: found {words}; one body is in one of them, so give all materials the same plane=."
+        )
+    isotropic = all(len(m.moduli) == 2 for m in materials)
+    moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli)) for m in materials]
+    swelling = np.sum([m.swelling for m in materials], axis=0)
+    return Material("materials", np.sum(moduli, axis=0), swelling, materials[0].plane)
+
+
+def _check_cover(materials: Sequence[Material], mesh: PolygonMesh) -> None:
+    whole = np.ones(mesh.n_cells, dtype=bool)
+    count = np.sum([whole if m.cells is None else m.cells for m in materials], axis=0)
+    found = []
+    for wrong, words in ((count == 0, "no material"), (count > 1, "more than one")):
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            found.append(f"{wrong.sum()} with {words}, the first cell {first} around {mesh.centroids[first]}")
+    if found:
+        subjects = ", ".join(m.subject for m in materials)
+        raise SceneError(
+            f"materials: every cell takes exactly one; of {mesh.n_cells} cells there are {' and '.join(found)}. Found "
+            f"{subjects}; name the cells of each by on=, a cell datum that is nonzero there."
+        )
+
+
+@dataclass(frozen=True)
+class InitialStresses:
+    """sigma_0 of a body, and the load that it is."""
+
+    material: Material
+    swellings: tuple[Swelling, ...]
+    stresses: tuple[InitialStress, ...]
+    matrix: sp.csr_matrix
+    """(n_u, 3 n_cells) virtual work of stresses constant on cells"""
+
+    def stress(self, t: float) -> Floats:
+        """sigma_0 (n_cells, 3), (xx, yy, xy), at the instant `t`."""
+        total = np.zeros_like(self.material.swelling)
+        for stress in self.stresses:
+            total += stress.value(t)
+        for swelling in self.swellings:
+            total -= self.material.swelling * swelling.value(t)[:, None]
+        return total
+
+    def vector(self, t: float) -> Floats:
+        """Nodal force (n_u,) at the instant `t`; zero where the stresses around a node balance but for rounding."""
+        sigma = self.stress(t).ravel()
+        force = -(self.matrix @ sigma)
+        force[np.abs(force) <= ROUNDED * (abs(self.matrix) @ np.abs(sigma))] = 0.0
+        return force
+
+
+def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
+    """What the contributions say of sigma_0; None if nothing."""
+    swellings = tuple(s for part in parts for s in part.swellings)
+    stresses = tuple(s for part in parts for s in part.initial_stresses)
+    return InitialStresses(material, swellings, stresses, stress_load(space)) if swellings or stresses else None

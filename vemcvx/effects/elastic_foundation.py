@@ -1,0 +1,85 @@
+"""Springs along a part of the boundary (Winkler's foundation): sigma n = -k_n u_n n - k_t u_tau.
+
+They add
+
+    int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds
+
+to a(u, v). Traces are linear on edges and two Gauss points an edge integrate their products exactly (the P1 mass
+matrix of the edge) for constant and affine k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.effects import data
+from vemcvx.effects.contribution import Contribution, Floats
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError
+from vemcvx.vem import BoundaryPart, Space
+
+GAUSS = 2
+
+
+@dataclass(frozen=True)
+class ElasticFoundation(Effect):
+    """Springs between a part of the boundary and the ground, in tension as in compression.
+
+    They belong to a^h: `history.energy` = 1/2 a^h(u, u) includes what they store, int k_n u_n^2 / 2 + k_t u_tau^2 / 2,
+    and `history.reaction` does not include their force, which is minus the coefficients times the displacement. A
+    motion that the springs feel needs no other support.
+
+    Parameters
+    ----------
+    normal, tangential : number, or callable f(x) -> (m,)
+        k_n, k_t >= 0, traction per displacement: force per length^2 (and unit thickness). Fixed in time.
+    on : str or sequence of str
+        Boundary names.
+    """
+
+    normal: data.Datum = 0.0
+    tangential: data.Datum = 0.0
+    on: str | Sequence[str] = field(kw_only=True)
+
+    def contribute(self, space: Space) -> Contribution:
+        part = space.part(self.on, "ElasticFoundation")
+        points, shares = part.gauss(GAUSS)
+        n, dim = part.normals, part.normals.shape[1]
+        across = n[:, :, None] * n[:, None, :]
+        along = np.eye(dim) - across
+        ends = shares / shares.sum(axis=1, keepdims=True)
+        blocks = np.zeros((len(part.edges), 2, dim, 2, dim))
+        for name, direction in (("normal", across), ("tangential", along)):
+            k = self._stiffness(name, points.reshape(-1, dim)).reshape(-1, GAUSS)
+            mass = np.einsum("eiq,ejq,eq->eij", shares, ends, k)
+            # The product above rounds (i, j) and (j, i) differently.
+            mass = 0.5 * (mass + mass.transpose(0, 2, 1))
+            blocks += mass[:, :, None, :, None] * direction[:, None, :, None, :]
+        return Contribution(stiffness=_assembled(blocks, part, space.n_unknowns))
+
+    def describe(self) -> str:
+        return (
+            f"ElasticFoundation: normal {amount(self.normal, 'x')}, tangential {amount(self.tangential, 'x')} "
+            f"on {where(self.on)}"
+        )
+
+    def _stiffness(self, name: str, x: Floats) -> Floats:
+        subject = f"ElasticFoundation on {where(self.on)}: {name}"
+        k = data.coefficient(getattr(self, name), x, subject)
+        if (k < 0).any():
+            worst = int(np.argmin(k))
+            raise SceneError(f"{subject}: found {k[worst]:.6g} at {x[worst]}; a spring's stiffness must be >= 0.")
+        return k
+
+
+def _assembled(blocks: Floats, part: BoundaryPart, n: int) -> sp.csr_matrix:
+    """Sum of the edges' matrices (m, 2, dim, 2, dim) over all nodal values, symmetric to the bit."""
+    dim = blocks.shape[2]
+    unknowns = part.edges[:, :, None] * dim + np.arange(dim)
+    rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape)
+    columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape)
+    return sp.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)).tocsr()

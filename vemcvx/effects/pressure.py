@@ -1,0 +1,44 @@
+"""A pressure p on a part of the boundary: sigma n = -p n, the traction f_2 = -p n of (3.4).
+
+n is the outward normal of the undeformed edge: the pressure does not follow the body (small displacements).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.effects.contribution import Contribution, Load
+from vemcvx.effects.data import Datum
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.vem import Space, edge_load
+
+
+@dataclass(frozen=True)
+class Pressure(Effect):
+    """Push on the body along the inward normal: -int p n . v ds, exact for affine p on every edge, as Traction is.
+
+    Parameters
+    ----------
+    value : number, or callable f(x, t) -> (m,)
+        p, force per length (and unit thickness), evaluated at t_n; compression positive, suction negative.
+    on : str or sequence of str
+        Boundary names; at a corner each side is pushed along its own normal.
+    """
+
+    value: Datum
+    on: str | Sequence[str]
+
+    def contribute(self, space: Space) -> Contribution:
+        part = space.part(self.on, "Pressure")
+        points, matrix = edge_load(space, part)
+        q, dim = points.shape
+        normals = np.repeat(part.normals, q // len(part.edges), axis=0)
+        inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
+        return Contribution(loads=(Load(f"Pressure on {where(self.on)}", points, matrix @ inward, self.value),))
+
+    def describe(self) -> str:
+        return f"Pressure: {amount(self.value)} on {where(self.on)}"

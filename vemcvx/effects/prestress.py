@@ -1,0 +1,42 @@
+"""A stress that the undeformed body already bears: sigma = C eps(u) + sigma_0.
+
+It enters the principle of virtual work as the load -int sigma_0 : eps(v), on cells -sum_K |K| sigma_0 : eps(Pi v).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vemcvx.effects import data
+from vemcvx.effects.contribution import Contribution, Floats, InitialStress
+from vemcvx.effects.effect import Effect, amount
+from vemcvx.vem import Space
+
+
+@dataclass(frozen=True)
+class Prestress(Effect):
+    """Give the body a stress without strain, as tendons, growth or what was left out of the model do.
+
+    `history.stress` includes it: a body that is held everywhere shows it, one that is free relaxes from a uniform one
+    altogether. `history.energy` stays 1/2 a^h(u, u), and `history.work` counts it as a load. A stress that is there at
+    times[0] is not in equilibrium with u = 0 unless supports bear it: begin with ``initial="settled"`` or
+    "equilibrium".
+
+    Parameters
+    ----------
+    stress : (3,) constant, or callable f(x, t) -> (m, 3)
+        xx, yy, xy, force per area, tension positive, at centroids and t_n.
+    """
+
+    stress: data.Datum
+
+    def contribute(self, space: Space) -> Contribution:
+        centroids = space.mesh.centroids
+
+        def stress(t: float) -> Floats:
+            return data.tensor(self.stress, centroids, t, "Prestress")
+
+        return Contribution(initial_stresses=(InitialStress("Prestress", stress),))
+
+    def describe(self) -> str:
+        return f"Prestress: {amount(self.stress)} in the body"

@@ -89,7 +89,8 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
     springs = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), _sum(springs) if springs else None)
-    warn_of_loose_normals(frictions, supports, obstacles.nodes, mesh.points)
+    stopped = obstacles.nodes if not springs else np.union1d(obstacles.nodes, _sprung(springs, mesh.points.shape[1]))
+    warn_of_loose_normals(frictions, supports, stopped, mesh.points)
     if kernel is not None:
         _say_unsupported(kernel)
     system = System(
@@ -105,6 +106,11 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     )
     surfaces = _chain(p.surfaces for p in parts)
     return Posed(scene, space, system, supports, A, loads, terms, surfaces, material, prestress)
+
+
+def _sprung(springs: Sequence[sp.csr_matrix], dim: int) -> Ints:
+    """The nodes that springs of no material hold."""
+    return np.unique(np.flatnonzero(_sum(springs).diagonal() > 0) // dim)
 
 
 def _say_unsupported(kernel: Kernel) -> None:

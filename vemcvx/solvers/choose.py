@@ -6,9 +6,10 @@ import logging
 
 from vemcvx.errors import NotAccepted
 from vemcvx.form import Form
-from vemcvx.solvers.conic import OSQP, Clarabel
+from vemcvx.solvers.clarabel import Clarabel
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
+from vemcvx.solvers.osqp import OSQP
 from vemcvx.solvers.solver import Solver
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

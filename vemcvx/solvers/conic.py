@@ -16,7 +16,7 @@ import logging
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -165,65 +165,6 @@ class ThroughCvxpy(Solver):
         return table.get(self.solver, {})
 
 
-@dataclass(frozen=True)
-class Clarabel(ThroughCvxpy):
-    """The interior-point solver Clarabel, through cvxpy, with one second-order cone for every |v_tau|."""
-
-    solver: str = field(default="CLARABEL", init=False)
-
-    accepts: ClassVar[frozenset[str]] = LINEAR | {SECOND_ORDER_CONES}
-    cones: ClassVar[bool] = True
-
-    @property
-    def name(self) -> str:
-        return "Clarabel"
-
-    def tolerances(self, target: float) -> dict[str, Any]:
-        # The programs come scaled, so its equilibration is off; the default regularisation of 1e-8 caps
-        # the accuracy; two threads are three times slower than one on the patterns cvxpy makes; faer takes
-        # 4.6 s where qdldl takes 22 on the paper's full program; iterative refinement, up to ten rounds a
-        # solve, doubles the time of a condensed program and on most changes no digit of its gap.
-        tight = float(np.clip(0.1 * target, 1e-15, 1e-8))
-        return {
-            "tol_gap_abs": tight,
-            "tol_gap_rel": tight,
-            "tol_feas": float(np.clip(0.01 * np.sqrt(target), 1e-13, 1e-8)),
-            "max_threads": 1,
-            "direct_solve_method": "faer",
-            "iterative_refinement_enable": False,
-            "presolve_enable": False,
-            "equilibrate_enable": False,
-            "static_regularization_constant": 1e-13,
-        }
-
-    def careful(self) -> dict[str, Any]:
-        return {"iterative_refinement_enable": True}
-
-
-@dataclass(frozen=True)
-class OSQP(ThroughCvxpy):
-    """The operator-splitting solver OSQP, through cvxpy, with absolute values; no second-order cones."""
-
-    solver: str = field(default="OSQP", init=False)
-
-    accepts: ClassVar[frozenset[str]] = LINEAR
-    cones: ClassVar[bool] = False
-
-    def tolerances(self, target: float) -> dict[str, Any]:
-        # It must be told to polish on every solve; its tests for infeasibility, loose by default, take
-        # a frictional step for unbounded.
-        tight = float(np.clip(np.sqrt(target) * 1e-2, 1e-11, 1e-7))
-        return {
-            "eps_abs": tight,
-            "eps_rel": tight,
-            "eps_prim_inf": 1e-15,
-            "eps_dual_inf": 1e-15,
-            "max_iter": 100_000,
-            "polishing": True,
-            "polish_refine_iter": 10,
-        }
-
-
 class _PreparedConic:
     """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
 
@@ -233,7 +174,7 @@ class _PreparedConic:
     def __init__(self, settings: ThroughCvxpy, form: Form, cones: bool):
         self._settings, self._form, self._cones = settings, form, cones
         self._posed: Posed | None = None
-        if not sp.issparse(form.K):
+        if not sp.issparse(form.K) and len(form.K):
             import cvxpy as cp
 
             self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
@@ -241,6 +182,8 @@ class _PreparedConic:
             self._posed = pose(form, self._g, self._w, self._b, self._e, cones)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        if len(program.g) == 0:
+            return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
         posed = self._posed
         if posed is None:
             posed = pose(self._form, program.g, program.w, program.b, program.e, self._cones)

@@ -16,6 +16,7 @@ SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
     [
         (np.diag([2.0, 3.0]), [[1.0, 0.3], [0.2, 1.0]], [0.31, 0.17]),
         ([[1.0]], [[1.0], [0.7], [-0.3]], [0.5]),
+        (3 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1), np.eye(3), [0.1, 0.3, 0.7]),
         (np.eye(2), [[0.3, 0.4], [-0.2, -1.3]], [0.3, -0.1]),
     ],
 )
@@ -50,3 +51,13 @@ def test_the_safeguard_never_loses_K(block):
         system = vx.System(np.eye(2 * block + 1), lambda t, f=f: t * f, vx.Norms(B, 3.0, block))
         run = vx.march(system, [0.0, 1.0, 2.0], solver=vx.Newton(accuracy=1e-15), check=False)
         assert run.certificate.max() < 1e-6
+
+
+def test_loads_whose_energy_is_no_number():
+    """5.9e-159 squared is zero: nothing moves, and nothing is divided by it."""
+    system = vx.System(np.diag([2.0, 3.0]), lambda t: [t, 0.0], vx.Norms(np.eye(2), 0.0))
+    run = vx.march(system, [0.0, 1.0, 1.0 + 5.9e-16, 2.0])
+    assert run.state[-1] == pytest.approx([1.0, 0.0])
+    tiny = vx.march(vx.System(np.diag([2.0, 3.0]), lambda t: [5.9e-159 * t, 0.0], vx.Norms(np.eye(2), 0.1)), [0.0, 1.0])
+    assert not tiny.state.any()
+    assert tiny.certificate.max() == 0.0

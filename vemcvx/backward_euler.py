@@ -172,7 +172,11 @@ def sharpened(run: Run, state: State) -> State:
     y, lam, p = refined(run.condensation, run.form, force.phi, y, state.lam, state.p, sticking(run, state))
     size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
     lam, p = lam * np.minimum(1.0, state.walls / size)[:, None], np.maximum(p, 0.0)
-    excess = run.form.limits.read(y[run.condensation.touched]) - state.drive.reach
+    limits, touched = run.form.limits, run.condensation.touched
+    # What was free to move may have moved a rounding error beyond its bound.
+    over = np.maximum(limits.read(y[touched]) - state.drive.reach, 0.0)
+    y[touched[limits.columns]] -= over / run.form.D.data
+    excess = limits.read(y[touched]) - state.drive.reach
     parts = Certificate(
         0.0,
         norm_gaps(state.walls, lam, state.slip),
@@ -181,8 +185,7 @@ def sharpened(run: Run, state: State) -> State:
     )
     certificate = full_certificate(run.condensation, force.phi, y, lam, p, parts)
     unbalanced = run.form.rows.pull(lam.ravel()) + run.form.limits.pull(p)
-    touched = y[run.condensation.touched]
-    return replace(state, y=touched, unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
+    return replace(state, y=y[touched], unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
 
 
 def completed(run: Run, state: State, given: bool) -> State:
@@ -229,7 +232,8 @@ class Trial:
             still = Answer(
                 np.zeros_like(before.y), np.zeros_like(before.lam), 0, "nothing pushes", p=np.zeros_like(before.p)
             )
-            return self.enter(still, certify(self.program, still.d, still.lam))
+            exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, np.zeros(len(before.p)))
+            return self.enter(still, exact)
         accuracy = share * self.run.solver.accuracy
         size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
         best: State | None = None

@@ -20,6 +20,8 @@ from vemcvx.system import System
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+UNDERFLOW = 1e-288
+"""Energies below this have lost their digits; steps so small count as no step."""
 ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""
 
@@ -96,7 +98,7 @@ def full_certificate(
     blur *= np.sign(np.cos(np.arange(1.0, system.n + 1.0) ** 2))
     responses = condensation.solve(np.column_stack([r, blur]))
     equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * abs(float(blur @ responses[:, 1]))
-    return Certificate(max(equilibrium, 0.0), own.friction, floor, own.limits)
+    return Certificate(equilibrium if equilibrium > UNDERFLOW else 0.0, own.friction, floor, own.limits)
 
 
 def _pulled(system: System, lam: Floats, p: Floats) -> Floats:

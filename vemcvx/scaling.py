@@ -38,6 +38,8 @@ from vemcvx.program import Answer, StepProgram
 
 Floats = NDArray[np.float64]
 
+SMALLEST = 1e-140
+"""Motions below this have energies below 1e-280 (kappa one), too small for a gap beneath them."""
 WALL = 16.0
 """Scaled weights beyond this are lowered to it, see above."""
 
@@ -91,17 +93,20 @@ class Scaling:
         return value / (self.kappa * alpha * alpha)
 
     def size(self, program: StepProgram) -> float:
-        """alpha of a step; 0 where nothing moves it."""
+        """alpha of a step; 0 where nothing moves it, or so little that its energy is no number."""
         scaled = self.D * program.g / self.kappa
         top = np.abs(scaled).max(initial=0.0)
+        # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
+        inward = (np.maximum(-program.e, 0.0) / self.tau).max(initial=0.0)
+        size = float(power_of_two(inward)) if inward > 0 else 0.0
         if top > 0:
             unit = scaled / power_of_two(top)
-            return float(power_of_two(top) * power_of_two(np.sqrt(abs(unit @ self.form.factor.solve(unit)))))
-        pushed = float(program.w @ np.linalg.norm(self.form.blocks(program.b), axis=1)) / self.kappa
-        # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
-        inward = np.maximum(-program.e, 0.0) / self.tau
-        size = max(np.sqrt(pushed), inward.max(initial=0.0))
-        return float(power_of_two(size)) if size > 0 else 0.0
+            answer = power_of_two(np.sqrt(abs(unit @ self.form.factor.solve(unit))))
+            size = max(size, float(power_of_two(top) * answer))
+        else:
+            pushed = float(program.w @ np.linalg.norm(self.form.blocks(program.b), axis=1)) / self.kappa
+            size = max(size, float(power_of_two(np.sqrt(pushed))) if pushed > 0 else 0.0)
+        return size if size > max(SMALLEST, SMALLEST / np.sqrt(self.kappa)) else 0.0
 
 
 def scaling(form: Form) -> Scaling:

@@ -59,6 +59,11 @@ class Problem:
         """The instants; `simulate` checks them."""
         return self._call("times", steps)
 
+    @property
+    def initial(self) -> Any:
+        """Where the problem begins, if it says so: "settled", "equilibrium" or a displacement."""
+        return getattr(self.module, "initial", None)
+
     def _parameter(self, setting: str) -> tuple[str, Any]:
         name, equals, text = setting.partition("=")
         known = inspect.signature(self.module.scene).parameters

@@ -58,6 +58,7 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
             mesh,
             problem.times(asked.steps),
             solver=solver,
+            initial=problem.initial,
             store=int(asked.store) if asked.store.isdecimal() else asked.store,
             condense=asked.condense,
             linear=named_linear(asked.linear),

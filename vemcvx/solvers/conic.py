@@ -65,9 +65,9 @@ def pose(form: Form, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> Pose
     d = cp.Variable(len(form.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
-    norms, friction, lam = _norms(form, d, w, b, cones)
-    limits, pressing, p = _limits(form, d, e)
-    return Posed(cp.Problem(cp.Minimize(energy + friction + pressing), norms + limits), d, lam, p)
+    cones_or_rows, lengths, lam = _norms(form, d, w, b, cones)
+    bounds, yielding, p = _limits(form, d, e)
+    return Posed(cp.Problem(cp.Minimize(energy + lengths + yielding), cones_or_rows + bounds), d, lam, p)
 
 
 def _norms(form: Form, d: cp.Variable, w: Any, b: Any, cones: bool) -> tuple[list[Any], Any, Callable[[], Floats]]:
@@ -168,7 +168,7 @@ class ThroughCvxpy(Solver):
 class _PreparedConic:
     """The program compiled once, its data as parameters; on sparse K it is posed afresh every step.
 
-    A parameter of load length compiles for 26 s at 33k unknowns, one of contact length in milliseconds.
+    A parameter of load length compiles for 26 s at 33k unknowns, one of the length of the terms in milliseconds.
     """
 
     def __init__(self, settings: ThroughCvxpy, form: Form, cones: bool):

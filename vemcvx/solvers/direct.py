@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Direct(Solver):
-    """One back-substitution a step; takes programs without friction only."""
+    """One back-substitution a step; takes programs without terms only."""
 
     accuracy: float = 1e-8
 

@@ -21,7 +21,7 @@ class OSQP(ThroughCvxpy):
 
     def tolerances(self, target: float) -> dict[str, Any]:
         # It must be told to polish on every solve; its tests for infeasibility, loose by default, take
-        # a frictional step for unbounded.
+        # a step for unbounded.
         tight = float(np.clip(np.sqrt(target) * 1e-2, 1e-11, 1e-7))
         return {
             "eps_abs": tight,

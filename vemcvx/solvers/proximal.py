@@ -82,9 +82,9 @@ def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Float
     share[slip] = program.w[slip] / size[slip]
     unit = np.zeros_like(q)
     unit[slip] = q[slip] / size[slip, None]
-    tangential = np.eye(form.block) - np.einsum("ij,ik->ijk", unit, unit)
+    across = np.eye(form.block) - np.einsum("ij,ik->ijk", unit, unit)
     pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * form.softness), 0.0)
-    return form.stiffened((shift.norms * share)[:, None, None] * tangential, pressed)
+    return form.stiffened((shift.norms * share)[:, None, None] * across, pressed)
 
 
 def _psi(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> float:

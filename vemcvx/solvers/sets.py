@@ -98,8 +98,8 @@ def answer_on(program: StepProgram, sets: Sets) -> Point:
     M, load = form.K, program.g - program.held(pull, -spring * program.e)
     bends = sets.curvature.any()
     if bends or soft.any():
-        tangential = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
-        H = sets.curvature[:, None, None] * tangential
+        across = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
+        H = sets.curvature[:, None, None] * across
         M = form.stiffened(H, spring)
         load = load + form.rows.pull(np.einsum("ijk,ik->ij", H, form.blocks(program.b)).ravel())
     stick = np.flatnonzero(np.repeat(sets.stick, form.block))

@@ -1,6 +1,6 @@
 """What every solver is: settings, prepared once for a form, then asked step by step.
 
-A solver sees scaled programs only (:mod:`vemcvx.scaling`), knows nothing of meshes or contact, and is
+A solver sees scaled programs only (:mod:`vemcvx.scaling`), knows nothing of what they are about, and is
 believed in nothing: the caller certifies every answer.
 """
 

@@ -1,0 +1,156 @@
+"""A block that yields after von Mises: the same abstract problem with second-order cones.
+
+The truss of :mod:`elastoplastic_truss` in a continuum, plane strain (Han and Reddy, Plasticity, chapter 7). The plastic
+strain P is symmetric and traceless, P = p_1 N_1 + p_2 N_2 + p_3 N_3 in the orthonormal basis
+
+    N_1 = diag(1, -1, 0) / sqrt 2,    N_2 = diag(1, 1, -2) / sqrt 6,    N_3 = (e_x e_y' + e_y e_x') / sqrt 2,
+
+with strains out of the plane that no displacement has. With the deviator s = 2 mu (dev eps - P),
+
+    stored  1/2 (eps - P) : C (eps - P) + H/2 |P|^2,      |s - H P| <= R = sqrt(2/3) sigma_y,      loss  R |P'|.
+
+On virtual elements P is constant on cells and meets the strain of Pi u, eps = dev eps + volume: y = (u, p),
+
+    a((u, p), (v, q)) = a_K^h(u, v) - |K| 2 mu (p . N : eps(Pi v) + q . N : eps(Pi u)) + |K| (2 mu + H) p . q,
+    j(v, q) = sum_K |K| R |q_K|,           lam_K = |K| (s - H P) in the basis,
+
+one cone of three components a cell. Nothing of this is in the library: K is put together below from its matrices.
+
+**Exact on every mesh.** Tractions on the whole boundary that belong to a uniform stress S(t) keep the block uniform.
+If S_yy = -S_xx, then S_zz and p_2 are zero, the load alone sets s = sqrt 2 (S_xx, 0, S_xy), and each step is the
+*return mapping*
+
+    P_n = P_{n-1} + (1 - R / |q|)_+ q / H,      q = s_n - H P_{n-1}.
+
+Under shear alone, S_xy = tau, it is the play of :mod:`spring_slider_chain`: p_3 = play_R(sqrt 2 tau) / H, and
+gamma = tau / mu + sqrt 2 p_3 has no error in time; where the direction turns, it is backward Euler's.
+
+    python problems/elastoplastic_block.py --picture elastoplastic_block.png
+"""
+
+import argparse
+import time
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+import vemcvx as vx
+from spring_slider_chain import sampled
+from vemcvx.vem import Space, stiffness, strains, stress_load
+
+YOUNG, POISSON, HARDENING, YIELD = 200.0, 0.3, 30.0, 1.0
+MU = YOUNG / (2 * (1 + POISSON))
+LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
+RADIUS = np.sqrt(2 / 3) * YIELD
+# Components xx, yy, xy of N_1, N_2, N_3, a row each.
+BASIS = np.array([[1, -1, 0], [1 / np.sqrt(3), 1 / np.sqrt(3), 0], [0, 0, 1]]) / np.sqrt(2)
+SPIRAL = np.linspace(0, 4 * np.pi, 49)
+
+
+class Block(NamedTuple):
+    """A system over (u, p), and the displacements that are free."""
+
+    system: vx.System
+    free: np.ndarray
+
+
+def block(mesh, stress):
+    """Under the tractions of the uniform stresses (N + 1, 3), (xx, yy, xy), at t = 0, 1, ..., N."""
+    space, n = Space(mesh), mesh.n_cells
+    work = stress_load(space)
+    elastic = stiffness(space, np.full(n, LAM), np.full(n, MU))
+    coupling = work @ sp.kron(sp.identity(n), 2 * MU * BASIS.T)
+    volumes = np.repeat(mesh.areas, 3)
+    free = np.setdiff1d(np.arange(space.n_unknowns), _held(mesh))
+    K_up = coupling[free]
+    K = sp.bmat([[elastic[free][:, free], -K_up], [-K_up.T, sp.diags((2 * MU + HARDENING) * volumes)]], format="csr")
+    # Uniform stresses do the same work as their tractions: sum_K |K| S : eps(v) = int Sn . v.
+    tractions = (work @ sp.kron(np.ones((n, 1)), sp.identity(3))).tocsr()[free]
+
+    def load(t):
+        return np.concatenate([tractions @ sampled(stress)(t), np.zeros(3 * n)])
+
+    B = sp.hstack([sp.csr_matrix((3 * n, len(free))), sp.identity(3 * n)])
+    return Block(vx.System(K, load, vx.Norms(B, RADIUS * mesh.areas, block=3)), free)
+
+
+def _held(mesh):
+    """No displacement at the lower left corner, and none across at the lower right: no force arises there."""
+    corner = np.argmin(mesh.points.sum(axis=1))
+    other = np.argmax(mesh.points[:, 0] - mesh.points[:, 1])
+    return [2 * corner, 2 * corner + 1, 2 * other + 1]
+
+
+def spiral():
+    """Stresses (N + 1, 3) with S_yy = -S_xx whose deviator turns twice while it grows."""
+    size = 2.5 * RADIUS * SPIRAL / SPIRAL[-1]
+    x, xy = size * np.cos(SPIRAL) / np.sqrt(2), size * np.sin(SPIRAL) / np.sqrt(2)
+    return np.column_stack([x, -x, xy])
+
+
+def in_closed_form(stress):
+    """Plastic strains (N + 1, 3) in the basis, strains (N + 1, 3) (xx, yy, 2 xy), and s - H P in the basis."""
+    s = np.sqrt(2) * np.column_stack([stress[:, 0], 0 * stress[:, 0], stress[:, 2]])
+    p = np.zeros_like(s)
+    for n in range(1, len(s)):
+        q = s[n] - HARDENING * p[n - 1]
+        size = max(np.linalg.norm(q), RADIUS)
+        p[n] = p[n - 1] + (1 - RADIUS / size) * q / HARDENING
+    total = (s / (2 * MU) + p) @ BASIS
+    return p, total * [1, 1, 2], s - HARDENING * p
+
+
+def uniform(mesh, posed, trajectory):
+    """Plastic strains (N + 1, cells, 3) and strains (N + 1, cells, 3)."""
+    u = np.zeros((len(trajectory.state), 2 * mesh.n_nodes))
+    u[:, posed.free] = trajectory.state[:, : len(posed.free)]
+    plastic = trajectory.state[:, len(posed.free) :].reshape(len(u), -1, 3)
+    return plastic, np.array([strains(Space(mesh), row) for row in u])
+
+
+def picture(path, stress, p):
+    """The course of the stress and of the centre H P that follows it, in the plane of deviators."""
+    from vemcvx.canvas import new_figure
+
+    figure = new_figure(5.6, 5.0)
+    ax = figure.add_subplot()
+    s = np.sqrt(2) * stress[:, [0, 2]]
+    ax.plot(*s.T, ".-", color="C0", linewidth=1, markersize=3, label="stress s")
+    ax.plot(*HARDENING * p[:, [0, 2]].T, ".-", color="C1", linewidth=1, markersize=3, label="centre H P")
+    angle = np.linspace(0, 2 * np.pi, 201)
+    for n in (0, 24, 48):
+        centre = HARDENING * p[n, [0, 2], None]
+        ax.plot(*(centre + RADIUS * np.array([np.cos(angle), np.sin(angle)])), color="0.6", linewidth=0.8)
+    ax.set(xlabel="component of diag(1, -1, 0)", ylabel="component of shear", title="the yield surface follows")
+    ax.set_aspect("equal")
+    ax.legend()
+    figure.savefig(path, dpi=120)
+
+
+def main(path=None):
+    mesh, stress = vx.meshes.voronoi(4), spiral()
+    p, _, back = in_closed_form(stress)
+    posed = block(mesh, stress)
+    print(f"von Mises block of {mesh.n_cells} polygons, a cone of three components each")
+    print("solver      error of P   certified   error of lam   dissipated     seconds")
+    for solver in (vx.Newton(), vx.Clarabel()):
+        start = time.perf_counter()
+        trajectory = vx.march(posed.system, np.arange(float(len(stress))), solver=solver)
+        seconds = time.perf_counter() - start
+        plastic, _ = uniform(mesh, posed, trajectory)
+        density = trajectory.multipliers / mesh.areas[:, None]
+        print(
+            f"{solver.name:9s}{np.abs(plastic - p[:, None]).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"
+            f"{np.abs(density - back[:, None]).max():15.1e}{trajectory.dissipated[-1]:15.10f}{seconds:10.2f}"
+        )
+    lost = RADIUS * np.linalg.norm(np.diff(p, axis=0), axis=1).sum()
+    print(f"in closed form: dissipated {lost:.10f}")
+    if path:
+        picture(path, stress, p)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--picture", metavar="FILE")
+    main(parser.parse_args().picture)

@@ -1,0 +1,202 @@
+"""A truss that yields: elastoplasticity with linear kinematic hardening is Problem 2.1.
+
+Bars with strain e = G u (elongation over length), plastic strain p, and a stored energy per volume
+
+    E/2 (e - p)^2 + H/2 p^2,        sigma = E (e - p),
+
+flow while |sigma - H p| = sigma_y and then in its direction; each unit of |p'| dissipates sigma_y. With V = A L,
+y = (u, p) and D = diag(V E) this is the primal variational inequality of Han and Reddy, Plasticity (2nd ed., 2013),
+chapter 7, the paper's reference [8]:
+
+    K = [[G'DG, -G'D], [-DG, D + diag(V H)]],      j(v, q) = sum_b V_b sigma_y,b |q_b|,      load = (forces, 0).
+
+The multiplier of bar b is lam_b = V_b (sigma_b - H p_b). H > 0 makes K definite: it is the assumption of ellipticity.
+(Isotropic hardening adds accumulated plastic strain k with |p'| <= k': then j is a seminorm on a cone and infinite
+elsewhere, which no sum of norms w_i |B_i v| is.)
+
+**One bar.** p = E/(E+H) play_r(e) with r = sigma_y / E (see :mod:`spring_slider_chain`), that is sigma = E_t e +
+(E - E_t) stop_r(e) with the tangent E_t = E H/(E+H). After loading to sigma_1 > sigma_y it yields backwards at
+sigma_1 - 2 sigma_y, above -sigma_y: the Bauschinger effect.
+
+**Three bars** hold one node, pulled by F(t): one of length L along the force, two of length L / c at the angle theta to
+it, c = cos theta. Their strains are v / L and c^2 v / L, so F(v) is a sum of two such elements and v(F)
+its inverse, again a sum of plays (L = A = 1):
+
+    k_0 = E (1 + 2 c^3),  k_1 = E_t + 2 c^3 E,  k_2 = E_t (1 + 2 c^3),
+    F_1 = k_0 r,  F_2 = F_1 + k_1 (r / c^2 - r),
+    v = F / k_0 + (1/k_1 - 1/k_0) play_{F_1}(F) + (1/k_2 - 1/k_1) play_{F_2}(F).
+
+Between F_1 and F_2 only the bar in the middle flows; unloaded, it is left compressed between its neighbours.
+Backward Euler makes no error as long as F is monotone between instants.
+
+    python problems/elastoplastic_truss.py --picture elastoplastic_truss.png
+"""
+
+import argparse
+import time
+from typing import NamedTuple
+
+import numpy as np
+
+import vemcvx as vx
+from spring_slider_chain import course, march, play, sampled
+
+YOUNG, HARDENING, YIELD = 200.0, 20.0, 1.0
+COSINE = 0.6
+TURNS = (0, 3, -3, 3, 0)
+"""Turning points of the force on three bars: all of them yield."""
+
+
+class Truss(NamedTuple):
+    """Bars between nodes; (m,) material data, or one number for all bars."""
+
+    points: np.ndarray
+    bars: np.ndarray
+    held: np.ndarray
+    """numbers 2 i + a of the displacements that are zero"""
+    young: float | np.ndarray = YOUNG
+    hardening: float | np.ndarray = HARDENING
+    yield_stress: float | np.ndarray = YIELD
+    area: float | np.ndarray = 1.0
+
+    @property
+    def lengths(self):
+        return np.linalg.norm(self.points[self.bars[:, 1]] - self.points[self.bars[:, 0]], axis=1)
+
+    @property
+    def free(self):
+        return np.setdiff1d(np.arange(2 * len(self.points)), self.held)
+
+
+def strain_matrix(truss):
+    """G (m, free displacements): strains of the bars."""
+    start, end = truss.bars.T
+    direction = (truss.points[end] - truss.points[start]) / truss.lengths[:, None] ** 2
+    G, bar = np.zeros((len(truss.bars), 2 * len(truss.points))), np.arange(len(truss.bars))
+    for a in (0, 1):
+        G[bar, 2 * start + a], G[bar, 2 * end + a] = -direction[:, a], direction[:, a]
+    return G[:, truss.free]
+
+
+def elastoplastic(truss, force):
+    """The system over (u, p); `force` (N + 1, 2 nodes) are forces on all nodes at t = 0, 1, ..., N."""
+    G, V = strain_matrix(truss), truss.area * truss.lengths
+    D, H = np.diag(V * truss.young), np.diag(V * truss.hardening)
+    K = np.block([[G.T @ D @ G, -G.T @ D], [-D @ G, D + H]])
+    m = len(truss.bars)
+    B = np.hstack([np.zeros((m, G.shape[1])), np.eye(m)])
+    load = np.hstack([force[:, truss.free], np.zeros((len(force), m))])
+    return vx.System(K, sampled(load), vx.Norms(B, V * truss.yield_stress))
+
+
+def stresses(truss, state):
+    """E (e - p), (N + 1, m)."""
+    m = len(truss.bars)
+    return truss.young * (state[:, :-m] @ strain_matrix(truss).T - state[:, -m:])
+
+
+def three_bars():
+    """The node at the origin, hung from three supports at height 1; bar 0 is the one in the middle."""
+    reach = np.sqrt(1 - COSINE**2) / COSINE
+    points = np.array([[0.0, 0.0], [0.0, 1.0], [-reach, 1.0], [reach, 1.0]])
+    return Truss(points, np.array([[0, 1], [0, 2], [0, 3]]), held=np.arange(2, 8))
+
+
+def downwards(F):
+    """The forces on the nodes of three bars."""
+    return F[:, None] * -np.eye(8)[1]
+
+
+def three_bars_in_closed_form(F):
+    """State (N + 1, 5), stresses (N + 1, 3) and multipliers (N + 1, 3)."""
+    c, r, tangent = COSINE, YIELD / YOUNG, YOUNG * HARDENING / (YOUNG + HARDENING)
+    k = np.array([YOUNG * (1 + 2 * c**3), tangent + 2 * c**3 * YOUNG, tangent * (1 + 2 * c**3)])
+    first = k[0] * r
+    yielding = np.array([0.0, first, first + k[1] * (r / c**2 - r)])
+    v = play(yielding, F) @ np.diff(1 / k, prepend=0.0)
+    e = v[:, None] * np.array([1.0, c**2, c**2])
+    p = YOUNG / (YOUNG + HARDENING) * play(np.full(3, r), e)
+    sigma = YOUNG * (e - p)
+    volume = np.array([1.0, 1 / c, 1 / c])
+    return np.column_stack([0 * v, -v, p]), sigma, volume * (sigma - HARDENING * p)
+
+
+def yield_forces():
+    """F_1 and F_2."""
+    tangent, c2, c3 = YOUNG * HARDENING / (YOUNG + HARDENING), COSINE**2, COSINE**3
+    first = YIELD * (1 + 2 * c3)
+    return first, first + (tangent + 2 * c3 * YOUNG) * YIELD / YOUNG * (1 / c2 - 1)
+
+
+def girder(bays=10):
+    """A girder of square bays, each with two thin diagonals, held at its left end."""
+    x = np.repeat(np.arange(bays + 1.0), 2)
+    points = np.column_stack([x, np.tile([0.0, 1.0], bays + 1)])
+    one = np.array([[0, 2], [1, 3], [0, 3], [1, 2], [2, 3]])
+    bars = np.concatenate([one + 2 * bay for bay in range(bays)])
+    return Truss(points, bars, held=np.arange(4), area=np.tile([2.0, 2.0, 0.2, 0.2, 1.0], bays))
+
+
+def at_its_end(truss, F):
+    """The force F down at the end of a girder, and a third of it halfway."""
+    force = np.zeros((len(F), 2 * len(truss.points)))
+    force[:, -1] = -F
+    force[:, 2 * (len(truss.points) // 2) + 1] = -F / 3
+    return force
+
+
+def picture(path, truss, F, trajectory):
+    """Force and displacement, and the stresses of the bars against their strains."""
+    from vemcvx.canvas import new_figure
+
+    figure = new_figure(9.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    exact, sigma, _ = three_bars_in_closed_form(F)
+    left.plot(-exact[:, 1], F, color="C0", linewidth=1, label="closed form")
+    left.plot(-trajectory.state[:, 1], F, ".", color="C0", markersize=4, label="march")
+    for level in yield_forces():
+        left.axhline(level, color="0.7", linewidth=0.7, linestyle="--")
+    e = trajectory.state[:, :2] @ strain_matrix(truss).T
+    for bar, name in ((0, "middle"), (1, "inclined")):
+        right.plot(e[:, bar], sigma[:, bar], color=f"C{bar + 1}", linewidth=1)
+        right.plot(e[:, bar], stresses(truss, trajectory.state)[:, bar], ".", color=f"C{bar + 1}", label=name)
+    left.set(xlabel="displacement", ylabel="force", title="three bars; dashed: first yield of either kind")
+    right.set(xlabel="strain", ylabel="stress", title="each bar: linear kinematic hardening")
+    left.locator_params(axis="x", nbins=6), right.locator_params(axis="x", nbins=6)
+    left.legend(), right.legend()
+    figure.savefig(path, dpi=120)
+
+
+def main(path=None):
+    F, truss = course(TURNS, 0.25), three_bars()
+    exact, sigma, multipliers = three_bars_in_closed_form(F)
+    lost = YIELD * np.abs(np.diff(exact[:, 2:], axis=0)).sum(axis=0) @ truss.lengths
+    print("three bars: yield at F = {:.4f} and {:.4f}".format(*yield_forces()))
+    print("solver      error of y   certified   error of lam   dissipated     seconds")
+    for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
+        start = time.perf_counter()
+        trajectory = march(elastoplastic(truss, downwards(F)), F, solver)
+        seconds = time.perf_counter() - start
+        print(
+            f"{solver.name:9s}{np.abs(trajectory.state - exact).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"
+            f"{np.abs(trajectory.multipliers[:, :, 0] - multipliers).max():15.1e}"
+            f"{trajectory.dissipated[-1]:15.10f}{seconds:10.2f}"
+        )
+        if path and isinstance(solver, vx.Newton):
+            picture(path, truss, F, trajectory)
+    print(f"in closed form: dissipated {lost:.10f}; stresses left by the unloading {np.round(sigma[-1], 4)}")
+    F, truss = course((0, 0.25, -0.25, 0.25), 0.05), girder()
+    print(f"girder of 10 bays, {len(truss.bars)} bars")
+    for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
+        trajectory = march(elastoplastic(truss, at_its_end(truss, F)), F, solver)
+        yielded = int((~trajectory.sticking).any(axis=0).sum())
+        print(
+            f"{solver.name:9s} certified {trajectory.certificate_total[-1]:.1e}, dissipated "
+            f"{trajectory.dissipated[-1]:.8f}, {yielded} bars yielded"
+        )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--picture", metavar="FILE")
+    main(parser.parse_args().picture)

@@ -1,0 +1,220 @@
+"""A membrane that rubs: Problem 2.1 with the Laplacian, on scalar virtual elements assembled here.
+
+    -Laplace u + lambda = f,    |lambda| <= g,    lambda = g sign(u') wherever u' is not 0,
+
+with u = 0 on one part of the boundary and grad u . n = q(t) on another; friction lambda acts per area (a membrane on a
+rough table) or per length of a part of the boundary (there grad u . n + lambda = q). Tension is one. In the weak form
+a(u, v) = int grad u . grad v and j(v) = int g |v|, a scalar problem: nothing here has a direction.
+
+**Virtual elements** (Ahmad et al., Comput. Math. Appl. 66, 2013; Beirao da Veiga et al., M3AS 23, 2013). With the mean
+gradient G_i of each vertex function and the projection Pi of :mod:`vemcvx.vem.projection`,
+
+    K_ij = |K| G_i . G_j + ((I - Pi)'(I - Pi))_ij        (dofi-dofi),
+
+a force per area gives each vertex of K an equal part of int_K f, and so does the bound g.
+
+**Exact on every mesh: a strip pulled at its rough edge.** (0, L) x (0, H), u = 0 above, below both pulled by q(t)
+and held by friction, sides free. Then u = a (1 - y/H), lambda = q - a/H, and step by step
+
+    a_n = clip(a_{n-1}, H (q_n - g), H (q_n + g)).
+
+It sticks, slips and reverses; u is linear, so virtual elements reproduce it. A closed loop between q = +-Q loses
+4 g L H (Q - g).
+
+**Exact up to O(h): a membrane on a rough table.** (0, L) x (0, H), u = 0 at x = L, pulled by q(t) at x = 0, other sides
+free, friction g per area. The tension T = -du/dx passes from x on what friction leaves: it is the chain of
+:mod:`spring_slider_chain` with blocks of no length,
+
+    T(x, t) = play_{g x}(q)(t),       u(x, t) = int_x^L T,       lambda = -dT/dx.
+
+On first loading the zone x < q/g slips, u = (q - g x)_+^2 / 2g. A reversal by dq turns the zone x < dq/2g around,
+and u changes by (dq - 2 g x)_+^2 / 4g; further out the friction of the first loading stays locked in. A closed loop of
+swing dq loses dq^3 / 12 g per unit width. u has a kink in its second derivative only, so the energy error is O(h).
+
+    python problems/membrane_with_friction.py --picture membrane_with_friction.png
+"""
+
+import argparse
+import time
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+import vemcvx as vx
+from spring_slider_chain import course, sampled, turning_instants
+from vemcvx.vem import Space
+from vemcvx.vem.projection import area_gradients
+from vemcvx.vem.stiffness import missed_squares
+
+LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
+TURNS = (0, 1.75, -1.25, 1.25)
+"""Turning points of the pull on the membrane; below g L, so that the far end never moves."""
+PEAK = 5.0
+EDGE_PULL = course((0, PEAK, -PEAK, PEAK), first=2.5)
+"""The pull at the rough edge, beyond g."""
+
+
+class Membrane(NamedTuple):
+    """A system, and where on the mesh its unknowns and its norm terms are."""
+
+    system: vx.System
+    free: np.ndarray
+    """nodes of the unknowns"""
+    rough: np.ndarray
+    """nodes of the norm terms"""
+    shares: np.ndarray
+    """the area or length of each norm term"""
+
+
+def scalar_stiffness(mesh):
+    """The matrix of int grad u . grad v, one unknown a node."""
+    rows, columns, values = [], [], []
+    for group in Space(mesh).groups:
+        areas, g = area_gradients(group.corners)
+        local = g @ g.transpose(0, 2, 1) / areas[:, None, None]
+        if g.shape[1] > 3:
+            local += missed_squares(group.corners)
+        rows.append(np.repeat(group.nodes, g.shape[1], axis=1).ravel())
+        columns.append(np.tile(group.nodes, g.shape[1]).ravel())
+        values.append(local.ravel())
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return sp.coo_matrix(entries, shape=(mesh.n_nodes, mesh.n_nodes)).tocsr()
+
+
+def cell_shares(mesh):
+    """The area of each node: every vertex of a cell takes an equal part of it."""
+    corners = np.diff(mesh.offsets)
+    return np.bincount(mesh.vertices, weights=np.repeat(mesh.areas / corners, corners), minlength=mesh.n_nodes)
+
+
+def edge_shares(mesh, on):
+    """The length of each node on a part of the boundary, zero elsewhere."""
+    part = Space(mesh).part(on, "membrane")
+    lengths = np.zeros(mesh.n_nodes)
+    lengths[part.nodes] = part.node_lengths
+    return lengths
+
+
+def membrane(mesh, pull, held, pulled, rough, bound=BOUND):
+    """Held on one part, pulled by the samples `pull` on another, with friction where `rough` (n_nodes,) is positive."""
+    free = np.setdiff1d(np.arange(mesh.n_nodes), Space(mesh).part(held, "membrane").nodes)
+    K = scalar_stiffness(mesh)[free][:, free]
+    load = edge_shares(mesh, pulled)[free]
+    places = np.flatnonzero(rough[free] > 0)
+    B = sp.identity(len(free), format="csr")[places]
+    norms = vx.Norms(B, bound * rough[free[places]])
+    system = vx.System(K, lambda t: load * sampled(pull)(t), norms)
+    return Membrane(system, free, free[places], rough[free[places]])
+
+
+def strip(mesh, pull):
+    """Held above; pulled below, where it rubs."""
+    return membrane(mesh, pull, "top", "bottom", edge_shares(mesh, "bottom"))
+
+
+def strip_in_closed_form(pull, bound=BOUND, height=HEIGHT):
+    """a (N + 1,) and the friction lambda (N + 1,) per length."""
+    a = np.zeros(len(pull))
+    for n in range(1, len(pull)):
+        a[n] = np.clip(a[n - 1], height * (pull[n] - bound), height * (pull[n] + bound))
+    return a, pull - a / height
+
+
+def on_table(mesh, pull):
+    """Held at the right, pulled at the left, rough everywhere."""
+    return membrane(mesh, pull, "right", "left", cell_shares(mesh))
+
+
+def on_table_in_closed_form(x, turns=TURNS, bound=BOUND):
+    """u and lambda at the turning points, (len(turns), len(x)); swings must not grow but for the first."""
+    u, friction = np.zeros((len(turns), len(x))), np.zeros((len(turns), len(x)))
+    for n, swing in enumerate(np.diff(turns), start=1):
+        # From rest friction rises from 0 to g, after a reversal from -g to g.
+        rise = 1 if n == 1 else 2
+        rest = np.maximum(abs(swing) - rise * bound * x, 0.0)
+        u[n] = u[n - 1] + np.sign(swing) * rest**2 / (2 * rise * bound)
+        friction[n] = np.where(rest > 0, np.sign(swing) * bound, friction[n - 1])
+    return u, friction
+
+
+def lost_on_table(turns=TURNS, bound=BOUND, height=HEIGHT):
+    """The loss (len(turns),) up to each turning point: the integral of g |du| over the table."""
+    swings = np.abs(np.diff(turns))
+    rise = np.where(np.arange(len(swings)) == 0, 1, 2)
+    return np.append(0.0, np.cumsum(height * swings**3 / (6 * rise**2 * bound)))
+
+
+def solve_on_table(mesh, increment=0.5, solver=None):
+    """The membrane, its trajectory, and the steps of the turning points."""
+    pull = course(TURNS, increment)
+    posed = on_table(mesh, pull)
+    # Friction touches nearly every unknown: eliminating the rest would leave a dense matrix of almost full size.
+    trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver, condense=False)
+    return posed, trajectory, turning_instants(pull, TURNS)
+
+
+def energy_error(posed, trajectory, at, points):
+    """|u_h - u|_a at the turning points, relative to the largest |u|_a; u by its values at the nodes."""
+    exact, _ = on_table_in_closed_form(points[posed.free, 0])
+    off, K = trajectory.state[at] - exact, posed.system.K
+    size = np.einsum("ni,ni->n", exact, (K @ exact.T).T)
+    return np.sqrt(np.einsum("ni,ni->n", off, (K @ off.T).T) / size.max())
+
+
+def picture(path, mesh, posed, trajectory, at):
+    """Displacement and friction on the table at the turning points, against the closed form."""
+    from vemcvx.canvas import new_figure
+
+    figure = new_figure(9.0, 4.2)
+    left, right = figure.subplots(1, 2)
+    x = np.linspace(0, LENGTH, 801)
+    u, friction = on_table_in_closed_form(x)
+    density = trajectory.multipliers[:, :, 0] / posed.shares
+    for k in range(1, len(TURNS)):
+        left.plot(x, u[k], color=f"C{k}", linewidth=1, label=f"pull {TURNS[k]:g}")
+        left.plot(mesh.points[posed.free, 0], trajectory.state[at[k]], ".", color=f"C{k}", markersize=2)
+    right.plot(x, friction[2], color="C2", linewidth=1, label="closed form")
+    right.plot(mesh.points[posed.rough, 0], density[at[2]], ".", color="C2", markersize=3, label="multipliers / area")
+    left.set(xlabel="x", ylabel="u", title="all nodes of a Voronoi mesh, closed form as lines")
+    right.set(xlabel="x", ylabel="friction per area", title=f"after the reversal, at pull {TURNS[2]:g}")
+    left.legend(), right.legend()
+    figure.savefig(path, dpi=120)
+
+
+def main(path=None):
+    box = ((0.0, LENGTH), (0.0, HEIGHT))
+    pull = EDGE_PULL
+    a, friction = strip_in_closed_form(pull)
+    mesh = vx.meshes.voronoi(8, box)
+    posed = strip(mesh, pull)
+    print("strip with a rough edge, exact on every mesh (Voronoi)")
+    print("solver      error of u   certified   error of lam   lost in a loop   seconds")
+    for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()):
+        start = time.perf_counter()
+        trajectory = vx.march(posed.system, np.arange(float(len(pull))), solver=solver)
+        seconds = time.perf_counter() - start
+        exact = a[:, None] * (1 - mesh.points[posed.free, 1] / HEIGHT)
+        density = trajectory.multipliers[:, :, 0] / posed.shares
+        lost = trajectory.dissipated[-1] - trajectory.dissipated[np.argmax(pull)]
+        print(
+            f"{solver.name:9s}{np.abs(trajectory.state - exact).max():12.1e}{trajectory.certificate_total[-1]:12.1e}"
+            f"{np.abs(density - friction[:, None]).max():15.1e}{lost:17.8f}{seconds:10.2f}"
+        )
+    print(f"in closed form: lost in a loop {4 * BOUND * LENGTH * HEIGHT * (PEAK - BOUND):g}")
+    print("membrane on a rough table: relative energy error at the turning points, and loss")
+    for n in (4, 8, 16, 32):
+        mesh = vx.meshes.voronoi(n, box)
+        posed, trajectory, at = solve_on_table(mesh)
+        errors = energy_error(posed, trajectory, at, mesh.points)
+        words = "".join(f"{e:11.2e}" for e in errors[1:])
+        print(f"h = {mesh.h:.3f}{words}   {trajectory.dissipated[-1]:.5f} {trajectory.seconds['solve']:.2f} s")
+    print(f"in closed form: lost {lost_on_table()[-1]:.5f}")
+    if path:
+        picture(path, mesh, posed, trajectory, at)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--picture", metavar="FILE")
+    main(parser.parse_args().picture)

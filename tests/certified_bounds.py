@@ -1,0 +1,81 @@
+"""What the certificates of a march imply for each number in it, so that no tolerance has to be guessed.
+
+The steps of given weights are nonexpansive, so |y_n - y_n*|_K <= E_n = sum over m <= n of sqrt(2 gap_m) + sqrt(2
+floor_m). With A = K^{-1} and mu = lam_n - lam_n*, forces balance up to r_n with |r_n|_A <= sqrt(2 gap_n), hence
+
+    |B'mu|_A = |r_n + K (y_n - y_n*)|_A <= sqrt(2 gap_n) + E_n <= 2 E_n,
+
+    |y_j - y_j*| <= A_jj^{1/2} E_n,    |mu_i| <= (S_ii)^{1/2} 2 E_n,  S = (B A B')^{-1},
+    |s_i - s_i*| <= (B_i A B_i')^{1/2} (E_n + E_{n-1}),   so the loss errs by sum w_i times that.
+
+On blocks of two and more, the largest eigenvalue of the block takes the place of the diagonal entry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+EPS = np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Largest errors that the certificates allow, for all instants."""
+
+    state: np.ndarray
+    """(N + 1, n)"""
+    multipliers: np.ndarray
+    """(N + 1, m), of |lam_i - lam_i*|"""
+    dissipated: np.ndarray
+    """(N + 1,)"""
+    energy: np.ndarray
+    """(N + 1,)"""
+
+
+def bounds(system, trajectory):
+    """Of a march with given weights that stored every step; rounding of sums over the steps included."""
+    norms, w = system.norms, system.norms.weights(0.0)
+    compliance = np.linalg.inv(system.K.toarray())
+    B = norms.B.toarray()
+    felt = B @ compliance @ B.T
+    per_term = np.sqrt(_sizes(felt, norms.block))
+    total = np.cumsum(np.sqrt(2 * trajectory.gap) + np.sqrt(2 * trajectory.floor))
+    rounding = 8 * EPS * np.arange(1.0, len(total) + 1)
+    state = np.outer(total, np.sqrt(np.diag(compliance))) + np.outer(rounding, np.abs(trajectory.state).max(axis=0))
+    stiff = np.sqrt(_sizes(np.linalg.inv(felt), norms.block))
+    steps = np.append(0.0, total[1:] + total[:-1])
+    dissipated = np.cumsum(steps) * (w @ per_term) + rounding * trajectory.dissipated[-1]
+    energy = (trajectory.norm + total) * total + rounding * trajectory.energy.max()
+    return Bounds(state, 2 * np.outer(total, stiff) + np.outer(rounding, w), dissipated, energy)
+
+
+def ledger_bound(system, trajectory):
+    """(N + 1,) bound of |work - (E - E_0) - loss - sum 1/2 |d|_K^2|, whose steps are d.r + sum (lam.s - w|s|)."""
+    d = np.diff(trajectory.state, axis=0)
+    size = np.sqrt(np.einsum("ni,ni->n", d, (system.K @ d.T).T))
+    gap = trajectory.gap[1:] + trajectory.floor[1:]
+    scale = np.maximum.accumulate(np.abs(trajectory.work) + trajectory.energy + trajectory.dissipated)
+    return np.append(0.0, np.cumsum(np.sqrt(2 * gap) * size + gap)) + 32 * EPS * np.arange(len(scale)) * scale
+
+
+def ledger_defect(system, trajectory):
+    """(N + 1,) what is missing in the identity of the energy ledger."""
+    d = np.diff(trajectory.state, axis=0)
+    numerical = 0.5 * np.append(0.0, np.cumsum(np.einsum("ni,ni->n", d, (system.K @ d.T).T)))
+    return trajectory.work - (trajectory.energy - trajectory.energy[0]) - trajectory.dissipated - numerical
+
+
+def admissible(system, trajectory):
+    """The multipliers (N + 1, m, block) that were certified: the nearest with |lam_i| <= w_i."""
+    lam = trajectory.multipliers
+    size = np.linalg.norm(lam, axis=2)
+    return lam * np.minimum(1.0, system.norms.weights(0.0) / np.maximum(size, np.finfo(float).tiny))[:, :, None]
+
+
+def _sizes(matrix, block):
+    """Largest eigenvalue of each diagonal block."""
+    m = len(matrix) // block
+    diagonal = matrix.reshape(m, block, m, block)[np.arange(m), :, np.arange(m), :]
+    return np.linalg.eigvalsh(diagonal)[:, -1]

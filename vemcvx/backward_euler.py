@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from vemcvx.acceptance import insist
 from vemcvx.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps
 from vemcvx.condensation import Condensation
+from vemcvx.extended import residual
 from vemcvx.fixed_point import resolved
 from vemcvx.form import Form
 from vemcvx.ledger import Drive, Ledger, advance, drive
 from vemcvx.linear import LinearSolver
 from vemcvx.program import Answer, StepProgram
-from vemcvx.refine import full_certificate, needs_refinement, refined
+from vemcvx.refine import full_certificate, needs_refinement, pulled, refined
 from vemcvx.scaling import Scaling, scaling
 from vemcvx.seminorm import answered, refuse_unbalanced
 from vemcvx.solvers import Prepared, Solver, choose
@@ -28,6 +29,8 @@ from vemcvx.system import System
 
 Floats = NDArray[np.float64]
 
+MENDED = 0.1
+"""Inner unknowns of a kept step are refined once when the full certificate reaches this part of the accuracy."""
 INSIDE = 0.1
 """Part of the accuracy at which the programs inside a fixed point are solved: at 1 it stalls at twice the accuracy."""
 ATTEMPTS = 3
@@ -198,6 +201,10 @@ def completed(run: Run, state: State, given: bool) -> State:
         return replace(state, full=y)
     own = state.certificate
     full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
+    if full.error > MENDED * run.solver.accuracy * state.scale and len(state.y) < run.system.n:
+        r = residual(force.phi, run.system.K, y, pulled(run.system, state.lam, state.p))
+        y = run.condensation.mend(y, r)
+        full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
     worse = max(full.equilibrium, own.equilibrium), own.friction, max(full.floor, own.floor), own.limits
     return replace(state, full=y, certificate=Certificate(*worse))
 

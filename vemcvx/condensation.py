@@ -113,6 +113,14 @@ class Condensation:
         y[self.touched] = y_c
         return y
 
+    def mend(self, y: Floats, r: Floats) -> Floats:
+        """y (n,) after one round of iterative refinement inside, for the residual r; touched unknowns stay."""
+        inside = r.copy()
+        inside[self.touched] -= self._S @ self._factor.solve(r)[self.touched]
+        better = y + self._factor.solve(inside)
+        better[self.touched] = y[self.touched]
+        return better
+
     def square(self, y_c: Floats, f: Reduced) -> float:
         """y'Ky."""
         inside = float(f.phi @ f.x)

@@ -61,7 +61,7 @@ def refined(
     S_FF = form.factor.within(form.regular.K[F][:, F], F)
     best = np.inf
     for _ in range(ROUNDS):
-        r = residual(force, condensation.system.K, y, _pulled(condensation.system, lam, p))
+        r = residual(force, condensation.system.K, y, pulled(condensation.system, lam, p))
         response = condensation.solve(r)
         size = float(abs(r @ response))
         if size >= 0.25 * best:
@@ -88,9 +88,9 @@ def full_certificate(
     Norm terms and limits see touched unknowns only; their parts are those of the condensed program's `own` certificate.
     """
     system = condensation.system
-    pulled = _pulled(system, lam, p)
-    r = residual(force, system.K, y, pulled)
-    blur = EPS * (np.abs(force) + np.abs(pulled) + abs(system.K) @ np.abs(y))
+    held = pulled(system, lam, p)
+    r = residual(force, system.K, y, held)
+    blur = EPS * (np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y))
     if system.kernel is not None:
         # What rounding leaves on the kernel is no force to answer; its balance is the condensed program's business.
         N = np.linalg.qr(system.kernel.modes)[0]
@@ -101,6 +101,7 @@ def full_certificate(
     return Certificate(equilibrium if equilibrium > UNDERFLOW else 0.0, own.friction, floor, own.limits)
 
 
-def _pulled(system: System, lam: Floats, p: Floats) -> Floats:
-    pulled = np.zeros(system.n) if system.norms is None else system.norms.B.T @ lam.ravel()
-    return pulled if system.limits is None else pulled + system.limits.D.T @ p
+def pulled(system: System, lam: Floats, p: Floats) -> Floats:
+    """B'lam + D'p, the forces (n,) of norm terms and limits on all unknowns."""
+    held = np.zeros(system.n) if system.norms is None else system.norms.B.T @ lam.ravel()
+    return held if system.limits is None else held + system.limits.D.T @ p

@@ -12,7 +12,7 @@ from typing import Any
 
 # Readers ask once or twice at the end of a sound file.
 PATIENCE = 100
-TEXT, BINARY = ("nastran", "off", "tecplot"), ("ply", "mdpa")
+TEXT, BINARY = ("nastran", "off", "tecplot"), ("ply", "mdpa", "ansys")
 
 
 class _ImpatientText(io.TextIOWrapper):
@@ -24,6 +24,9 @@ class _ImpatientText(io.TextIOWrapper):
 
 class _ImpatientBytes(io.BufferedReader):
     misses = 0
+
+    def read(self, *size: Any) -> bytes:
+        return _counted(self, super().read(*size))
 
     def readline(self, *size: Any) -> Any:
         return _counted(self, super().readline(*size))

@@ -26,6 +26,7 @@ from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.blocks import MARK, POLYGONS, Blocks, Data, add_boundaries, cell_blocks, mesh_of
 from vemcvx.meshes.damaged import impatient
 from vemcvx.meshes.groups import physical_groups, take_physical_groups, take_sets
+from vemcvx.meshes.hostile import check_data, check_file
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 if TYPE_CHECKING:
@@ -234,9 +235,11 @@ def _read(path: Path) -> tuple[PolygonMesh, list[str]]:
         formats = meshio.extension_to_filetypes[suffix]
         # .msh is Ansys' as well as Gmsh's; only the latter begins with a dollar.
         gmsh = suffix == ".msh" and path.read_bytes()[:100].lstrip().startswith(b"$")
-        source = impatient(path, formats[0])
+        file_format = "gmsh" if gmsh else formats[0]
+        check_file(path, file_format)
+        source = impatient(path, file_format)
         with contextlib.nullcontext() if source is path else source:
-            file = meshio.read(source, file_format="gmsh" if gmsh else formats[0])
+            file = meshio.read(source, file_format=file_format)
         blocks = _blocks_of(file, suffix)
     with _named(path):
         return mesh_of(file.points, blocks)
@@ -252,6 +255,7 @@ def _blocks_of(file: meshio.Mesh, suffix: str) -> Blocks:
     ]
     data = {spelled(name): list(map(np.asarray, parts)) for name, parts in file.cell_data.items()}
     blocks = Blocks(list(zip(kinds, cells, strict=True)), data)
+    check_data(blocks)
     for name, parts in data.items():
         if name.startswith(MARK):
             blocks.lines[name.removeprefix(MARK)] = [part != 0 for part in parts]

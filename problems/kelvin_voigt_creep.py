@@ -1,0 +1,47 @@
+"""A viscous strip under a steady pull: creep towards the elastic answer, and friction that holds part of it back.
+
+The strip (0, 4) x (0, 1), E = 10, nu = 1/4, has dashpots of relaxation time tau beside its springs, b = tau a. A pull
+p acts at its right end from t = 0 on, steadily. Without friction every displacement is the elastic one times
+
+    1 - exp(-t / tau),    step by step  s_n = (1 + tau/k s_{n-1}) / (1 + tau/k)
+
+(backward Euler; exact on every mesh, because the field is linear). With friction below, bound g, the far end stays
+where the near one slips: the end creeps less far, and what friction and dashpots lose is in the ledger.
+
+    vemcvx run problems/kelvin_voigt_creep.py --n 8 --steps 40 --plot
+"""
+
+import numpy as np
+
+import vemcvx as vx
+
+YOUNG, POISSON, TAU, PULL = 10.0, 0.25, 0.7, 0.3
+MU = YOUNG / (2 * (1 + POISSON))
+LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
+
+
+def share(instants):
+    """How much of the elastic answer is there, step by step."""
+    s = np.zeros(len(instants))
+    for n, k in enumerate(np.diff(instants), start=1):
+        s[n] = (1 + TAU / k * s[n - 1]) / (1 + TAU / k)
+    return s
+
+
+def scene(bound=0.05):
+    return vx.Scene(
+        vx.Elasticity(young=YOUNG, poisson=POISSON),
+        vx.Viscosity(shear=TAU * MU, volume=TAU * LAM),
+        vx.Symmetry(on="left"),
+        vx.Traction((PULL, 0.0), on="right"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom"),
+    )
+
+
+def mesh(n, family="hexagons"):
+    return vx.meshes.FAMILIES[family](n, box=((0, 4), (0, 1)))
+
+
+def times(steps):
+    return np.linspace(0.0, 4.0, steps + 1)

@@ -30,6 +30,7 @@ from vemcvx.supports import Supports, resolve
 from vemcvx.system import Damping, Motion, Norms, System
 from vemcvx.terms import Terms, contact_surface, friction_terms, on_free, warn_of_loose_normals
 from vemcvx.vem import Space, rigid_modes
+from vemcvx.void import out_of_reach, without_void
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,6 +52,8 @@ class Posed:
     material: Material
     prestress: InitialStresses | None = None
     """stresses at zero strain, also among the loads; None if there are none"""
+    void: tuple[str, ...] = ()
+    """sentences: effects that do nothing in this scene, and so were left out"""
 
     @property
     def contact(self) -> tuple[Ints, Floats, Floats]:
@@ -67,8 +70,8 @@ class Posed:
         return u if self.supports.still else u + self.supports.motion(t)
 
 
-def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
-    """Assemble a scene on a mesh.
+def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
+    """Assemble a scene on a mesh; what is zero at all of `times` is left out (:mod:`vemcvx.void`).
 
     Raises
     ------
@@ -76,7 +79,8 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
         The scene names what the mesh lacks, or leaves the body free to float.
     """
     space = Space(mesh)
-    parts = [effect.contribute(space) for effect in scene.canonical]
+    void: list[str] = []
+    parts = [without_void(effect, effect.contribute(space), times, void) for effect in scene.canonical]
     rates = [p.viscosity for p in parts if p.viscosity is not None]
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
     material = compose([p.material for p in parts if p.material is not None], mesh)
@@ -85,7 +89,9 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
     supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
     terms = friction_terms(frictions, supports, mesh.points)
-    obstacles = gathered(_chain(p.obstacles for p in parts), supports, mesh.points)
+    stops = _chain(p.obstacles for p in parts)
+    obstacles = gathered(stops, supports, mesh.points)
+    void += out_of_reach(frictions, stops, supports)
     felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
     springs = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), _sum(springs) if springs else None)
@@ -105,7 +111,7 @@ def pose(scene: Scene, mesh: PolygonMesh) -> Posed:
         _damping(rates, supports),
     )
     surfaces = _chain(p.surfaces for p in parts)
-    return Posed(scene, space, system, supports, A, loads, terms, surfaces, material, prestress)
+    return Posed(scene, space, system, supports, A, loads, terms, surfaces, material, prestress, tuple(void))
 
 
 def _sprung(springs: Sequence[sp.csr_matrix], dim: int) -> Ints:

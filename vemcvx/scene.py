@@ -55,11 +55,34 @@ class Scene:
         """The effects in the order in which they are summed, the same for every permutation."""
         return tuple(sorted(self._effects, key=_rank))
 
+    def with_(self, *effects: Effect) -> Scene:
+        """The scene with these effects besides its own."""
+        return Scene(*self._effects, *effects)
+
+    def without(self, *kinds: type[Effect] | Effect) -> Scene:
+        """The scene without all effects of these classes, or without these very effects.
+
+        Raises
+        ------
+        SceneError
+            The scene has no such effect, or is left without a material.
+        """
+        for kind in kinds:
+            if not any(_is(effect, kind) for effect in self._effects):
+                there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self._effects))
+                name = kind.__name__ if isinstance(kind, type) else brief(kind)
+                raise SceneError(f"Scene.without: there is no {name} in this scene; it has {there}.")
+        return Scene(*(effect for effect in self._effects if not any(_is(effect, kind) for kind in kinds)))
+
     def __iter__(self) -> Iterator[Effect]:
         return iter(self._effects)
 
     def __repr__(self) -> str:
         return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self._effects) + ")"
+
+
+def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:
+    return isinstance(effect, kind) if isinstance(kind, type) else effect is kind
 
 
 def _found(thing: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -91,7 +92,9 @@ def simulate(
     instants = checked_times(times)
     start = time.perf_counter()
     storage = _storage(stream, resume)
-    posed = pose(scene, mesh)
+    posed = pose(scene, mesh, instants)
+    for words in posed.void:
+        logging.getLogger("vemcvx").info("left out: %s", words)
     assembled = time.perf_counter() - start
     trajectory = march(
         posed.system,
@@ -159,7 +162,5 @@ def _given(initial: ArrayLike, shape: tuple[int, ...]) -> Floats:
 
 
 def _log(step: int, steps: int) -> None:
-    import logging
-
     if step * 10 // steps > (step - 1) * 10 // steps:
         logging.getLogger("vemcvx").info("step %d of %d", step, steps)

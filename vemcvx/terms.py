@@ -47,7 +47,7 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Fl
     nodes = np.concatenate([f.nodes for f in frictions])
     normals = np.concatenate([f.normals for f in frictions])
     first, term = _merge(nodes, normals)
-    rows = _tangential_rows(nodes[first], normals[first], points)
+    rows = tangential_rows(nodes[first], normals[first], points)
     slides = np.diff(on_free(rows, supports).indptr).reshape(len(first), dim - 1).any(axis=1)
     gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))
     gather = gather[np.flatnonzero(slides)]
@@ -101,6 +101,16 @@ def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     return B
 
 
+def tangential_rows(nodes: Ints, normals: Floats, points: Floats) -> sp.csr_matrix:
+    """(m * (dim - 1), n_u) orthonormal tangents of each row."""
+    m, dim = normals.shape
+    # The right singular vectors beyond the first span the plane across the normal.
+    tangents = _across(normals)
+    columns = np.repeat(nodes[:, None] * dim + np.arange(dim), dim - 1, axis=0)
+    indptr = np.arange(0, m * (dim - 1) * dim + 1, dim)
+    return sp.csr_matrix((tangents.reshape(-1), columns.ravel(), indptr), shape=(m * (dim - 1), points.size))
+
+
 def _merge(nodes: Ints, normals: Floats) -> tuple[Ints, Ints]:
     """Rows of one node with one normal (up to sign) are one term: its first row, and the term of every row."""
     term = np.full(len(nodes), -1)
@@ -118,16 +128,6 @@ def _merge(nodes: Ints, normals: Floats) -> tuple[Ints, Ints]:
         term[left[same]] = mine[same] + sum(map(len, first))
         first.append(lead)
     return np.concatenate(first), term
-
-
-def _tangential_rows(nodes: Ints, normals: Floats, points: Floats) -> sp.csr_matrix:
-    """(m * (dim - 1), n_u) orthonormal tangents of each row."""
-    m, dim = normals.shape
-    # The right singular vectors beyond the first span the plane across the normal.
-    tangents = _across(normals)
-    columns = np.repeat(nodes[:, None] * dim + np.arange(dim), dim - 1, axis=0)
-    indptr = np.arange(0, m * (dim - 1) * dim + 1, dim)
-    return sp.csr_matrix((tangents.reshape(-1), columns.ravel(), indptr), shape=(m * (dim - 1), points.size))
 
 
 def _across(normals: Floats) -> Floats:
@@ -151,7 +151,7 @@ def contact_surface(
     # Effects on one boundary bring the same edges: their lengths are one length, not a sum.
     lengths = np.zeros(len(first))
     np.maximum.at(lengths, term, np.concatenate([s.lengths for s in surfaces]))
-    rows = _tangential_rows(nodes[first], normals[first], points)
+    rows = tangential_rows(nodes[first], normals[first], points)
     slides = np.diff(on_free(rows, supports).indptr).reshape(len(first), dim - 1).any(axis=1)
     free, place = np.unique(nodes[first][slides], return_inverse=True)
     normal, length = np.zeros((len(free), dim)), np.zeros(len(free))

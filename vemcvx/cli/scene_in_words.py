@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
+
 from rich.console import Console
 from rich.table import Table
 
+from vemcvx import effects
 from vemcvx.cli.problem_file import Problem
 from vemcvx.condensation import Condensation
-from vemcvx.form import QUADRATIC
+from vemcvx.effects import Effect
+from vemcvx.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
+from vemcvx.march import checked_times
 from vemcvx.pose import pose
+from vemcvx.scene import Scene
 from vemcvx.solvers.choose import BY_SIZE, words
+
+INSTANTS = 64
+"""Steps at which data are looked at, to see whether they are zero at all times."""
 
 
 def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[str, ...]) -> None:
@@ -22,14 +31,17 @@ def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[st
 def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...] = ()) -> Table:
     """The scene as rows of a name and words."""
     scene, mesh = problem.scene(settings), problem.mesh(n, family)
-    posed = pose(scene, mesh)
+    posed = pose(scene, mesh, checked_times(problem.times(INSTANTS)))
     seen = Condensation(posed.system)
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}"
     rows = [
-        ("effects", "\n".join(effect.describe() for effect in scene.canonical)),
+        ("simulated", "\n".join(effect.describe() for effect in scene.canonical)),
+        *([("left out", "\n".join(posed.void))] if posed.void else []),
+        ("not simulated", ", ".join(_absent(scene))),
         ("mesh", f"{family or problem.family or 'its own'}, n = {n}: {size}"),
         ("unknowns", f"{posed.system.n} in all, {len(seen.touched)} after condensation"),
-        *_program(seen),
+        ("program", _program(seen.form, posed.system.damping is not None)),
+        ("terms", _terms(seen.form)),
         *_solvers(seen),
         ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
     ]
@@ -42,16 +54,33 @@ def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...
     return made
 
 
-def _program(seen: Condensation) -> list[tuple[str, str]]:
-    form = seen.form
-    if form.count == 0:
-        return [("program", "minimise 1/2 d'Kd - g'd: quadratic, no norm terms")]
-    kind = words(form.features - {QUADRATIC})
-    size = "" if form.block == 1 else f" of {form.block + 1} components"
-    return [
-        ("program", "minimise 1/2 d'Kd - g'd + sum of w_i |B_i d - b_i|, once a step"),
-        ("norm terms", f"{form.count} {kind}{size}"),
-    ]
+def _absent(scene: Scene) -> list[str]:
+    """The effects of the library that the scene does not name."""
+    named = {type(effect).__name__ for effect in scene}
+    return [name for name in effects.__all__ if _is_effect(name) and name not in named]
+
+
+def _is_effect(name: str) -> bool:
+    kind = getattr(effects, name)
+    return isinstance(kind, type) and issubclass(kind, Effect) and not inspect.isabstract(kind)
+
+
+def _program(form: Form, viscous: bool) -> str:
+    parts = ["minimise 1/2 d'Kd - g'd" + (" + d'Cd / 2k" if viscous else "")]
+    if form.count:
+        parts.append("sum of w_i |B_i d - b_i|")
+    if SQUARED_POSITIVE_PARTS in form.features:
+        parts.append("sum of (D_j d - e_j)_+^2 / 2c_j")
+    subject = ", subject to D_j d <= e_j" if BOUNDS in form.features else ""
+    return " + ".join(parts) + subject + (", once a step" if len(form.features) > 1 else ": quadratic, no convex terms")
+
+
+def _terms(form: Form) -> str:
+    """How many of which kind, and the cones of the largest solver that they need."""
+    bounds, soft = int((form.softness == 0).sum()), int((form.softness > 0).sum())
+    kind = "absolute values" if form.block == 1 else f"norms of {form.block} components, {form.count} second-order cones"
+    found = [(form.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
+    return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
 
 
 def _solvers(seen: Condensation) -> list[tuple[str, str]]:

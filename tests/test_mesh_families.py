@@ -28,7 +28,7 @@ def test_no_family_is_missing_from_the_list():
         for name in meshes.__all__
         if inspect.isfunction(getattr(meshes, name)) and "box" in inspect.signature(getattr(meshes, name)).parameters
     }
-    assert made == set(FAMILIES)
+    assert made - {"l_shape"} == set(FAMILIES)  # it does not fill its box: see test_mesh_l_shape.py
     assert all(FAMILIES[name].__name__ == name for name in FAMILIES)
 
 

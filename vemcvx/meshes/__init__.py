@@ -1,11 +1,14 @@
-"""Polygonal meshes: the mesh itself, seven families of meshes of a box, files."""
+"""Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files."""
 
+from vemcvx.meshes.common_refinement import common_refinement
 from vemcvx.meshes.distorted import distorted
 from vemcvx.meshes.files import read
 from vemcvx.meshes.hanging import hanging
 from vemcvx.meshes.hexagons import hexagons
+from vemcvx.meshes.l_shape import l_shape
 from vemcvx.meshes.nonconvex import nonconvex
 from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.refine import Refinement, refinement
 from vemcvx.meshes.squares import squares
 from vemcvx.meshes.triangles import triangles
 from vemcvx.meshes.voronoi import voronoi
@@ -23,11 +26,15 @@ FAMILIES = {
 __all__ = [
     "FAMILIES",
     "PolygonMesh",
+    "Refinement",
+    "common_refinement",
     "distorted",
     "hanging",
     "hexagons",
+    "l_shape",
     "nonconvex",
     "read",
+    "refinement",
     "squares",
     "triangles",
     "voronoi",

@@ -230,6 +230,12 @@ class PolygonMesh:
         added = check_cell_data({name: values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
+    def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> PolygonMesh:
+        """Return this mesh with cells split (numbers, or one bool a cell; None: all), as `meshes.refinement` does."""
+        from vemcvx.meshes.refine import refinement  # imports this module
+
+        return refinement(self, cells, balance=balance).mesh
+
     def write(self, path: str | Path) -> None:
         """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit.
 

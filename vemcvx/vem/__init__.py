@@ -3,6 +3,7 @@
 from vemcvx.vem.anisotropic import anisotropic_stiffness
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows
 from vemcvx.vem.hooke import elastic_matrix, stresses, upper_triangle
+from vemcvx.vem.invariants import equivalent, principal
 from vemcvx.vem.loads import cell_load, edge_load, stress_load
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.space import CellGroup, Space
@@ -19,6 +20,8 @@ __all__ = [
     "cell_quadrature",
     "edge_load",
     "elastic_matrix",
+    "equivalent",
+    "principal",
     "rigid_modes",
     "stiffness",
     "strains",

@@ -42,7 +42,7 @@ def edge_load(space: Space, part: BoundaryPart) -> tuple[Floats, sp.csr_matrix]:
     return points.reshape(-1, 2), matrix.tocsr()
 
 
-def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix]:
+def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     """The load of a force per area, (Pi_0^0 f, average of the vertex values).
 
     Returns
@@ -51,16 +51,19 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix]:
         Points inside the cells: :func:`vemcvx.vem.quadrature.cell_quadrature`.
     matrix : (2 n_nodes, 2 q) csr_matrix
         ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on cells.
+    cells : (q,) array of int
+        The cell of each point.
     """
-    points, matrices = [], []
+    points, matrices, cells = [], [], []
     for group in space.groups:
         n = group.nodes.shape[1]
         for chunk in group.chunks(CHUNK):
             x, weights, owner = cell_quadrature(chunk)
             points.append(x)
+            cells.append(chunk.cells[owner])
             shares = np.repeat(weights[:, None] / n, n, axis=1)
             matrices.append(_spread(chunk.nodes[owner], shares, space.mesh.n_nodes))
-    return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr()
+    return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr(), np.concatenate(cells)
 
 
 def stress_load(space: Space) -> sp.csr_matrix:

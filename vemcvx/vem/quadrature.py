@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.meshes.triangulation import clip_ears
 from vemcvx.vem.space import CellGroup
-from vemcvx.vem.triangulation import clip_ears
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

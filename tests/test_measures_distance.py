@@ -1,0 +1,297 @@
+"""Energy distances: closed forms of piecewise fields, zeros, symmetry, the triangle inequality, against shapely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.measures.overlap import common_rule
+
+FAMILIES = tuple(vx.meshes.FAMILIES)
+LAM, MU = 1.5, 0.8
+
+
+def field(mesh, displacement, lam=LAM, mu=MU):
+    """The nodal interpolant of a displacement f(x) (n, 2)."""
+    moduli = np.array([np.full(mesh.n_cells, lam), np.full(mesh.n_cells, mu)])
+    return vx.measures.Field(mesh, displacement(mesh.points), moduli)
+
+
+def affine(x):
+    return x @ np.array([[0.3, 0.2], [-0.1, 0.4]]) + np.array([5.0, -2.0])
+
+
+def wavy(x):
+    return np.column_stack([np.sin(3 * x[:, 0] + x[:, 1]), x[:, 0] ** 2 * x[:, 1]])
+
+
+def other(x):
+    return np.column_stack([np.cos(2 * x[:, 1]), x[:, 0] * x[:, 1] ** 2])
+
+
+def nothing(x):
+    return np.zeros_like(x)
+
+
+def mesh_of(family, n, seed=0):
+    return vx.meshes.FAMILIES[family](n, seed=seed)
+
+
+@pytest.mark.parametrize("second", FAMILIES)
+def test_affine_fields_are_no_distance_apart(family, second):
+    a, b = field(mesh_of(family, 7), affine), field(mesh_of(second, 5, seed=2), affine)
+    apart = vx.measures.energy_distance(a, b)
+    assert apart.relative < 1e-13
+    # C eps : eps of the affine field, times the area 1.
+    xx, yy, xy = 0.3, 0.4, 0.1
+    energy = LAM * (xx + yy) ** 2 + 2 * MU * (xx**2 + yy**2) + MU * xy**2
+    assert apart.reference == pytest.approx(np.sqrt(energy), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["exact", "projected", "nodal"])
+def test_a_field_is_no_distance_from_itself(kind):
+    a = field(vx.meshes.squares(6), wavy)
+    assert vx.measures.energy_distance(a, a, kind=kind).absolute == 0.0
+    b = field(vx.meshes.squares(6), wavy)
+    assert vx.measures.energy_distance(a, b, kind=kind).relative < 1e-15
+
+
+def hats(points):
+    """u_1 = |x_1 - 1/2|, linear on either side of the middle."""
+    return np.column_stack([np.abs(points[:, 0] - 0.5), np.zeros(len(points))])
+
+
+@pytest.mark.parametrize(("first", "second"), [("squares", "triangles"), ("triangles", "squares")])
+@pytest.mark.parametrize("kind", ["exact", "projected"])
+def test_two_known_piecewise_fields(first, second, kind):
+    """e_xx = +-1 on halves of two and on thirds of three: they differ by 2 or not at all, area by area.
+
+    On three columns the interpolant of |x - 1/2| has slopes -1, 0, 1; on two -1, 1: they differ by 1 on the middle
+    third, hence (lambda + 2 mu) / 3.
+    """
+    a, b = field(mesh_of(first, 2), hats), field(mesh_of(second, 3), hats)
+    C = LAM + 2 * MU
+    apart = vx.measures.energy_distance(a, b, kind=kind)
+    assert apart.absolute == pytest.approx(np.sqrt(C / 3), rel=1e-12)
+    assert apart.reference == pytest.approx(np.sqrt(C * 2 / 3), rel=1e-12)
+    assert np.sum(apart.cells**2) == pytest.approx(C / 3, rel=1e-12)
+    assert vx.measures.energy_distance(b, a, kind=kind).relative == pytest.approx(np.sqrt(1 / 3), rel=1e-12)
+
+
+def test_hourglasses_on_nested_squares():
+    """u_1 = x_1 x_2 on one square is bilinear: exactly zero from its refinement, and known from nothing and from Pi u.
+
+    int e_xx^2 = int x_2^2 = 1/3, int (2 e_xy)^2 = int x_1^2 = 1/3; of Pi u both mean strains are 1/2.
+    """
+
+    def twist(x):
+        return np.column_stack([x[:, 0] * x[:, 1], np.zeros(len(x))])
+
+    one, fine = field(vx.meshes.squares(1), twist), field(vx.meshes.squares(8), twist)
+    exact = vx.measures.energy_distance(one, fine, kind="exact")
+    assert exact.relative < 1e-14
+    norm = np.sqrt((LAM + 2 * MU + MU) / 3)
+    assert exact.reference == pytest.approx(norm, rel=1e-13)
+    rest = field(vx.meshes.squares(4), nothing)
+    assert vx.measures.energy_distance(one, rest, kind="exact").absolute == pytest.approx(norm, rel=1e-13)
+    projected = vx.measures.energy_distance(one, rest).absolute
+    assert projected == pytest.approx(np.sqrt((LAM + 3 * MU) / 4), rel=1e-13)
+
+
+def test_rectangles_may_be_turned():
+    """xi eta is harmonic in every orthogonal frame: the twist of a turned rectangle is known."""
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    straight = vx.meshes.squares((4, 6), box=((0, 2), (0, 1)))
+    turned = vx.PolygonMesh(straight.points @ turn.T + 7.0, straight.cells)
+    u = wavy(straight.points)
+    moduli = np.array([np.full(24, LAM), np.full(24, MU)])
+    rest = vx.measures.Field(straight, 0 * u, moduli), vx.measures.Field(turned, 0 * u, moduli)
+    a = vx.measures.energy_distance(vx.measures.Field(straight, u, moduli), rest[0], kind="exact")
+    b = vx.measures.energy_distance(vx.measures.Field(turned, u @ turn.T, moduli), rest[1], kind="exact")
+    assert b.cells == pytest.approx(a.cells, rel=1e-12)
+
+
+@pytest.mark.parametrize("second", ["squares", "voronoi", "nonconvex"])
+def test_distances_are_symmetric(family, second):
+    a, b = field(mesh_of(family, 6), wavy), field(mesh_of(second, 5, seed=1), other)
+    there, back = vx.measures.energy_distance(a, b), vx.measures.energy_distance(b, a)
+    assert there.absolute == pytest.approx(back.absolute, rel=1e-12)
+    assert there.cells.shape == (a.mesh.n_cells,)
+    assert np.sum(there.cells**2) == pytest.approx(np.sum(back.cells**2), rel=1e-12)
+
+
+def test_distances_obey_the_triangle_inequality():
+    fields = [
+        field(mesh_of(name, n, seed=n), f)
+        for name, n, f in [("squares", 4, wavy), ("voronoi", 5, other), ("nonconvex", 3, wavy), ("hanging", 4, other)]
+    ]
+    d = np.array([[vx.measures.energy_distance(a, b).absolute for b in fields] for a in fields])
+    assert (d[:, None] <= d[:, :, None] + d[None]).all()
+    assert (d + 1e9 * np.eye(4)).min() > 0.01
+
+
+@pytest.mark.parametrize("second", ["triangles", "voronoi", "nonconvex"])
+def test_overlaps_against_shapely(family, second):
+    """Areas of all overlaps of cells, two ways."""
+    shapely = pytest.importorskip("shapely")
+    a, b = mesh_of(family, 5), mesh_of(second, 4, seed=3)
+    first, other_ = ([shapely.Polygon(mesh.points[cell]) for cell in mesh.cells] for mesh in (a, b))
+    expected = np.zeros((a.n_cells, b.n_cells))
+    i, j = shapely.STRtree(other_).query(first, predicate="intersects")
+    expected[i, j] = shapely.area(shapely.intersection(np.array(first)[i], np.array(other_)[j]))
+    rule = common_rule(a, b, 0)
+    found = np.zeros_like(expected)
+    np.add.at(found, (rule.first, rule.second), rule.weights)
+    assert np.abs(found - expected).max() < 1e-13
+    quadratic = common_rule(a, b, 2)
+    np.add.at(found, (quadratic.first, quadratic.second), -quadratic.weights)
+    assert np.abs(found).max() < 1e-13
+    # Degree 2 on the unit square: int x^2, xy, y^2.
+    x = quadratic.points
+    moments = [quadratic.weights @ p for p in (x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2)]
+    assert moments == pytest.approx([1 / 3, 1 / 4, 1 / 3], rel=1e-12)
+
+
+def graded(n):
+    """Columns that double in width to the right: sizes spread over 2^n."""
+    x = np.concatenate([[0.0], 0.5 ** np.arange(n, -1, -1)])
+    points = np.concatenate([np.column_stack([x, np.zeros_like(x)]), np.column_stack([x, np.ones_like(x)])])
+    k = np.arange(n + 1)
+    return vx.PolygonMesh(points, np.column_stack([k, k + 1, k + n + 3, k + n + 2]))
+
+
+def test_sizes_spread_over_ten_decades():
+    a, b = field(graded(33), wavy), field(vx.meshes.voronoi(6), wavy)
+    there, back = vx.measures.energy_distance(a, b), vx.measures.energy_distance(b, a)
+    assert there.absolute == pytest.approx(back.absolute, rel=1e-12)
+    assert vx.measures.energy_distance(field(graded(33), affine), field(b.mesh, affine)).relative < 1e-9
+
+
+def test_a_mesh_of_slivers():
+    """Cells a thousand times as wide as high, against themselves and against others."""
+    thin = vx.meshes.squares((2, 2000))
+    a, b = field(thin, wavy), field(vx.meshes.hexagons(5), wavy)
+    assert vx.measures.energy_distance(a, field(vx.meshes.squares((2, 2000)), wavy)).relative < 1e-15
+    there, back = vx.measures.energy_distance(a, b), vx.measures.energy_distance(b, a)
+    assert there.absolute == pytest.approx(back.absolute, rel=1e-11)
+
+
+def test_a_cell_with_forty_vertices_on_one_side():
+    """Too many for one convex piece; some of its ears are flat."""
+    x, n = np.linspace(0, 1, 41), 40
+    points = np.concatenate([np.column_stack([x, 0 * x]), [[1, 1], [0, 1]], np.column_stack([x, 0 * x - 1 / n])])
+    comb = [[n + 3 + i, n + 4 + i, i + 1, i] for i in range(n)]
+    mesh = vx.PolygonMesh(points, [[*range(n + 3)], *comb])
+    others = vx.meshes.voronoi(6, box=((0, 1), (-1 / n, 1)))
+    assert vx.measures.energy_distance(field(mesh, affine), field(others, affine)).relative < 1e-13
+
+
+def test_far_from_the_origin():
+    """Coordinates near 1e5 and cells of 1e-3: points are rounded to 1e-11, a part 1e-8 of a cell."""
+    box = ((1e5, 1e5 + 0.01), (-1e5, -1e5 + 0.01))
+    a, b = vx.meshes.voronoi(box=box, cells=100), vx.meshes.squares((8, 8), box=box)
+
+    def gentle(x):
+        return wavy((x - a.points.min(axis=0)) * 100)
+
+    near = [field(vx.PolygonMesh((m.points - a.points.min(axis=0)) * 100, m.cells), wavy) for m in (a, b)]
+    far = [field(m, gentle) for m in (a, b)]
+    expected = vx.measures.energy_distance(*near)
+    assert vx.measures.energy_distance(*far).relative == pytest.approx(expected.relative, rel=1e-6)
+
+
+def test_cells_add_up_and_say_where():
+    """Two fields that differ on the right half alone."""
+
+    def bent(x):
+        return wavy(x) + np.column_stack([np.maximum(x[:, 0] - 0.5, 0) ** 2, np.zeros(len(x))])
+
+    mesh = vx.meshes.hanging(8)
+    apart = vx.measures.energy_distance(field(mesh, bent), field(mesh, wavy))
+    left = mesh.points[mesh.vertices, 0]
+    left = np.maximum.reduceat(left, mesh.offsets[:-1]) <= 0.5
+    assert apart.cells[left].max() < 1e-14
+    assert apart.cells[~left].min() > 1e-4
+    assert np.sqrt(np.sum(apart.cells**2)) == pytest.approx(apart.absolute, rel=1e-14)
+
+
+def test_different_moduli_are_the_first_ones_and_said_so(caplog):
+    a, b = field(vx.meshes.squares(3), affine), field(vx.meshes.squares(2), nothing, lam=3.0)
+    apart = vx.measures.energy_distance(a, b)
+    assert apart.moduli_apart == pytest.approx(1.5 / (LAM + 2 * MU))
+    assert "moduli of the two meshes differ by up to 0.484" in caplog.text
+    same = vx.measures.energy_distance(a, field(vx.meshes.squares(2), nothing))
+    assert (apart.absolute, same.moduli_apart) == (pytest.approx(same.absolute), 0.0)
+
+
+def test_an_orthotropic_matrix_weighs_like_the_isotropic_it_equals():
+    a, b = field(vx.meshes.voronoi(4), wavy), field(vx.meshes.squares(4), wavy)
+    C = [LAM + 2 * MU, LAM, 0.0, LAM + 2 * MU, 0.0, MU]
+    full = vx.measures.Field(a.mesh, a.displacement, np.tile(np.array(C)[:, None], a.mesh.n_cells))
+    one, two = vx.measures.energy_distance(a, b), vx.measures.energy_distance(full, b)
+    assert two.cells == pytest.approx(one.cells, rel=1e-13)
+    assert two.moduli_apart == 0.0
+
+
+def test_nodal_distance_is_the_norm_of_the_stiffness_matrix(family):
+    """|u - I v|_{a^h} by the assembled matrix; a mesh's nodes are its own."""
+    from vemcvx.vem import Space, stiffness
+
+    a, b = field(mesh_of(family, 5), wavy), field(mesh_of(family, 5), other)
+    A = stiffness(Space(a.mesh), *a.moduli)
+    w = (a.displacement - b.displacement).ravel()
+    apart = vx.measures.energy_distance(a, b, kind="nodal")
+    assert apart.absolute == pytest.approx(np.sqrt(w @ A @ w), rel=1e-12)
+    v = b.displacement.ravel()
+    assert apart.reference == pytest.approx(np.sqrt(v @ A @ v), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["squares", "triangles"])
+def test_nested_nodes(name):
+    """27 by 27 in 9 by 9: the thirds of a box round differently, and are the same nodes."""
+    coarse, fine = field(mesh_of(name, 9), wavy), field(mesh_of(name, 27), wavy)
+    assert vx.measures.energy_distance(coarse, fine, kind="nodal").relative < 1e-14
+    with pytest.raises(vx.MeshError, match=r"node \d+ of the first mesh, .* is no node of the second"):
+        vx.measures.energy_distance(fine, coarse, kind="nodal")
+
+
+def test_mistakes():
+    a, b = field(vx.meshes.squares(3), wavy), field(vx.meshes.voronoi(3), wavy)
+    with pytest.raises(vx.HistoryError, match="found kind 'best'; there are 'projected', 'exact' and 'nodal'"):
+        vx.measures.energy_distance(a, b, kind="best")
+    with pytest.raises(vx.MeshError, match=r"second mesh\): cell \d+, of \d vertices, is neither a triangle nor"):
+        vx.measures.energy_distance(a, b, kind="exact")
+    with pytest.raises(vx.HistoryError, match="found 3 where a History"):
+        vx.measures.energy_distance(3, b)
+    with pytest.raises(vx.HistoryError, match=r"found displacements \(4, 2\); this mesh takes \(16, 2\)"):
+        vx.measures.Field(a.mesh, np.zeros((4, 2)), a.moduli)
+    with pytest.raises(vx.HistoryError, match=r"found moduli \(2, 3\); wanted \(2, 9\)"):
+        vx.measures.Field(a.mesh, a.displacement, np.ones((2, 3)))
+
+
+def test_different_domains_are_refused_unless_meant():
+    a, b = field(vx.meshes.squares(4), affine), field(vx.meshes.squares(4, box=((0, 0.5), (0, 1))), nothing)
+    with pytest.raises(vx.MeshError, match=r"second mesh covers 0 % of cell 2 of the first mesh"):
+        vx.measures.energy_distance(a, b)
+    with pytest.raises(vx.MeshError, match=r"first mesh covers 0 % of cell 2 of the second mesh"):
+        vx.measures.energy_distance(b, a)
+    half = vx.measures.energy_distance(a, b, common=True).absolute
+    assert half == pytest.approx(vx.measures.energy_distance(a, field(a.mesh, nothing)).absolute / np.sqrt(2))
+
+
+@pytest.mark.slow
+def test_fast_enough():
+    """65,536 cells against 1,024 nested ones below a second; two meshes of 20,000 Voronoi cells below fifteen."""
+    import time
+
+    def seconds(a, b, kind="projected"):
+        common_rule.cache_clear()
+        start = time.perf_counter()
+        vx.measures.energy_distance(a, b, kind=kind)
+        return time.perf_counter() - start
+
+    fine, coarse = field(vx.meshes.squares(256), wavy), field(vx.meshes.squares(32), wavy)
+    assert max(seconds(coarse, fine), seconds(fine, coarse, "exact"), seconds(coarse, fine, "nodal")) < 1.0
+    one, two = (field(vx.meshes.voronoi(cells=20000, seed=seed, relaxations=5), wavy) for seed in (0, 1))
+    assert seconds(one, two) < 15.0

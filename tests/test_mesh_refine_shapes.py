@@ -1,0 +1,135 @@
+"""What refinement makes of a single cell: closed forms, and shapes that nobody would draw on purpose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vemcvx.meshes import PolygonMesh, refinement
+from vemcvx.meshes.centres import kernel_centroids
+from vemcvx.meshes.convex_pieces import convex_pieces
+
+L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
+U = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)], dtype=float)
+
+
+def comb(teeth=7):
+    """All tips in a line, so that ears of its triangulation are flat."""
+    inner = [(x + 0.5 * (k % 2), 5.0 if k % 2 else 1.0) for x in range(teeth, 0, -1) for k in (0, 1)]
+    return np.array([(0.0, 0.0), (teeth + 1.0, 0.0), (teeth + 1.0, 5.0), *inner, (0.0, 5.0)])
+
+
+def spiral(turns=3, points=60):
+    angle = np.linspace(0, 2 * np.pi * turns, points)
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    radius = (0.1 + 0.05 * angle)[:, None]
+    return np.concatenate([(radius + 0.04) * around, (radius * around)[::-1]])
+
+
+def regular(n):
+    angle = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def star(tips, waist):
+    return regular(2 * tips) * np.where(np.arange(2 * tips) % 2, waist, 1.0)[:, None]
+
+
+# Outline, number of children, bound on diameter^2 / area of all later cells (measured plus a fifth).
+SHAPES = {
+    "L": (L, 6, 12.0),
+    "U": (U, 3, 12.0),
+    "comb": (comb(), None, 20.0),
+    "spiral": (spiral(), None, 17.0),
+    "500-gon": (regular(500), 9, 6.5),
+    "40-gon": (regular(40), 9, 7.0),
+    "heptagon": (regular(7), 7, 5.0),
+    "star": (star(5, 0.3), 10, 28.0),
+    "sharp star": (star(50, 0.02), None, 940.0),
+    "tiny edge": (np.array([(0, 0), (0.5, 0), (0.5 + 1e-12, 1e-12), (1, 1e-12), (1, 1), (0, 1)]), 4, 5.5),
+    "trapezium": (np.array([(0, 0), (1, 0), (0.501, 1), (0.5, 1)]), 3, 4.5),
+}
+
+
+def single(outline):
+    return PolygonMesh(outline, [np.arange(len(outline))])
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_children_are_valid_and_do_not_degenerate(name):
+    outline, children, bound = SHAPES[name]
+    mesh = single(outline)
+    area = mesh.areas.sum()
+    for passes in range(5):
+        found = refinement(mesh)
+        assert np.abs(found.prolongation @ mesh.points - found.mesh.points).max() < 1e-13
+        mesh = found.mesh
+        PolygonMesh(mesh.points, mesh.cells)
+        assert mesh.areas.sum() == pytest.approx(area, rel=1e-13)
+        assert (mesh.diameters**2 / mesh.areas).max() < bound
+        if passes == 0 and children:
+            assert mesh.n_cells == children
+        if mesh.n_cells > 2000:
+            break
+
+
+@pytest.mark.parametrize("aspect", [1e2, 1e6])
+def test_needles_are_cut_across(aspect):
+    mesh = single(np.array([(0, 0), (aspect, 0), (aspect, 1), (0, 1)]))
+    for _ in range(5):
+        mesh = mesh.refine()
+    assert mesh.n_cells == 32
+    np.testing.assert_allclose(mesh.areas, aspect / 32, rtol=1e-13)
+    np.testing.assert_allclose(mesh.diameters, np.hypot(aspect / 32, 1.0), rtol=1e-13)
+
+
+@pytest.mark.parametrize("height", [1.0, 1e-5])
+def test_parts_of_triangles_are_similar(height):
+    mesh = single(np.array([(0, 0), (1, 0), (0.3, height)]))
+    fine = mesh.refine().refine()
+    assert fine.n_cells == 16
+    np.testing.assert_allclose(fine.areas, mesh.areas[0] / 16, rtol=1e-9)
+    np.testing.assert_allclose(fine.diameters, mesh.h / 4, rtol=1e-13)
+
+
+def test_an_arrow_has_two_arrows_and_two_parallelograms():
+    mesh = single(np.array([(0.1, 0.0), (2.0, 1.0), (-1.0, 0.0), (2.0, -1.0)]))
+    fine = mesh.refine()
+    assert fine.n_cells == 4
+    np.testing.assert_allclose(np.sort(fine.areas / mesh.areas[0]), 0.25, rtol=1e-14)
+    np.testing.assert_array_equal(fine.points[-1], 0.5 * (mesh.points[0] + mesh.points[2]))
+    assert sorted(np.isclose(fine.diameters, 0.5 * mesh.h).tolist()) == [False, False, True, True]
+
+
+def test_a_node_near_the_middle_of_a_side_is_its_middle():
+    outline = np.array([(0, 0), (0.4, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
+    fine = single(outline).refine()
+    assert fine.n_nodes == 5 + 3 + 1
+    outline[1, 0] = 0.25
+    fine = single(outline).refine()
+    assert fine.n_nodes == 5 + 4 + 1
+    assert [0.625, 0.0] in fine.points.tolist()
+
+
+def test_kernels_in_closed_form():
+    square = regular(4)[None]
+    points, clear = kernel_centroids(square)
+    np.testing.assert_allclose(points, 0.0, atol=1e-15)
+    assert clear == pytest.approx(np.sqrt(0.5))
+    points, clear = kernel_centroids(np.stack([L, L[[1, 2, 3, 4, 5, 0]]]) / 2 - 0.5)  # the lower left square
+    np.testing.assert_allclose(points, -0.25, rtol=1e-14)
+    np.testing.assert_allclose(clear, 0.25, rtol=1e-14)
+    assert kernel_centroids(U[None] / 3 - 0.5)[1] < 0.0  # no point sees both arms
+
+
+def test_convex_pieces_cover_the_cell():
+    for outline in (L, U, comb(), spiral(), star(50, 0.02)):
+        pieces = convex_pieces(outline)
+        mesh = PolygonMesh(outline, pieces)  # a valid mesh: they fit together
+        assert mesh.areas.sum() == pytest.approx(single(outline).areas[0], rel=1e-13)
+        for piece in pieces:
+            edge = np.roll(outline[piece], -1, axis=0) - outline[piece]
+            before = np.roll(edge, 1, axis=0)
+            assert (before[:, 0] * edge[:, 1] - before[:, 1] * edge[:, 0]).min() > -1e-8
+    assert len(convex_pieces(L)) == 2
+    assert len(convex_pieces(U)) == 3

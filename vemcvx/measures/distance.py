@@ -1,0 +1,126 @@
+"""How far two runs are apart, in the energy norm, on whatever meshes.
+
+    exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
+    projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
+    nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other (:mod:`vemcvx.measures.nodal`)
+
+The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are norms of
+a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle inequality.
+The nodal distance sees the coarse nodes alone, and is the smallest of the three.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.errors import HistoryError
+from vemcvx.history import History
+from vemcvx.measures.field import Field, field_of, step_at
+from vemcvx.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
+from vemcvx.measures.measured import Measured, measured
+from vemcvx.measures.nodal import nodal_distance
+from vemcvx.measures.overlap import CommonRule, check_covered, common_rule
+from vemcvx.vem import elastic_matrix, stresses, upper_triangle
+
+Floats = NDArray[np.float64]
+
+KINDS = ("exact", "projected", "nodal")
+# Points at which strains and stresses are taken at once.
+CHUNK = 2**18
+# Moduli read at the centroids of different cells agree to round-off if they are the same constants.
+SAME_MODULI = 1e-12
+
+
+def energy_distance(
+    run: History | Field,
+    reference: History | Field,
+    *,
+    kind: str = "projected",
+    step: int = -1,
+    reference_step: int = -1,
+    time: float | None = None,
+    common: bool = False,
+) -> Measured:
+    """Energy norm of the difference of two runs, on the same or on different meshes of one body.
+
+    Parameters
+    ----------
+    run, reference : History or Field
+        Shares of cells are those of the mesh of `run`; relative values refer to `reference`.
+    kind : {"projected", "exact", "nodal"}
+        What is compared: see :mod:`vemcvx.measures.distance`.
+    step, reference_step : int
+        Stored steps; negative ones count from the end.
+    time : float, optional
+        An instant that both runs have stored, instead of steps.
+    common : bool
+        Measure on what the meshes share, where they do not cover the same domain.
+
+    Returns
+    -------
+    Measured
+        Strains are weighed by the moduli of `run`; `moduli_apart` says how different those of `reference` are.
+
+    Raises
+    ------
+    MeshError
+        The meshes do not cover the same domain; "exact" on cells other than triangles and rectangles; "nodal" where
+        nodes of `run` are no nodes of `reference`.
+    HistoryError
+        There is no such kind, or no step was stored at `time`.
+    SceneError
+        A step was not stored.
+    """
+    subject = "energy_distance"
+    if kind not in KINDS:
+        raise HistoryError(f"{subject}: found kind {kind!r}; there are 'projected', 'exact' and 'nodal'.")
+    u, v = _field(run, step, time, subject), _field(reference, reference_step, time, subject)
+    if kind == "nodal":
+        return nodal_distance(u, v)
+    if kind == "exact":
+        fields = virtual_strain(u, f"{subject} (first mesh)"), virtual_strain(v, f"{subject} (second mesh)")
+    else:
+        fields = projected_strain(u), projected_strain(v)
+    rule = common_rule(u.mesh, v.mesh, 2 if kind == "exact" else 0)
+    if not common:
+        check_covered(rule, u.mesh, v.mesh, subject)
+    squares, norm = _integrals(rule, u.moduli, *fields)
+    return measured(np.bincount(rule.first, squares, u.mesh.n_cells).astype(float), norm, _apart(rule, u, v))
+
+
+def _field(run: History | Field, step: int, time: float | None, subject: str) -> Field:
+    if time is not None and isinstance(run, History):
+        step = step_at(run, time)
+    return field_of(run, step, subject)
+
+
+def _integrals(rule: CommonRule, moduli: Floats, u: InnerStrain, v: InnerStrain) -> tuple[Floats, float]:
+    """The weighted squares (q,) of the difference at the points, and the squared norm of the reference."""
+    squares, norm = np.empty(len(rule.weights)), 0.0
+    for start in range(0, len(squares), CHUNK):
+        part = slice(start, start + CHUNK)
+        i, weights = rule.first[part], rule.weights[part]
+        x = None if rule.points is None else rule.points[part]
+        there = v.at(rule.second[part], x)
+        apart, C = u.at(i, x) - there, moduli[:, i]
+        squares[part] = weights * np.sum(apart * stresses(C, apart), axis=1)
+        norm += float(weights @ np.sum(there * stresses(C, there), axis=1))
+    return squares, norm
+
+
+def _apart(rule: CommonRule, u: Field, v: Field) -> float:
+    """The largest relative difference of elastic matrices at the same place."""
+    mine, other = (upper_triangle(elastic_matrix(field.moduli)) for field in (u, v))
+    if all((mine[:, :1] == C).all() for C in (mine, other)):
+        return 0.0
+    difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
+    apart = float((difference / np.abs(mine).max(axis=0)[rule.first]).max())
+    if apart <= SAME_MODULI:
+        return 0.0
+    logging.getLogger("vemcvx").warning(
+        "energy_distance: the moduli of the two meshes differ by up to %.3g; those of the first are used", apart
+    )
+    return apart

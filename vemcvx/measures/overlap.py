@@ -1,0 +1,128 @@
+"""One quadrature for two meshes: points and weights on every overlap of a cell of the one with a cell of the other.
+
+Cells are taken in convex pieces. A piece that lies in a piece of the other mesh is its own overlap, so that refinements
+cost a search and no clipping; what is left is clipped, pair by pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.errors import MeshError
+from vemcvx.measures.clipping import clip
+from vemcvx.measures.near import meeting_boxes
+from vemcvx.measures.pieces import Pieces, convex_pieces, doubled_areas, fans, inside
+from vemcvx.meshes import PolygonMesh
+from vemcvx.vem import Space
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Pairs of pieces in one go: temporaries of a few tens of megabytes.
+CHUNK = 2**14
+# A cell of which more than this part lies outside the other mesh is not covered by it; the rounding of the boundary
+# of both comes on top, a strip of this times the coordinates along the cell.
+UNCOVERED, STRIP = 1e-8, 1e-15
+# Barycentric coordinates of the inner three-point rule of degree 2.
+INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class CommonRule:
+    """Points of quadrature on the overlaps of two meshes.
+
+    Attributes
+    ----------
+    first, second : (q,) arrays of int
+        The cells each point lies in.
+    weights : (q,) array
+        They add up to the area that the meshes share.
+    points : (q, 2) array or None
+        None for degree 0, where any point of an overlap will do.
+    """
+
+    first: Ints
+    second: Ints
+    weights: Floats
+    points: Floats | None
+
+
+@lru_cache(maxsize=4)
+def common_rule(first: PolygonMesh, second: PolygonMesh, degree: int) -> CommonRule:
+    """A quadrature exact for piecewise constants (degree 0) or piecewise quadratics (degree 2) on both meshes.
+
+    The last few are kept: a history is compared step by step on the same two meshes.
+    """
+    parts = list(_rules(convex_pieces(Space(first)), convex_pieces(Space(second)), degree))
+    i, j, weights = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    return CommonRule(i, j, weights, np.concatenate([part[3] for part in parts]) if degree else None)
+
+
+def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, subject: str) -> None:
+    """Raise MeshError unless both meshes cover the same domain."""
+    for mine, mesh, name, other in ((rule.first, first, "first", "second"), (rule.second, second, "second", "first")):
+        covered = np.bincount(mine, rule.weights, mesh.n_cells) / mesh.areas
+        allowed = UNCOVERED + STRIP * np.abs(mesh.points).max() * mesh.diameters / mesh.areas
+        worst = int(np.argmax(np.abs(covered - 1.0) - allowed))
+        if abs(covered[worst] - 1.0) > allowed[worst]:
+            raise MeshError(
+                f"{subject}: the {other} mesh covers {100 * covered[worst]:.6g} % of cell {worst} of the {name} mesh, "
+                f"at {mesh.centroids[worst]}; both must cover the same domain. Give common=True to measure on what "
+                "they share."
+            )
+
+
+def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[tuple[Floats, ...]]:
+    """Owners, weights and points of the overlaps, a few thousand pairs of pieces at a time."""
+    i, j = meeting_boxes(_boxes(a), _boxes(b))
+    a_in_b, b_in_a = _contained(a, b, i, j), _contained(b, a, j, i)
+    whole_a, whole_b = a_in_b, b_in_a & ~a_in_b
+    settled_a, settled_b = np.zeros(len(a.owner), dtype=bool), np.zeros(len(b.owner), dtype=bool)
+    settled_a[i[a_in_b]] = True
+    settled_b[j[b_in_a]] = True
+    cut = ~(a_in_b | b_in_a | settled_a[i] | settled_b[j])
+    for kind, chosen in (("a", whole_a), ("b", whole_b), ("cut", cut)):
+        pairs = np.flatnonzero(chosen)
+        for start in range(0, max(len(pairs), 1), CHUNK):
+            mine, other = i[pairs[start : start + CHUNK]], j[pairs[start : start + CHUNK]]
+            polygons = a.corners[mine] if kind == "a" else b.corners[other]
+            if kind == "cut" and len(mine):
+                polygons = clip(polygons, a.corners[mine])
+            yield _on(polygons, a.owner[mine], b.owner[other], degree)
+
+
+def _boxes(pieces: Pieces) -> tuple[Floats, Floats]:
+    return pieces.corners.min(axis=1), pieces.corners.max(axis=1)
+
+
+def _contained(small: Pieces, large: Pieces, i: Ints, j: Ints) -> NDArray[np.bool_]:
+    """Whether piece i of the one set lies in piece j of the other, pair by pair."""
+    within = np.zeros(len(i), dtype=bool)
+    low, high = _boxes(large)
+    reach = 1e-9 * (high - low).max(axis=1)[:, None]
+    its_low, its_high = _boxes(small)
+    likely = np.flatnonzero(((its_low[i] >= (low - reach)[j]) & (its_high[i] <= (high + reach)[j])).all(axis=1))
+    for start in range(0, len(likely), CHUNK):
+        part = likely[start : start + CHUNK]
+        within[part] = inside(small.corners[i[part]], large.corners[j[part]])
+    return within
+
+
+def _on(polygons: Floats, first: Ints, second: Ints, degree: int) -> tuple[Floats, ...]:
+    """The rule on convex polygons (p, w, 2): the area, or three points on every triangle."""
+    triangles = fans(polygons)
+    areas = 0.5 * doubled_areas(triangles)
+    if not degree:
+        total = areas.sum(axis=1)
+        kept = total > 0.0
+        return first[kept], second[kept], total[kept], np.empty((0, 2))
+    kept = areas > 0.0
+    count = 3 * kept.sum(axis=1)
+    origin = triangles[kept][:, :1]
+    points = origin + np.matmul(INNER, triangles[kept] - origin)
+    return np.repeat(first, count), np.repeat(second, count), np.repeat(areas[kept] / 3.0, 3), points.reshape(-1, 2)

@@ -1,0 +1,44 @@
+"""Values inside a cell: the projection Pi of the virtual elements (see `vem.projection`) at one point of each cell.
+
+    Pi v(x) = sum_i v_i (w_i + G_i . (x - xbar)),   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2 |K|),
+
+with w_i the weights of the mean over the boundary and xbar = sum_i w_i x_i. Linear functions are reproduced.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.ragged import offsets_of, spans
+from vemcvx.meshes.topology import Ints, next_corner, previous_corner
+
+
+def linear_weights(mesh: PolygonMesh, cells: Ints, at: Floats) -> tuple[Ints, Ints, Floats]:
+    """Weights of the vertices of cells for the values of Pi at one point ``at`` (c, 2) of each.
+
+    Returns
+    -------
+    counts : (c,) int
+        Number of vertices of each cell.
+    nodes : (m,) int
+        Vertices, cell after cell.
+    weights : (m,) float
+        Of their values; they add up to one in each cell.
+    """
+    counts = np.diff(mesh.offsets)[cells]
+    if not len(cells):
+        return counts, np.empty(0, dtype=np.int64), np.empty(0)
+    offsets = offsets_of(counts)
+    nodes = mesh.vertices[spans(mesh.offsets[cells], counts)]
+    x = mesh.points[nodes] - np.repeat(at, counts, axis=0)
+    after, before = x[next_corner(offsets)], x[previous_corner(offsets)]
+    length = np.hypot(*(after - x).T)
+    both = length + length[previous_corner(offsets)]
+    w = both / np.repeat(np.add.reduceat(both, offsets[:-1]), counts)
+    mean = np.add.reduceat(w[:, None] * x, offsets[:-1], axis=0)
+    chord = after - before
+    doubled = np.add.reduceat(x[:, 0] * chord[:, 1], offsets[:-1])  # the very sum that makes the gradient of x one
+    slope = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.repeat(doubled, counts)[:, None]
+    return counts, nodes, w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))

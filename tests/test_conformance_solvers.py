@@ -18,7 +18,7 @@ from conftest import small
 
 import vemcvx as vx
 from vemcvx.certificate import certify
-from vemcvx.form import ABSOLUTE_VALUES, SECOND_ORDER_CONES, Form
+from vemcvx.form import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Form
 from vemcvx.pose import pose
 from vemcvx.program import StepProgram
 
@@ -34,7 +34,8 @@ OWN = {
 FOUND = {
     name: vx.ThroughCvxpy(name, accuracy=1e-3) for name in cvxpy.installed_solvers() if name not in ("CLARABEL", "OSQP")
 }
-"""Solvers that answer or refuse."""
+FOUND = {name: solver for name, solver in FOUND.items() if QUADRATIC in solver.accepts}
+"""Solvers that answer or refuse; those of linear programs accept no step at all (tests/test_cli_compare.py)."""
 SOLVERS = OWN | FOUND
 
 TIMES = np.linspace(0.0, 1.0, 7)

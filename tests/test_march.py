@@ -203,3 +203,12 @@ def test_contact_nodes_without_friction_slide(store):
         assert not kept[1:3].any()
     assert (history.contact.bound == 0).all()
     assert (history.contact.traction == 0).all()
+
+
+def test_store_keeps_the_steps_that_are_named():
+    scene, mesh = paper_scene(cyclic), small("voronoi", 4)
+    every = vx.simulate(scene, mesh, TIMES)
+    some = vx.simulate(scene, mesh, TIMES, store=[7, 3])
+    assert some.stored.tolist() == [3, 7, 12]
+    assert np.array_equal(some.displacement, every.displacement[[3, 7, 12]])
+    assert np.array_equal(some.trajectory.energy, every.trajectory.energy)

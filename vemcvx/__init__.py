@@ -6,7 +6,9 @@ not depend on the solver. After Feng, Han and Huang, "A virtual element method f
 contact problem"; equation numbers in this package are its.
 """
 
-from vemcvx import meshes
+from vemcvx import measures, meshes
+from vemcvx.adaptivity import Adapted, adapt
+from vemcvx.budget import ErrorBudget, error_budget
 from vemcvx.effects import (
     BilateralContact,
     BodyForce,
@@ -56,6 +58,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "OSQP",
+    "Adapted",
     "BilateralContact",
     "BodyForce",
     "Clamp",
@@ -67,6 +70,7 @@ __all__ = [
     "Effect",
     "ElasticFoundation",
     "Elasticity",
+    "ErrorBudget",
     "History",
     "HistoryError",
     "Limits",
@@ -102,7 +106,10 @@ __all__ = [
     "UnilateralContact",
     "VemcvxError",
     "Viscosity",
+    "adapt",
+    "error_budget",
     "march",
+    "measures",
     "meshes",
     "read_history",
     "simulate",

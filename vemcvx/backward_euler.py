@@ -12,20 +12,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.acceptance import insist
 from vemcvx.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps
-from vemcvx.condensation import Condensation
 from vemcvx.extended import residual
 from vemcvx.fixed_point import resolved
-from vemcvx.form import Form
-from vemcvx.ledger import Drive, Ledger, advance, drive
-from vemcvx.linear import LinearSolver
+from vemcvx.ledger import Drive, advance, drive
 from vemcvx.program import Answer, StepProgram
-from vemcvx.refine import full_certificate, needs_refinement, pulled, refined
-from vemcvx.scaling import Scaling, scaling
+from vemcvx.refine import full_certificate, pulled, refined
 from vemcvx.seminorm import answered, refuse_unbalanced
-from vemcvx.solvers import Prepared, Solver, choose
-from vemcvx.system import System
+from vemcvx.state import Run, State
 
 Floats = NDArray[np.float64]
 
@@ -35,75 +29,6 @@ INSIDE = 0.1
 """Part of the accuracy at which the programs inside a fixed point are solved: at 1 it stalls at twice the accuracy."""
 ATTEMPTS = 3
 """A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What all steps share."""
-
-    system: System
-    condensation: Condensation
-    scaling: Scaling
-    solver: Solver
-    prepared: Prepared
-    check: bool
-    refines: bool
-    """whether the factors are too coarse for the accuracy, so that every step is refined"""
-
-    def insist(self, state: State, n: int) -> None:
-        """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
-        insist(self.solver, self.system.norms, state.certificate, state.scale, state.status, n, state.t)
-
-    @property
-    def form(self) -> Form:
-        """The condensed form, in the units of the system."""
-        return self.condensation.form
-
-
-@dataclass(frozen=True)
-class State:
-    """Everything known at an instant; touched unknowns only."""
-
-    t: float
-    y: Floats
-    """(m,)"""
-    unbalanced: Floats
-    """(m,) load - K y, which the norm terms hold"""
-    drive: Drive
-    weights: Floats
-    """(m,) of the friction bounds"""
-    walls: Floats
-    """(m,) the weights, those far above every multiplier lowered"""
-    lam: Floats
-    p: Floats
-    """(r,) forces of the limits"""
-    slip: Floats
-    """(m, block) s of the step that led here"""
-    certificate: Certificate
-    ledger: Ledger
-    scale: float
-    """largest energy norm of the states so far"""
-    iterations: int
-    status: str = ""
-    """in the solver's own words"""
-    safeguards: int = 0
-    """how many of the iterations stood in for faster ones"""
-    rate: float = np.nan
-    """with which the fixed point of pressure-dependent weights contracted"""
-    full: Floats | None = None
-    """(n,) all unknowns, once somebody has asked for them"""
-
-
-def prepare(
-    system: System, solver: Solver | None, check: bool, condense: bool, linear: LinearSolver | None = None
-) -> Run:
-    """Factorise, condense, scale, and let the solver do what all steps share."""
-    condensation = Condensation(system, condense, linear)
-    chosen = choose(condensation.form, solver)
-    scales = scaling(condensation.form)
-    plain = condensation.form.separate and not condensation.form.softness.any()
-    refines = plain and needs_refinement(condensation, chosen.accuracy)
-    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form.regular), check, refines)
 
 
 def step(run: Run, before: State, n: int, t: float) -> State:
@@ -296,4 +221,13 @@ class Trial:
             answer.iterations,
             answer.status,
             answer.safeguards,
+            lag=self._lag(answer, slip),
         )
+
+    def _lag(self, answer: Answer, slip: Floats) -> float:
+        """w_prev |s| - lam_prev . s, and the change of the limits' forces times their motion, what gives way aside."""
+        before, form = self.before, self.run.form
+        rubbed = float(before.walls @ np.linalg.norm(slip, axis=1)) - float(before.lam.ravel() @ slip.ravel())
+        press = answer.p - before.p
+        moved = form.limits.read(answer.d) - (self.drive.reach - before.drive.reach) - form.softness * press
+        return rubbed + float(np.abs(press * moved).sum())

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.backward_euler import Run, State
 from vemcvx.certificate import Certificate
 from vemcvx.errors import HistoryError
 from vemcvx.ledger import Ledger, drive
+from vemcvx.state import Run, State
 from vemcvx.storage import Arrays
 
 Floats = NDArray[np.float64]
@@ -45,6 +45,7 @@ def to_arrays(n: int, state: State, whole: bool) -> Arrays:
         "lam": state.lam,
         "p": state.p,
         "slip": state.slip,
+        "worn": ledger.worn,
         "full": state.full if whole and state.full is not None else np.zeros(0),
         "friction": certificate.friction,
         "limits": certificate.limits,
@@ -56,7 +57,7 @@ def from_arrays(run: Run, arrays: Arrays) -> tuple[int, State]:
     try:
         n, t, scale, iterations, energy, dissipated, work, equilibrium, floor = arrays["numbers"].tolist()
         certificate = Certificate(equilibrium, arrays["friction"], floor, arrays["limits"])
-        ledger = Ledger(energy, dissipated, work)
+        ledger = Ledger(energy, dissipated, work, arrays["worn"])
         parts = (arrays["y"], arrays["unbalanced"], drive(run.system, run.condensation, t), arrays["weights"])
         state = State(
             t,

@@ -48,7 +48,9 @@ def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
     isotropic = all(len(m.moduli) == 2 for m in materials)
     moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli)) for m in materials]
     swelling = np.sum([m.swelling for m in materials], axis=0)
-    return Material("materials", np.sum(moduli, axis=0), swelling, materials[0].plane)
+    known = [m.across for m in materials if m.across is not None]
+    across = np.sum(known, axis=0) if len(known) == len(materials) else None
+    return Material("materials", np.sum(moduli, axis=0), swelling, materials[0].plane, across=across)
 
 
 def _check_cover(materials: Sequence[Material], mesh: PolygonMesh) -> None:
@@ -84,6 +86,15 @@ class InitialStresses:
             total += stress.value(t)
         for swelling in self.swellings:
             total -= self.material.swelling * swelling.value(t)[:, None]
+        return total
+
+    def across(self, t: float) -> Floats | None:
+        """What swellings add to the stress zz across the plane, (n_cells,); None where the material does not say."""
+        if self.material.across is None:
+            return None
+        total = np.zeros(len(self.material.swelling))
+        for swelling in self.swellings:
+            total -= self.material.across[:, 3] * swelling.value(t)
         return total
 
     def vector(self, t: float) -> Floats:

@@ -1,7 +1,11 @@
 """The contact boundary over time, from what a march leaves.
 
 Slips are tangential parts of nodal displacements, (I - n n') u; tractions are minus the multipliers over
-int phi_i; the pressure is what the obstacle exerts along the normal, A u - f + B'lam, over int phi_i.
+int phi_i; the pressure is what the obstacle exerts along the normal, A u - f + B'lam, over int phi_i; wear is friction
+work, the sum over all steps of w_i |s_i|, over int phi_i: the depth worn off is in proportion to it (Archard 1953).
+
+A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
+by which active sets are chosen, which tells a small pressure from a small distance whatever the units.
 """
 
 from __future__ import annotations
@@ -38,6 +42,13 @@ class Contact:
         Normal force per length, compression positive; of either sign where contact is bilateral.
     sticking : (S, m) bool
         Whether the increment of the step is zero to round-off; true in row 0.
+    wear : (S, m)
+        Friction work per length since the initial instant, of all steps, stored or not: over int phi_i of the edges
+        with friction, so that ``wear @ friction_lengths`` is what friction has dissipated; 0 without friction.
+    closed : (S, m) bool
+        Whether the node touches its obstacle, in one of its normals at least; true where contact is bilateral.
+    lengths, friction_lengths : (m,)
+        int phi_i over the edges of contact, and over those with friction: at a corner, both sides count.
     """
 
     nodes: Ints
@@ -48,6 +59,30 @@ class Contact:
     bound: Floats
     pressure: Floats
     sticking: Bools
+    wear: Floats
+    closed: Bools
+    lengths: Floats
+    friction_lengths: Floats
+
+    @property
+    def stick_count(self) -> Ints:
+        """(S,) nodes that touch and stick; with `slip_count` and `open_count` all m."""
+        return (self.closed & self.sticking).sum(axis=1)
+
+    @property
+    def slip_count(self) -> Ints:
+        """(S,) nodes that touch and slip."""
+        return (self.closed & ~self.sticking).sum(axis=1)
+
+    @property
+    def closed_count(self) -> Ints:
+        """(S,) nodes that touch their obstacle."""
+        return self.closed.sum(axis=1)
+
+    @property
+    def open_count(self) -> Ints:
+        """(S,) nodes that do not."""
+        return (~self.closed).sum(axis=1)
 
 
 def contact_history(posed: Posed, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
@@ -70,7 +105,10 @@ def contact_history(posed: Posed, trajectory: Trajectory, u: Floats, forces: Flo
     along = np.einsum("smd,md->sm", u[:, nodes], normals)
     slip = u[:, nodes] - along[:, :, None] * normals
     sticking = _sticking(trajectory, slip, at)
-    return Contact(nodes, points[nodes], normals, slip, traction, bound, pressure, sticking)
+    wear, rubbed = _wear(posed, trajectory, at, len(nodes))
+    closed = _closed(posed, trajectory, u, place, len(nodes))
+    fields = slip, traction, bound, pressure, sticking, wear, closed
+    return Contact(nodes, points[nodes], normals, *fields, lengths, rubbed)
 
 
 def _friction(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats, Floats]:
@@ -107,3 +145,29 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
         else:
             sticking[row, smooth] = trajectory.iterations[n] == 0
     return sticking
+
+
+def _wear(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats]:
+    """Friction work per length (S, m), and the lengths with friction (m,)."""
+    work, length = np.zeros((m, len(trajectory.worn))), np.zeros(m)
+    np.add.at(work, at, trajectory.worn.T)
+    np.add.at(length, at, posed.terms.lengths)
+    wear = np.divide(work, length[:, None], out=np.zeros_like(work), where=length[:, None] > 0)
+    return np.ascontiguousarray(wear.T), length
+
+
+def _closed(posed: Posed, trajectory: Trajectory, u: Floats, place: Ints, m: int) -> Bools:
+    """Whether each node touches its obstacle, (S, m); true where nothing can open."""
+    closed, obstacles = np.ones((len(u), m), dtype=bool), posed.obstacles
+    if obstacles is None:
+        return closed
+    at = place[obstacles.nodes]
+    rows, at = np.flatnonzero(at >= 0), at[at >= 0]
+    stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
+    closed[:, at] = False
+    for row, n in enumerate(trajectory.stored):
+        gap, move = obstacles.gap(float(trajectory.times[n])), obstacles.rows @ u[row].ravel()
+        blur = 8 * EPS * (np.abs(gap) + np.abs(move).max(initial=0.0))
+        touches = trajectory.pressures[row] + stiffness * (move - gap + blur) >= 0
+        np.logical_or.at(closed[row], at, touches[rows])
+    return closed

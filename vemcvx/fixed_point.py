@@ -30,7 +30,7 @@ from vemcvx.errors import NotContracting
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vemcvx.backward_euler import State
+    from vemcvx.state import State
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def resolved(
             rate = now / apart if 0 < apart < np.inf else rate
             slow, apart = slow + 1 if rate > SLOWEST else 0, now
         own = replace(_better(own, state, apart, rate), iterations=iterations, rate=rate)
-        if own.certificate.error <= accuracy * own.scale:
+        if own.certificate.error <= accuracy * own.scale or own.certificate.nothing(own.scale):
             return own
         idle = 0 if own.certificate.gap <= 0.5 * least else idle + 1
         least = min(least, own.certificate.gap)

@@ -9,18 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.contact import Contact, contact_history
+from vemcvx.contact import Contact
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
-from vemcvx.pose import Posed
 from vemcvx.scene import Scene
-from vemcvx.storage import Storage
 from vemcvx.trajectory import Trajectory
-from vemcvx.vem import Space, strains, stresses
+from vemcvx.vem import Space, equivalent, principal, strains, stresses
+
+if TYPE_CHECKING:
+    from vemcvx.probes import Profile
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,6 +53,15 @@ class History:
         "assemble", "prepare" and "solve".
     prestress : (S, n_cells, 3) or None
         Stresses at zero strain, of eigenstrains and prestress; None where the scene has none.
+    across : (n_cells, 3) or None
+        Stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does
+        not say.
+    prestress_across : (S, n_cells) or None
+        What eigenstrains add to it; None where there are none.
+    void : tuple of str
+        What of the scene did nothing in this run, and was left out or never reached.
+    errors : dict or None
+        Of an adaptive run: "algebra", "space", "time", their sum "total", and the "target", relative energy errors.
     """
 
     mesh: PolygonMesh
@@ -63,6 +74,10 @@ class History:
     trajectory: Trajectory
     seconds: dict[str, float]
     prestress: Floats | None = None
+    across: Floats | None = None
+    prestress_across: Floats | None = None
+    void: tuple[str, ...] = ()
+    errors: dict[str, float] | None = None
 
     @property
     def steps(self) -> int:
@@ -152,6 +167,85 @@ class History:
         sigma = stresses(self.moduli, strains(self._space, self.displacement[row]))
         return sigma if self.prestress is None else sigma + self.prestress[row]
 
+    def stress_across(self, step: int) -> Floats:
+        """(n_cells,) stress zz across the plane at a stored step; tension positive.
+
+        0 in plane stress. In plane strain lam (e_xx + e_yy) = nu (xx + yy), of an orthotropic material as its E3, nu13
+        and nu23 say, minus what blocked swellings cost there (E alpha theta of a body free in the plane). A Prestress
+        has no component across the plane and counts as 0 there.
+
+        Raises
+        ------
+        SceneError
+            That step was not stored, or the material does not say.
+        """
+        row = self.row(step)
+        if self.across is None:
+            raise SceneError(
+                "history: the stress across the plane is not determined, because a material gives its law in the plane "
+                "only (Material.across); principal_stresses(step) and stress(step) do not need it."
+            )
+        zz = np.einsum("ck,ck->c", self.across, strains(self._space, self.displacement[row]))
+        return zz if self.prestress_across is None else zz + self.prestress_across[row]
+
+    def von_mises(self, step: int) -> Floats:
+        """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
+
+        See :mod:`vemcvx.vem.invariants` for the formula and :meth:`stress_across` for that component, and its errors.
+        """
+        return equivalent(self.stress(step), self.stress_across(step))
+
+    def principal_stresses(self, step: int) -> Floats:
+        """(n_cells, 2) principal stresses in the plane at a stored step, the larger one first; tension positive.
+
+        Raises
+        ------
+        SceneError
+            That step was not stored.
+        """
+        return principal(self.stress(step))
+
+    def probe(self, points: ArrayLike) -> Floats:
+        """(S, p, 2) displacements at any points (p, 2) of the body: see :mod:`vemcvx.probes`.
+
+        Exact nodal values at nodes, between two nodes linear on edges, and Pi u inside cells, (3.11).
+
+        Raises
+        ------
+        SceneError
+            A point lies outside the body, or `points` are not points.
+        """
+        from vemcvx.probes import places
+
+        return places(self.mesh, points, "probe").at_nodes(self.displacement)
+
+    def along(self, start: ArrayLike, end: ArrayLike, count: int = 101, field: str = "displacement") -> Profile:
+        """A field along a straight line, at all stored steps.
+
+        Parameters
+        ----------
+        start, end : (2,) points
+            Of the body, as all points between them.
+        count : int
+            How many points, evenly spaced, the ends among them; at least 2.
+        field : {"displacement", "stress", "stress_across", "von_mises", "principal_stresses"}
+            Displacements are those of :meth:`probe`; stresses are constant on cells, and where several cells meet the
+            mean of theirs is given.
+
+        Returns
+        -------
+        Profile
+            ``arc, values = history.along(...)``: distances (count,) from the start, and values (S, count, ...).
+
+        Raises
+        ------
+        SceneError
+            The line leaves the body, or something of the above is not as it should be.
+        """
+        from vemcvx.probes import profile
+
+        return profile(self, start, end, count, field)
+
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
         wanted = step + self.steps + 1 if step < 0 else step
@@ -163,57 +257,12 @@ class History:
 
     def summary(self) -> str:
         """The run in a few lines of words."""
-        last = self.trajectory
-        sticking = int(self.contact.sticking[-1].sum())
-        lines = [
-            f"{self.mesh.n_cells} cells, {self.mesh.n_nodes} nodes, {last.state.shape[1]} unknowns, "
-            f"{len(self.contact.nodes)} contact nodes, {self.steps} steps",
-            f"solver      {self.solver}",
-            f"certified   {last.certificate.max():.1e} relative energy error a step "
-            f"(floor {last.certificate_floor.max():.1e}), {last.certificate_total[-1]:.1e} accumulated",
-            f"iterations  {int(np.median(last.iterations[1:])) if self.steps else 0} a step at the median, at most "
-            f"{last.iterations.max()}; {last.safeguards.sum()} of them safeguards",
-            f"energy      stored {last.energy[-1]:.6g}, dissipated {last.dissipated[-1]:.6g}, work {last.work[-1]:.6g}",
-            f"contact     {sticking} nodes stick, {len(self.contact.nodes) - sticking} slip in the last step",
-            "seconds     " + ", ".join(f"{name} {value:.3g}" for name, value in self.seconds.items()),
-        ]
-        return "\n".join(lines)
+        from vemcvx.in_words import in_words
+
+        return in_words(self)
 
     def write(self, folder: str | Path) -> Path:
         """Write the history to a folder: see :func:`vemcvx.files.write_history`."""
         from vemcvx.files import write_history
 
         return write_history(self, Path(folder))
-
-
-def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
-    """The history of a posed scene."""
-    shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
-    u, forces = storage.array("displacement", shape), storage.array("forces", shape)
-    for row, n in enumerate(trajectory.stored):
-        t = float(trajectory.times[n])
-        u[row] = posed.displacement(trajectory.state[row], t).reshape(shape[1:])
-        forces[row] = (posed.A @ u[row].ravel() - posed.force(t)).reshape(shape[1:])
-    return History(
-        mesh=posed.space.mesh,
-        scene=posed.scene,
-        effects=tuple(effect.describe() for effect in posed.scene.canonical),
-        displacement=u,
-        forces=forces,
-        contact=contact_history(posed, trajectory, u, forces),
-        moduli=posed.material.moduli,
-        trajectory=trajectory,
-        seconds={"assemble": assembled, **trajectory.seconds},
-        prestress=_prestress(posed, trajectory, storage),
-    )
-
-
-def _prestress(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:
-    """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
-    if posed.prestress is None:
-        return None
-    times = trajectory.times[trajectory.stored]
-    stress = storage.array("prestress", (len(times), posed.space.mesh.n_cells, 3))
-    for row, t in enumerate(times):
-        stress[row] = posed.prestress.stress(float(t))
-    return stress

@@ -11,11 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.backward_euler import Run, State, solved
+from vemcvx.backward_euler import solved
 from vemcvx.certificate import Certificate
 from vemcvx.errors import SceneError
 from vemcvx.ledger import Drive, Ledger, drive, energy
 from vemcvx.real import real, shape_in_words
+from vemcvx.state import Run, State
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     if run.system.damping is not None:
         # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
         norm = _norm(run, y)
-        return replace(state, ledger=Ledger(0.5 * norm * norm, 0.0, 0.0), scale=norm, full=y)
+        return replace(state, ledger=Ledger.opening(0.5 * norm * norm, run.form.count), scale=norm, full=y)
     settled = _settle(run, state)
     jump = _norm(run, run.condensation.recover(settled.y, now.force) - y)
     scale = max(state.ledger.norm, _norm(run, now.force.x))
@@ -82,7 +83,7 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
     y_c = y[run.condensation.touched]
     still = np.zeros((form.count, form.block))
     none = np.zeros(len(form.softness))
-    ledger = Ledger(energy(run.condensation, y_c, now, none), 0.0, 0.0)
+    ledger = Ledger.opening(energy(run.condensation, y_c, now, none), form.count)
     return State(
         now.t,
         y_c,
@@ -108,7 +109,7 @@ def _settle(run: Run, state: State) -> State:
 def _at_rest(run: Run, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.drive, state.p)
-    ledger = Ledger(start, 0.0, 0.0)
+    ledger = Ledger.opening(start, run.form.count)
     return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm)
 
 

@@ -3,7 +3,7 @@
 energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D;  soft limits add c p^2 / 2
 work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc + p . dD^u_D
            (forces and reactions at the end of the step; this load is without the stretch of the supports)
-loss     = lam . s = sum_i w_i |s_i|
+loss     = lam . s = sum_i w_i |s_i|, kept term by term, too: friction work, which wears what rubs (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . D du  step by step, for every balanced answer; the last, of bounds, is
            >= 0 while they stand still, that of soft limits is 1/2 dz^2 / c and more
 """
@@ -21,7 +21,7 @@ from vemcvx.program import Answer
 from vemcvx.system import System
 
 if TYPE_CHECKING:
-    from vemcvx.backward_euler import State
+    from vemcvx.state import State
 
 Floats = NDArray[np.float64]
 
@@ -60,6 +60,13 @@ class Ledger:
     energy: float
     dissipated: float
     work: float
+    worn: Floats
+    """(m,) cumulative w_i |s_i| of every norm term; they sum to `dissipated`, where nothing else dissipates"""
+
+    @classmethod
+    def opening(cls, energy: float, count: int) -> Ledger:
+        """Nothing is lost or done yet, in any of `count` norm terms."""
+        return cls(energy, 0.0, 0.0, np.zeros(count))
 
     @property
     def norm(self) -> float:
@@ -101,5 +108,6 @@ def advance(
         work += now.stored - motion.stored(before.drive.t, now.t)  # type: ignore[union-attr]
         work += float(answer.lam.ravel() @ (now.drag - before.drive.drag))
         work += float(answer.p @ (now.shut - before.drive.shut))
-    loss = float(w @ np.linalg.norm(slip, axis=1))
-    return Ledger(energy(condensation, y, now, answer.p), before.ledger.dissipated + loss, before.ledger.work + work)
+    rubbed, past = w * np.linalg.norm(slip, axis=1), before.ledger
+    stored = energy(condensation, y, now, answer.p)
+    return Ledger(stored, past.dissipated + float(rubbed.sum()), past.work + work, past.worn + rubbed)

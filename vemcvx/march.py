@@ -6,19 +6,20 @@ The loop below is Problem 2.4 in a dozen lines; what one step is stands in :mod:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.backward_euler import completed, prepare, step
+from vemcvx.backward_euler import completed, step
 from vemcvx.errors import SceneError
 from vemcvx.initial import initial_state
 from vemcvx.linear import LinearSolver
 from vemcvx.real import brief, real
 from vemcvx.recorder import Recorder, stored_steps
 from vemcvx.solvers import Solver
+from vemcvx.state import prepare
 from vemcvx.storage import Memory, Storage
 from vemcvx.system import System
 from vemcvx.trajectory import Trajectory
@@ -33,7 +34,7 @@ def march(
     *,
     solver: Solver | None = None,
     initial: ArrayLike | str | None = None,
-    store: str | int = "all",
+    store: str | int | Sequence[int] = "all",
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,
@@ -51,8 +52,8 @@ def march(
         By default the smallest that accepts the program.
     initial : None, (n,) array, "equilibrium" or "settled"
         Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
-    store : "all", "last" or int
-        Which states to keep: every one, the last, or every so many and the last.
+    store : "all", "last", int or sequence of int
+        Which states to keep: every one, the last, every so many and the last, or those of these steps and the last.
     check : bool
         Raise NotCertified when a step misses the solver's accuracy; otherwise go on.
     condense : bool

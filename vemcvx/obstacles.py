@@ -31,6 +31,8 @@ class Obstacles:
     softness: Floats
     gap: Callable[[float], Floats]
     """t -> (r,)"""
+    subjects: tuple[str, ...] = ()
+    """whose they are, in words"""
 
 
 def gathered(obstacles: Sequence[Obstacle], supports: Supports, points: Floats) -> Obstacles:
@@ -49,7 +51,8 @@ def gathered(obstacles: Sequence[Obstacle], supports: Supports, points: Floats) 
 
     lengths = np.concatenate([o.lengths for o in obstacles])[moves]
     softness = np.concatenate([o.softness for o in obstacles])[moves]
-    return Obstacles(sp.csr_matrix(rows[moves]), nodes[moves], normals[moves], lengths, softness, gap)
+    subjects = tuple(o.subject for o in obstacles)
+    return Obstacles(sp.csr_matrix(rows[moves]), nodes[moves], normals[moves], lengths, softness, gap, subjects)
 
 
 def pressing(obstacles: Obstacles, friction: Friction, supports: Supports) -> sp.csr_matrix:

@@ -52,6 +52,9 @@ class Posed:
     material: Material
     prestress: InitialStresses | None = None
     """stresses at zero strain, also among the loads; None if there are none"""
+    obstacles: Obstacles | None = None
+    springs: sp.csr_matrix | None = None
+    """stiffness of springs to the ground, also in A; None if there are none"""
     void: tuple[str, ...] = ()
     """sentences: effects that do nothing in this scene, and so were left out"""
 
@@ -93,10 +96,11 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     obstacles = gathered(stops, supports, mesh.points)
     void += out_of_reach(frictions, stops, supports)
     felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
-    springs = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
-    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), _sum(springs) if springs else None)
-    stopped = obstacles.nodes if not springs else np.union1d(obstacles.nodes, _sprung(springs, mesh.points.shape[1]))
-    warn_of_loose_normals(frictions, supports, stopped, mesh.points)
+    each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
+    springs = _sum(each) if each else None
+    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
+    sprung = np.zeros(0, dtype=np.int64) if springs is None else _sprung(springs, mesh.points.shape[1])
+    warn_of_loose_normals(frictions, supports, np.union1d(obstacles.nodes, sprung), mesh.points)
     if kernel is not None:
         _say_unsupported(kernel)
     system = System(
@@ -111,12 +115,14 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
         _damping(rates, supports),
     )
     surfaces = _chain(p.surfaces for p in parts)
-    return Posed(scene, space, system, supports, A, loads, terms, surfaces, material, prestress, tuple(void))
+    return Posed(
+        scene, space, system, supports, A, loads, terms, surfaces, material, prestress, obstacles, springs, tuple(void)
+    )
 
 
-def _sprung(springs: Sequence[sp.csr_matrix], dim: int) -> Ints:
+def _sprung(springs: sp.csr_matrix, dim: int) -> Ints:
     """The nodes that springs of no material hold."""
-    return np.unique(np.flatnonzero(_sum(springs).diagonal() > 0) // dim)
+    return np.unique(np.flatnonzero(springs.diagonal() > 0) // dim)
 
 
 def _say_unsupported(kernel: Kernel) -> None:

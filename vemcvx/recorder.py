@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.backward_euler import Run, State, completed, sticking
+from vemcvx.backward_euler import completed, sticking
 from vemcvx.checkpoint import check_same, fingerprint, from_arrays, to_arrays
 from vemcvx.errors import SceneError
+from vemcvx.state import Run, State
 from vemcvx.storage import Storage
 from vemcvx.trajectory import Trajectory
 
@@ -15,21 +18,31 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def stored_steps(store: str | int, steps: int) -> Ints:
-    """Step numbers to keep: "all", "last", or every `store`-th and the last."""
+def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
+    """Step numbers to keep: "all", "last", every `store`-th and the last, or those given and the last."""
     if isinstance(store, str) and store == "all":
         return np.arange(steps + 1)
     if isinstance(store, str) and store == "last":
         return np.array([steps])
     if isinstance(store, (int, np.integer)) and not isinstance(store, bool) and store >= 1:
         return np.unique(np.append(np.arange(0, steps + 1, store), steps))
+    if isinstance(store, (Sequence, np.ndarray)) and not isinstance(store, str) and _numbers(store, steps):
+        return np.unique(np.append(np.asarray(store, dtype=np.int64), steps))
     raise SceneError(
-        f"store: found {store!r}; there are 'all', 'last', or an integer n >= 1 (every n-th and the last)."
+        f"store: found {store!r}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a sequence "
+        f"of step numbers from 0 to {steps}."
     )
 
 
-SCALARS = ("energy", "dissipated", "work", "norm", "gap", "floor", "iterations", "safeguards", "contraction")
-COUNTS = ("iterations", "safeguards")
+def _numbers(store: Sequence[int], steps: int) -> bool:
+    return all(isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 0 <= n <= steps for n in store)
+
+
+SCALARS = (
+    *("energy", "dissipated", "work", "norm", "gap", "floor"),
+    *("iterations", "safeguards", "contraction", "stuck", "lag"),
+)
+COUNTS = ("iterations", "safeguards", "stuck")
 
 
 class Recorder:
@@ -55,6 +68,7 @@ class Recorder:
         self._pressures = storage.array("pressures", (rows, len(form.softness)))
         self._weights = storage.array("weights", (rows, form.count))
         self._sticks = storage.array("sticking", (rows, form.count), bool)
+        self._worn = storage.array("worn", (rows, form.count))
         self._scalars = storage.array("scalars", (len(times), len(SCALARS)))
 
     def resume(self) -> tuple[int, State] | None:
@@ -86,13 +100,15 @@ class Recorder:
                 self._run.insist(state, n)
             self._state[row], self._multipliers[row] = state.full, state.lam
             self._pressures[row], self._weights[row] = state.p, state.weights
-            self._sticks[row] = sticking(self._run, state) if n > 0 else True
+            self._worn[row] = state.ledger.worn
         c, ledger = state.certificate, state.ledger
+        sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
         self._scalars[n] = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
-            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate),
+            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag),
         )
         if row is not None:
+            self._sticks[row] = sticks
             self._storage.save({"mark": self._mark, **to_arrays(n, state, self._run.system.damping is not None)})
 
     def finish(self, seconds: dict[str, float]) -> Trajectory:
@@ -106,6 +122,7 @@ class Recorder:
             pressures=self._pressures,
             weights=self._weights,
             sticking=self._sticks,
+            worn=self._worn,
             **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),

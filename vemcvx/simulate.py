@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.history import History, record
+from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.march import checked_times, march
 from vemcvx.meshes import PolygonMesh
+from vemcvx.outputs import record
 from vemcvx.pose import Posed, pose
 from vemcvx.real import brief, real, shape_in_words
 from vemcvx.scene import Scene
@@ -34,7 +35,7 @@ def simulate(
     *,
     solver: Solver | None = None,
     initial: ArrayLike | str | None = None,
-    store: str | int = "all",
+    store: str | int | Sequence[int] = "all",
     check: bool = True,
     condense: bool = True,
     linear: LinearSolver | None = None,
@@ -54,8 +55,8 @@ def simulate(
         By default the smallest that accepts the program: Direct without friction, Newton with it.
     initial : None, (n_nodes, 2) array, "equilibrium" or "settled"
         The displacement at times[0]: zero; given; a(u_0, .) = l(0) without friction; one step from zero.
-    store : "all", "last" or int n
-        Steps to keep: all, the last, or every n-th and the last. All steps are certified.
+    store : "all", "last", int n or sequence of int
+        Steps to keep: all, the last, every n-th and the last, or these and the last. All steps are certified.
     check : bool
         Raise NotCertified when a step misses the accuracy asked of the solver.
     condense : bool

@@ -31,6 +31,11 @@ class Trajectory:
         w of the norm terms.
     sticking : (S, m) array of bool
         Whether the increment B_i (y - y_prev) cannot be told from zero; true in row 0.
+    worn : (S, m) array
+        Work of each norm term since the initial instant, the cumulative sum of its w_i |s_i| over all steps, stored or
+        not; a row sums to `dissipated`, but for what damping loses.
+    stuck : (N + 1,) array of int
+        How many norm terms have such an increment, step by step.
     energy, dissipated, work : (N + 1,) arrays
         1/2 a(u, u); cumulative sum of w_i |s_i|; cumulative end-of-step forces times increments.
     norm : (N + 1,) array
@@ -42,6 +47,8 @@ class Trajectory:
         Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
     contraction : (N + 1,) array
         Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
+    lag : (N + 1,) array
+        What each step may have lost to time, energy times two: see :mod:`vemcvx.budget.lag`.
     seconds : dict
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
@@ -55,6 +62,8 @@ class Trajectory:
     pressures: Floats
     weights: Floats
     sticking: Bools
+    worn: Floats
+    stuck: Ints
     energy: Floats
     dissipated: Floats
     work: Floats
@@ -64,6 +73,7 @@ class Trajectory:
     iterations: Ints
     safeguards: Ints
     contraction: Floats
+    lag: Floats
     seconds: dict[str, float]
     solver: str
 

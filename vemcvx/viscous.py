@@ -17,9 +17,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.backward_euler import Run, State, completed, solved
+from vemcvx.backward_euler import completed, solved
 from vemcvx.certificate import Certificate
 from vemcvx.ledger import Drive, Ledger
+from vemcvx.state import Run, State
 from vemcvx.system import System
 
 Floats = NDArray[np.float64]
@@ -110,8 +111,9 @@ class ViscousSteps:
             across = float(d @ (moved.stretch(t) - moved.stretch(s))) / k
             own = (moved.stored(t, t) - 2 * moved.stored(s, t) + moved.stored(s, s)) / k
             lost, work = lost + 2 * across + own, work + across + own
-        rubbed = stepped.ledger.dissipated
-        return Ledger(0.5 * energy, before.ledger.dissipated + rubbed + lost, before.ledger.work + work)
+        past, rubbed = before.ledger, stepped.ledger
+        lost += past.dissipated + rubbed.dissipated
+        return Ledger(0.5 * energy, lost, past.work + work, past.worn + rubbed.worn)
 
 
 def _rest(run: Run, before: State, now: Drive) -> State:
@@ -122,4 +124,4 @@ def _rest(run: Run, before: State, now: Drive) -> State:
     drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.shut)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
-    return State(before.t, *start, certificate, Ledger(0.0, 0.0, 0.0), before.scale, 0)
+    return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0)

@@ -25,8 +25,8 @@ class BodyForce(Effect):
     force: Datum
 
     def contribute(self, space: Space) -> Contribution:
-        points, matrix = cell_load(space)
-        return Contribution(loads=(Load("BodyForce", points, matrix, self.force),))
+        points, matrix, cells = cell_load(space)
+        return Contribution(loads=(Load("BodyForce", points, matrix, self.force, cells),))
 
     def describe(self) -> str:
         return f"BodyForce: {amount(self.force)} in the body"

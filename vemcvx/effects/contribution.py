@@ -29,11 +29,26 @@ class Load:
     matrix: sp.csr_matrix
     """(n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar."""
     value: data.Datum
+    cells: Ints | None = None
+    """(q,) of a load in the body: the cell of each point"""
+    edges: Ints | None = None
+    """(q, 2) of a load on the boundary: the edge of each point"""
 
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
         read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
         return self.matrix @ read(self.value, self.points, t, self.subject).ravel()
+
+    def forces(self, t: float) -> Floats:
+        """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
+        dim = self.points.shape[1]
+        # Basis functions sum to one, so the rows of one component do to its total.
+        scalar = self.matrix.shape[1] == len(self.points)
+        read = data.scalar if scalar else data.vector
+        value = read(self.value, self.points, t, self.subject).ravel()
+        nodes = np.ones(self.matrix.shape[0] // dim)
+        total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
+        return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)
 
 
 @dataclass(frozen=True)
@@ -107,6 +122,9 @@ class Material:
     """plane "strain" or "stress"; one for the whole body"""
     cells: NDArray[np.bool_] | None = None
     """(n_cells,) which cells; None means all"""
+    across: Floats | None = None
+    """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit swelling
+    there, with a minus sign; zero in plane stress, None where the law does not say"""
 
 
 @dataclass(frozen=True)

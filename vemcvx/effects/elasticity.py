@@ -4,7 +4,7 @@ lam = E nu / ((1 + nu)(1 - 2 nu)),   mu = E / (2 (1 + nu)),   plane stress: lam 
 
 A strain s in all three directions of space that is held back in the plane costs the stress -b s in the plane, with
 b = 3 lam + 2 mu = E / (1 - 2 nu) in plane strain (held back across the plane, too) and b = 2 (lam + mu), with the
-reduced lam, = E / (1 - nu) in plane stress.
+reduced lam, = E / (1 - nu) in plane stress. Across the plane, plane strain bears sigma_zz = lam (e_xx + e_yy) - b s.
 """
 
 from __future__ import annotations
@@ -64,8 +64,9 @@ class Elasticity(MaterialLaw):
         K = stiffness(space, lam, mu, stabilisation=self.stabilisation)
         volume = 3 * lam + 2 * mu if self.plane == "strain" else 2 * (lam + mu)
         swelling = np.column_stack([volume, volume, np.zeros_like(volume)])
+        across = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self.plane == "strain")
         subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
-        return Contribution(K, Material(subject, np.stack([lam, mu]), swelling, self.plane, cells))
+        return Contribution(K, Material(subject, np.stack([lam, mu]), swelling, self.plane, cells, across))
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"

@@ -5,7 +5,8 @@ In the axes 1, 2 of the material (3 across the plane) the strains are e = S sigm
     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
 
 nu_ij = -e_j / e_i under a pull along i. Plane stress (sigma_3 = 0) inverts the block of S for 1, 2; plane strain
-(e_3 = 0) takes that block of S^-1. With axis 1 at the angle a from x, strains turn by e' = Q e (c = cos a, s = sin a),
+(e_3 = 0) takes that block of S^-1, whose third row is what is borne across the plane. With axis 1 at the angle a from
+x, strains turn by e' = Q e (c = cos a, s = sin a),
 
     Q = [[c^2, s^2, c s], [s^2, c^2, -c s], [-2 c s, 2 c s, c^2 - s^2]],   C = Q'C'Q,   stresses sigma = Q'sigma'.
 """
@@ -74,7 +75,11 @@ class Orthotropic(MaterialLaw):
         C = 0.5 * (C + C.transpose(0, 2, 1))
         swelling = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
         subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
-        material = Material(subject, upper_triangle(C), swelling, self.plane, cells)
+        across = np.zeros((len(S), 4))
+        if self.plane == "strain":
+            across[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
+            across[:, 3] = inverse[:, 2].sum(axis=1)
+        material = Material(subject, upper_triangle(C), swelling, self.plane, cells, across * inside[:, None])
         return Contribution(anisotropic_stiffness(space, C), material)
 
     def describe(self) -> str:

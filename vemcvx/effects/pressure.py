@@ -36,9 +36,10 @@ class Pressure(Effect):
         part = space.part(self.on, "Pressure")
         points, matrix = edge_load(space, part)
         q, dim = points.shape
-        normals = np.repeat(part.normals, q // len(part.edges), axis=0)
+        edges, normals = (np.repeat(values, q // len(part.edges), axis=0) for values in (part.edges, part.normals))
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
-        return Contribution(loads=(Load(f"Pressure on {where(self.on)}", points, matrix @ inward, self.value),))
+        subject = f"Pressure on {where(self.on)}"
+        return Contribution(loads=(Load(subject, points, matrix @ inward, self.value, edges=edges),))
 
     def describe(self) -> str:
         return f"Pressure: {amount(self.value)} on {where(self.on)}"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
 from vemcvx.effects.effect import Effect, amount, where
@@ -27,8 +29,10 @@ class Traction(Effect):
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        points, matrix = edge_load(space, space.part(self.on, "Traction"))
-        return Contribution(loads=(Load(f"Traction on {where(self.on)}", points, matrix, self.force),))
+        part = space.part(self.on, "Traction")
+        points, matrix = edge_load(space, part)
+        edges = np.repeat(part.edges, len(points) // len(part.edges), axis=0)
+        return Contribution(loads=(Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=edges),))
 
     def describe(self) -> str:
         return f"Traction: {amount(self.force)} on {where(self.on)}"

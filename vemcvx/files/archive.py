@@ -17,6 +17,8 @@ from vemcvx.trajectory import Trajectory
 Arrays = dict[str, NDArray[Any]]
 
 FORMAT = "vemcvx history 1"
+# What not every scene has.
+MAYBE = ("prestress", "across", "prestress_across")
 
 
 def write_archive(history: History, path: Path) -> None:
@@ -25,6 +27,8 @@ def write_archive(history: History, path: Path) -> None:
     about = {
         "format": FORMAT,
         "effects": history.effects,
+        "void": history.void,
+        "errors": history.errors,
         "seconds": history.seconds,
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
@@ -34,7 +38,7 @@ def write_archive(history: History, path: Path) -> None:
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
         **{name: getattr(history, name) for name in ("displacement", "forces", "moduli")},
-        **({} if history.prestress is None else {"prestress": history.prestress}),
+        **{name: getattr(history, name) for name in MAYBE if getattr(history, name) is not None},
         **{f"contact.{name}": value for name, value in vars(history.contact).items()},
         **{f"trajectory.{name}": value for name, value in run.items() if isinstance(value, np.ndarray)},
     }
@@ -81,7 +85,9 @@ def _history(arrays: Arrays, about: dict[str, Any]) -> History:
         moduli=arrays["moduli"],
         trajectory=Trajectory(**_under("trajectory.", arrays), **about["trajectory"]),
         seconds=about["seconds"],
-        prestress=arrays.get("prestress"),
+        void=tuple(about.get("void", ())),
+        errors=about.get("errors"),
+        **{name: arrays.get(name) for name in MAYBE},
     )
 
 

@@ -1,7 +1,8 @@
 """The stored steps for ParaView and PyVista: one VTU file a step, and a PVD file that lists them in time.
 
-At nodes: displacement, slip, traction, pressure and sticking (zero away from contact). On cells: stress (xx, yy, xy)
-and strain_energy, the density 1/2 eps : C eps, both of Pi u; the stress includes what is there at zero strain.
+At nodes: displacement, slip, traction, bound, pressure, sticking, closed and wear (zero away from contact). On cells:
+stress (xx, yy, xy), principal_stresses, stress_across (zz), von_mises and strain_energy, the density 1/2 eps : C eps,
+all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.)
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from vemcvx.history import History
 from vemcvx.meshes.files import write_cells
-from vemcvx.vem import Space, strains, stresses
+from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 Fields = dict[str, NDArray[np.float64]]
 
@@ -45,7 +46,7 @@ def at_nodes(history: History, row: int) -> Fields:
     """Displacement, and contact as fields of the whole body."""
     contact, u = history.contact, history.displacement[row]
     fields = {"displacement": u}
-    for name in ("slip", "traction", "pressure", "sticking"):
+    for name in ("slip", "traction", "bound", "pressure", "sticking", "closed", "wear"):
         values = getattr(contact, name)[row]
         fields[name] = np.zeros((len(u), *values.shape[1:]))
         fields[name][contact.nodes] = values
@@ -53,8 +54,13 @@ def at_nodes(history: History, row: int) -> Fields:
 
 
 def on_cells(history: History, row: int) -> Fields:
-    """Stress and strain energy per area."""
+    """Stresses and strain energy per area."""
     strain = strains(Space(history.mesh), history.displacement[row])
     elastic = stresses(history.moduli, strain)
     energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
-    return {"stress": history.stress(int(history.stored[row])), "strain_energy": energy}
+    stress = history.stress(int(history.stored[row]))
+    fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
+    if history.across is not None:
+        across = history.stress_across(int(history.stored[row]))
+        fields |= {"stress_across": across, "von_mises": equivalent(stress, across)}
+    return fields

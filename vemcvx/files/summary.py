@@ -47,15 +47,25 @@ def summary(history: History, origin: Origin, writing: float) -> dict[str, Any]:
         "unknowns": run.state.shape[1],
         "steps": history.steps,
         "effects": list(history.effects),
+        "left_out": list(history.void),
         "solver": history.solver,
         "accuracy": _accuracy(history.solver),
         "certified_energy_error": _finite(run.certificate.max()),
+        "estimated_energy_errors": history.errors,
         "energy": _finite(run.energy[-1]),
         "dissipated": _finite(run.dissipated[-1]),
         "work": _finite(run.work[-1]),
+        "contact": _contact(history),
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }
+
+
+def _contact(history: History) -> dict[str, int]:
+    """How many contact nodes there are, and do what, in the last step."""
+    touch = history.contact
+    counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
+    return {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()}
 
 
 def _accuracy(solver: str) -> float | None:

@@ -99,6 +99,13 @@ def _limits(form: Form, d: cp.Variable, e: Any) -> tuple[list[Any], Any, Callabl
     return [bound], 0.5 * cp.sum_squares(cp.multiply(form.softness[soft] ** -0.5, v)), lambda: bound.dual_value
 
 
+def installed() -> tuple[str, ...]:
+    """Names of the solvers that cvxpy finds here, in its own order."""
+    import cvxpy as cp
+
+    return tuple(cp.installed_solvers())
+
+
 @dataclass(frozen=True)
 class ThroughCvxpy(Solver):
     """Any solver that cvxpy can call.
@@ -137,7 +144,11 @@ class ThroughCvxpy(Solver):
 
     @property
     def accepts(self) -> frozenset[str]:  # type: ignore[override]
-        return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR
+        from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
+
+        # Solvers of linear programs (SciPy's, GLPK, CBC) are conic ones to cvxpy, without second-order cones.
+        linear_only = self.solver in SOLVER_MAP_CONIC and self.solver not in SOLVER_MAP_QP and not self.cones
+        return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, form: Form) -> _PreparedConic:
         import cvxpy as cp

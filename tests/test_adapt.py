@@ -1,0 +1,163 @@
+"""Adaptive runs: the target is met in truth, load reversals are hit, files name the parts, mistakes are sentences."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import paper_scene
+from random_scenes import coarse_mesh, random_scene
+
+import vemcvx as vx
+from vemcvx.adaptivity.instants import follow_load
+from vemcvx.adaptivity.marking import GAIN, MARGIN, cells_to_refine, steps_to_split
+from vemcvx.condensation import Condensation
+from vemcvx.pose import pose
+
+TARGET = 0.05
+
+
+def true_error(found, scene):
+    """Against the same mesh refined twice and every step halved, at the instants asked for."""
+    times = found.history.trajectory.times
+    fine = np.union1d(times, 0.5 * (times[1:] + times[:-1]))
+    truth = vx.simulate(scene, found.history.mesh.refine().refine(), fine, store=np.searchsorted(fine, [0.5, 1.0]))
+    apart = (vx.measures.energy_distance(found.history, truth, time=t).absolute for t in (0.5, 1.0))
+    return max(apart) / truth.trajectory.norm.max()
+
+
+def kept(seed):
+    """Whether the target is met in truth, on one scene of the random family."""
+    scene, turn = random_scene(seed)
+    found = vx.adapt(scene, coarse_mesh(seed), [0.0, 0.5, 1.0], TARGET)
+    assert found.met
+    assert np.abs(found.history.trajectory.times - turn).min() <= 1e-7, "the load's reversal is an instant"
+    return true_error(found, scene) <= TARGET
+
+
+def test_targets_are_met_in_truth():
+    assert all(kept(seed) for seed in (0, 3, 7, 10))
+
+
+@pytest.mark.slow
+def test_targets_are_met_in_nine_of_ten_scenes():
+    assert sum(kept(seed) for seed in range(20)) >= 18
+
+
+def test_passes_grow_and_the_last_one_is_the_result():
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], TARGET)
+    cells = [one.cells for one in found.passes]
+    assert cells == sorted(cells)
+    last = found.passes[-1]
+    assert (last.cells, last.steps) == (found.history.mesh.n_cells, found.history.steps)
+    assert last.total == pytest.approx(found.history.errors["total"]) == pytest.approx(found.budget.largest["total"])
+    assert last.total <= TARGET
+    assert "target 5.00% of the energy norm: met" in found.summary()
+    assert "estimated" in found.history.summary()
+
+
+def test_the_stored_result_names_the_three_parts(tmp_path):
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1)
+    found.history.write(tmp_path)
+    kept = json.loads((tmp_path / "summary.json").read_text())["estimated_energy_errors"]
+    assert set(kept) == {"algebra", "space", "time", "total", "target"}
+    assert kept["total"] == pytest.approx(kept["algebra"] + kept["space"] + kept["time"])
+    assert vx.read_history(tmp_path).errors == kept
+
+
+def test_too_few_unknowns_are_said():
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.01, most_unknowns=400)
+    assert not found.met
+    assert found.passes[-1].unknowns <= 400
+    assert found.summary().endswith("not met")
+
+
+def test_solvers_are_asked_for_no_more_than_the_target_needs():
+    told = []
+    found = vx.adapt(
+        paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.1, solver=vx.Clarabel(accuracy=1e-6), progress=told.append
+    )
+    assert "accuracy=0.001" in found.history.solver
+    assert found.history.certificate.max() <= 1e-3
+    assert tuple(told) == found.passes
+
+
+def test_a_scene_without_friction_needs_one_step():
+    scene = paper_scene().without(vx.TrescaFriction)
+    found = vx.adapt(scene, vx.meshes.squares(4), [0.0, 1.0], TARGET)
+    assert found.met
+    assert found.history.steps == 1
+    assert found.budget.time[-1] == 0.0
+
+
+def bending(t):
+    """Straight pieces, with bends at 1/7 and at 2/3."""
+    return np.interp(t, [0.0, 1 / 7, 2 / 3, 1.0], [0.0, 2.0, -1.0, 0.5])
+
+
+def test_bends_of_the_load_are_found_to_round_off():
+    posed = pose(paper_scene(bending), vx.meshes.squares(3))
+    solve = Condensation(posed.system, condense=False).solve
+    times, missed = follow_load(posed, np.array([0.0, 1.0]), 1e-6, solve)
+    assert len(times) <= 5
+    for bend in (1 / 7, 2 / 3):
+        assert np.abs(times - bend).min() <= 1e-12
+    assert missed.sum() <= 1e-6
+
+
+def test_curved_loads_are_followed_by_halving():
+    """What N equal steps miss of a parabola is 1/N^2 each and 1/N in all: a quarter takes four times the steps."""
+    posed = pose(paper_scene(lambda t: t * t), vx.meshes.squares(3))
+    solve = Condensation(posed.system, condense=False).solve
+    counts = [len(follow_load(posed, np.array([0.0, 1.0]), 0.1 / 4**k, solve)[0]) - 1 for k in range(3)]
+    assert counts[0] > 1
+    assert counts[1] == 4 * counts[0]
+    assert counts[2] == 4 * counts[1]
+
+
+def test_marked_cells_carry_their_part_and_no_more():
+    squares = np.array([4.0, 1.0, 3.0, 2.0])
+    assert cells_to_refine(squares, 0.0, 0.6).tolist() == [True, False, True, False]
+    assert not cells_to_refine(squares, 100.0, 0.6).any()
+    # Less than theta, if that is enough: here 4 of 10, which GAIN makes 3 less.
+    goal = (10.0 - GAIN * 4.0) / MARGIN**2
+    assert cells_to_refine(squares, goal, 0.9).tolist() == [True, False, False, False]
+
+
+def test_steps_are_split_where_they_lag():
+    assert steps_to_split(np.array([1.0, 2.0]), 4.0).tolist() == [1, 1]
+    parts = steps_to_split(np.array([8.0, 1.0, 0.0]), 0.5)
+    assert parts[0] == pytest.approx(2 * parts[1], abs=1)
+    assert parts[2] == 1
+    assert (np.array([8.0, 1.0, 0.0]) / parts**2).sum() <= 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"target": 2.0}, r"^adapt: found target = 2\.0; it is a relative error, between 0 and 1"),
+        ({"target": "fine"}, r"^adapt: found target = 'fine'"),
+        ({"theta": 0.0}, r"^adapt: found theta = 0\.0; it is a part"),
+        ({"initial": np.zeros((9, 2))}, r"^adapt: found an initial displacement, which belongs to one mesh"),
+    ],
+)
+def test_mistakes(options, says):
+    with pytest.raises(vx.SceneError, match=says):
+        vx.adapt(paper_scene(), vx.meshes.squares(2), [0.0, 1.0], **options)
+
+
+@pytest.mark.slow
+def test_adaptive_meshes_pay():
+    """The figures that `problems/adaptive_meshes.py` prints, with its own reference."""
+    sys.path.insert(0, str(Path(vx.__file__).parent.parent / "problems"))
+    import adaptive_meshes
+
+    paper, bracket = adaptive_meshes.main([])
+    (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
+    assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
+    assert adaptive_meshes.slope(adapted) == pytest.approx(-0.5, abs=0.05)
+    assert adaptive_meshes.slope(equal) > -0.47
+    assert others[1][1].unknowns <= others[1][0].unknowns / 6

@@ -1,0 +1,122 @@
+"""Where the error of a run comes from: the algebra, the mesh, the steps.
+
+    total = algebra + space + time
+
+algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is estimated,
+by the residuals of :mod:`vemcvx.budget.residual`. time is :mod:`vemcvx.budget.lag`. All are relative energy errors:
+parts of the largest energy norm of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.budget.lag import lagged
+from vemcvx.budget.residual import indicators
+from vemcvx.budget.skeleton import skeleton
+from vemcvx.errors import HistoryError, SceneError
+from vemcvx.history import History
+from vemcvx.pose import Posed, pose
+from vemcvx.real import brief
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBudget:
+    """Relative energy errors of a run, part by part.
+
+    Attributes
+    ----------
+    steps : (S,) int
+        The steps looked at.
+    algebra, space, time : (S,)
+        Certified, estimated and estimated: see :mod:`vemcvx.budget.error_budget`.
+    parts : mapping of str to (S,)
+        The shares of space: "volume", "jumps", "boundary" and "stabilisation"; space^2 is the sum of their squares.
+    cells : (n_cells,)
+        The largest eta_K of each cell over the steps looked at.
+    lags : (N,)
+        What each step adds to time^2.
+    scale : float
+        The energy norm to which all are relative.
+    """
+
+    steps: Ints
+    algebra: Floats
+    space: Floats
+    time: Floats
+    parts: dict[str, Floats]
+    cells: Floats
+    lags: Floats
+    scale: float
+
+    @property
+    def total(self) -> Floats:
+        """(S,) the sum of the three."""
+        return self.algebra + self.space + self.time
+
+    @property
+    def largest(self) -> dict[str, float]:
+        """The three parts and their sum, where the sum is largest."""
+        worst = int(np.argmax(self.total))
+        return {name: float(getattr(self, name)[worst]) for name in ("algebra", "space", "time", "total")}
+
+
+def error_budget(history: History, steps: Sequence[int] | None = None) -> ErrorBudget:
+    """Estimate where the error of a run comes from.
+
+    Parameters
+    ----------
+    history : History
+    steps : sequence of int, optional
+        Stored steps to look at; by default all but the initial instant.
+
+    Raises
+    ------
+    HistoryError
+        The history was read from files, so that its scene is not known.
+    SceneError
+        A step was not stored, or the scene has Viscosity, which has no estimate.
+    """
+    if not isinstance(history, History):
+        raise HistoryError(f"error_budget: found {brief(history)} where a History is wanted.")
+    if history.scene is None:
+        raise HistoryError(
+            "error_budget: this history was read from files, and its scene is not among them; simulate the scene."
+        )
+    posed = pose(history.scene, history.mesh, history.trajectory.times)
+    after = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
+    rows = [history.row(int(n)) for n in (after if steps is None else steps)]
+    return budget_of(posed, history, rows)
+
+
+def budget_of(posed: Posed, history: History, rows: Sequence[int]) -> ErrorBudget:
+    """The budget of a run whose posed scene is at hand, at rows of its arrays."""
+    if posed.system.damping is not None:
+        raise SceneError("error_budget: there is no estimate for scenes with Viscosity; leave it out by scene.without.")
+    run, edges = history.trajectory, skeleton(posed)
+    scale = float(run.norm.max())
+    unit = scale if scale > 0 else 1.0
+    squares = [
+        indicators(posed, edges, float(history.times[k]), history.displacement[k], run.multipliers[k], run.pressures[k])
+        for k in rows
+    ]
+    steps = history.stored[np.asarray(rows, dtype=np.int64)]
+    lags = lagged(run)
+    parts = {name: np.sqrt([part[name].sum() for part in squares]) / unit for name in squares[0]}
+    return ErrorBudget(
+        steps,
+        run.certificate_total[steps] * np.maximum.accumulate(run.norm)[steps] / unit,
+        np.sqrt(np.sum([share**2 for share in parts.values()], axis=0)),
+        np.sqrt(np.append(0.0, np.cumsum(lags)))[steps] / unit,
+        parts,
+        np.sqrt(np.max([sum(part.values()) for part in squares], axis=0)) / unit,
+        lags / unit**2,
+        scale,
+    )

@@ -1,0 +1,93 @@
+"""The edges of a mesh as an error estimator sees them: who is next door, how stiff, what may move at the boundary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.meshes.topology import cell_of_corner, next_vertex, shared_edges
+from vemcvx.pose import Posed
+from vemcvx.vem import elastic_matrix
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FREE = 1e-9
+"""A direction in which both ends of an edge move by less than this part of their freedom is held."""
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Edges inside and on the boundary.
+
+    Attributes
+    ----------
+    sizes : (n_cells,)
+        |K|^{1/2}.
+    shear : (n_cells,)
+        mu, or the shear entry of the elastic matrix.
+    inside : (e, 2) int
+        The two cells of each inner edge.
+    inside_normals : (e, 2)
+        From the first cell to the second, as long as the edge.
+    outer : (b,) int
+        The cell of each boundary edge.
+    outer_edges : (b, 2) int
+        Its nodes, counter-clockwise.
+    outer_normals : (b, 2)
+        Outward, as long as the edge.
+    free : (b, 2, 2)
+        Projector on the directions that supports leave free at one end at least.
+    """
+
+    sizes: Floats
+    shear: Floats
+    inside: Ints
+    inside_normals: Floats
+    outer: Ints
+    outer_edges: Ints
+    outer_normals: Floats
+    free: Floats
+
+
+def skeleton(posed: Posed) -> Skeleton:
+    """The edges of a posed scene's mesh."""
+    mesh = posed.space.mesh
+    shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    owner, ends = cell_of_corner(mesh.offsets), next_vertex(mesh.offsets, mesh.vertices)
+    first = shared.corners[shared.first]
+    two = shared.counts == 2
+    inner, outer = first[two], first[~two]
+    pairs = np.column_stack([owner[inner], owner[shared.corners[shared.first[two] + 1]]])
+    edges = np.column_stack([mesh.vertices[outer], ends[outer]])
+    return Skeleton(
+        np.sqrt(mesh.areas),
+        elastic_matrix(posed.material.moduli)[:, 2, 2],
+        pairs,
+        _normals(mesh.points, mesh.vertices[inner], ends[inner]),
+        owner[outer],
+        edges,
+        _normals(mesh.points, *edges.T),
+        _free(posed.supports.P, edges),
+    )
+
+
+def _normals(points: Floats, starts: Ints, ends: Ints) -> Floats:
+    chord = points[ends] - points[starts]
+    return np.column_stack([chord[:, 1], -chord[:, 0]])
+
+
+def _free(P: sp.csr_matrix, edges: Ints) -> Floats:
+    """(b, 2, 2) projectors on the span of what is free at the two ends of each edge."""
+    nodes, place = np.unique(edges, return_inverse=True)
+    rows = P[(2 * nodes[:, None] + np.arange(2)).ravel()]
+    gram = sp.bsr_matrix(rows @ rows.T, blocksize=(2, 2)).tocoo()
+    own = np.zeros((len(nodes), 2, 2))
+    near = gram.row // 2 == gram.col // 2
+    own[gram.row[near] // 2, gram.row[near] % 2, gram.col[near] % 2] = gram.data[near]
+    values, vectors = np.linalg.eigh(own[place.reshape(-1, 2)].sum(axis=1))
+    kept = np.where(values > FREE, 1.0, 0.0)
+    return np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)

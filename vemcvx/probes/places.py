@@ -1,0 +1,100 @@
+"""Points of the body as averages over nodes and cells.
+
+On an edge u_h is known: linear between its nodes, whose own values it takes at the ends. Inside a cell it is not, and
+its projection Pi u_h, (3.11), stands for it. What is constant on cells is averaged over all cells that hold the point,
+so that a mirror image gives the mirror image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.meshes import PolygonMesh
+from vemcvx.probes.location import Location, locate
+from vemcvx.real import real, shape_in_words
+from vemcvx.vem import Space
+from vemcvx.vem.point_values import point_values
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """p points of a body.
+
+    Attributes
+    ----------
+    nodes : (p, n_nodes) sparse matrix
+        Values at the points from values at nodes.
+    cells : (p, n_cells) sparse matrix
+        Values at the points from values on cells.
+    """
+
+    nodes: sp.csr_matrix
+    cells: sp.csr_matrix
+
+    def at_nodes(self, values: Floats) -> Floats:
+        """(S, p, ...) of values (S, n_nodes, ...)."""
+        return np.stack([self.nodes @ row for row in values])
+
+    def at_cells(self, values: Floats) -> Floats:
+        """(p, ...) of values (n_cells, ...)."""
+        return self.cells @ values
+
+
+def places(mesh: PolygonMesh, points: ArrayLike, subject: str) -> Places:
+    """The places of points (p, dim) in the body.
+
+    Raises
+    ------
+    SceneError
+        They are not points, or one lies outside the body; `subject` asked.
+    """
+    x = _points(points, mesh.points.shape[1], subject)
+    found = locate(mesh, x)
+    count = np.bincount(found.points, minlength=len(x))
+    if (count == 0).any():
+        raise SceneError(_outside(mesh, x, np.flatnonzero(count == 0), subject))
+    shares = 1.0 / count[found.points]
+    cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))
+    return Places(_nodes(mesh, x, found), cells)
+
+
+def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
+    """Values at the points from values at nodes."""
+    on = np.flatnonzero(found.starts >= 0)
+    row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
+    ends = np.concatenate([found.starts[on], found.ends[on]])
+    edges = sp.csr_matrix((part, (row, ends)), shape=(len(x), mesh.n_nodes))
+    # Inside, one cell holds the point.
+    inner, first = np.unique(found.points, return_index=True)
+    inside = found.starts[inner] < 0
+    inner, cell = inner[inside], found.cells[first[inside]]
+    spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))
+    return sp.csr_matrix(edges + spread @ point_values(Space(mesh), cell, x[inner]))
+
+
+def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
+    wanted = f"points (p, {dim}), one a row, such as {[[0.5] * dim]}"
+    x = real(points, subject, wanted)
+    if x.ndim != 2 or x.shape[1] != dim:
+        raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
+    bad = ~np.isfinite(x).all(axis=1)
+    if bad.any():
+        raise SceneError(f"{subject}: found NaN or infinity in point {int(np.argmax(bad))}; wanted finite {wanted}.")
+    return x
+
+
+def _outside(mesh: PolygonMesh, x: Floats, out: NDArray[np.int64], subject: str) -> str:
+    first = int(out[0])
+    node = int(np.argmin(np.linalg.norm(mesh.points - x[first], axis=1)))
+    more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""
+    return (
+        f"{subject}: point {first} at {x[first]} lies outside the body{more}; the nearest node of the mesh is {node} "
+        f"at {mesh.points[node]}. Give points of the polygons that the mesh is made of."
+    )

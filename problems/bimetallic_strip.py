@@ -21,10 +21,12 @@ x = 0 is then no plane of symmetry but a row of rollers: an error of the order o
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
 
 LENGTH, LOWER, UPPER = 4.0, 0.25, 0.25
 YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-3, 1e-3), 50.0
 ACROSS, SHEAR = 10.0, 15.0  # of the wood: how many times smaller than E2 are its modulus across the grain, and G
+SMALL = {"n": 24, "steps": 4}
 
 
 def upper_modulus(grain=None):
@@ -73,3 +75,16 @@ def mesh(n, family="squares"):
 
 def times(steps):
     return np.linspace(0.0, 1.0, steps + 1)
+
+
+def picture(history):
+    """The heated strip, and the bow of its middle line beside Timoshenko's parabola."""
+    figure, graph = body_and_graph(history, stress="xx")
+    points, u = history.mesh.points, history.displacement[-1]
+    middle = np.abs(points[:, 1] - LOWER) < 1e-9
+    order = np.argsort(points[middle, 0])
+    x, bow = points[middle, 0][order], u[middle, 1][order]
+    line = np.linspace(0, LENGTH, 200)
+    beside_closed_form(graph, (x, bow - bow[0]), (line, curvature() * line**2 / 2), exact_label="Timoshenko 1925")
+    graph.set(xlabel="distance from the middle (length)", ylabel="interface moved up by (length)")
+    return figure

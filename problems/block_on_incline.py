@@ -16,11 +16,14 @@ Before sliding, the block creeps up from its pushed end; its lower edge may lift
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import body_and_graph
+from vemcvx.plots.palette import GRID, SLIP, STICK
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)
 TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
 PUSH = 0.06
+SMALL = {"n": 8, "steps": 20}
 
 
 def impending():
@@ -58,3 +61,17 @@ def times(steps):
 
 
 initial = "settled"
+
+
+def picture(history):
+    """The pushed block, and its push over its weight: it levels off at the oldest formula of friction."""
+    figure, graph = body_and_graph(history, stress="mean", shares=(1.2, 1.0))
+    push, ratio = PUSH * history.times, history.reaction("pushed")[:, 0] / WEIGHT
+    slides = ~history.contact.sticking.any(axis=1)
+    graph.axhline(impending(), color="black", linewidth=1.3, label="impending motion")
+    for chosen, colour, words in ((~slides, STICK, "some of it sticks"), (slides, SLIP, "all of it slides")):
+        graph.plot(push[chosen], ratio[chosen], "o", color=colour, markersize=4, label=words)
+    graph.grid(**GRID)
+    graph.legend(frameon=False, fontsize="small")
+    graph.set(xlabel="pushed by (length)", ylabel="push / weight")
+    return figure

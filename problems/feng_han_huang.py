@@ -19,6 +19,10 @@ contact slips.
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import body_and_graph
+from vemcvx.plots.palette import GRID, SLIP, STICK
+
+SMALL = {"n": 16, "steps": 32}
 
 
 def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, press=0.01):
@@ -40,3 +44,23 @@ def mesh(n, family="squares"):
 
 def times(steps):
     return np.linspace(0.0, 1.0, steps + 1)
+
+
+def picture(history):
+    """The deformed block on its floor, and how friction reaches its bound, node after node, as the load grows."""
+    figure, graph = body_and_graph(history, stress="mean", forces="friction", shares=(1.1, 1.0))
+    contact = history.contact
+    order = np.argsort(contact.points[:, 0])
+    x, quarters = contact.points[order, 0], np.arange(1, 5) * history.steps // 4
+    for step, grey in zip(quarters, ("0.75", "0.6", "0.4", "0.0"), strict=True):
+        friction, slips = contact.traction[step, order, 0], ~contact.sticking[step, order]
+        graph.plot(x, friction, "-", color=grey, linewidth=1.2, label=f"t = {history.times[step]:g}")
+        for chosen, colour in ((slips, SLIP), (~slips, STICK)):
+            graph.plot(x[chosen], friction[chosen], "o", color=colour, markersize=3.5, zorder=3)
+    graph.axhline(-contact.bound.max(), color="0.5", linestyle="--", linewidth=1.0)
+    for colour, words in ((SLIP, "slips"), (STICK, "sticks")):
+        graph.plot([], [], "o", color=colour, markersize=4, label=words)
+    graph.grid(**GRID)
+    graph.legend(frameon=False, fontsize="small")
+    graph.set(xlabel="$x_1$ (length)", ylabel="friction on the body (force per length)")
+    return figure

@@ -16,11 +16,13 @@ from it is the error of the algebra.
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
 
 YOUNG, POISSON, LENGTH, HEIGHT = 10.0, 0.25, 2.0, 0.5
 MU = YOUNG / (2 * (1 + POISSON))
 BOUND = 0.8
 AMPLITUDE = 2.5 * BOUND * HEIGHT / MU
+SMALL = {"n": 8, "steps": 40}
 
 
 def top(t):
@@ -73,3 +75,20 @@ def mesh(n, family="squares"):
 
 def times(steps):
     return np.linspace(0.0, 5.0, steps + 1)
+
+
+def picture(history):
+    """The sheared block at the first turn, and the loop of friction against the motion of the top."""
+    figure, graph = body_and_graph(
+        history, step=history.steps // 5, stress="shear", forces="friction", stretch=2.0, shares=(1.2, 1.0)
+    )
+    traction = -history.contact.traction[:, :, 0].mean(axis=1)
+    dense = times(1000)
+    marks, line = (top(history.times), traction), (top(dense), MU * closed_form(dense)[0])
+    beside_closed_form(graph, marks, line)
+    for sign in (1, -1):
+        graph.axhline(sign * BOUND, color="0.5", linestyle="--", linewidth=1.0)
+    graph.legend(frameon=False, fontsize="small", loc="upper left")
+    graph.set(ylim=(-0.9, 1.25))
+    graph.set(xlabel="top moved aside by $U$ (length)", ylabel="friction on the floor (force per length)")
+    return figure

@@ -14,9 +14,12 @@ measured.
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
+from vemcvx.plots.palette import COMPUTED, SECOND
 
 RADIUS, YOUNG, POISSON, HALF_WIDTH = 1.0, 1000.0, 0.3, 0.02
 REACH = 20 * HALF_WIDTH
+SMALL = {"n": 14, "steps": 4}
 
 
 def force_for(half_width):
@@ -70,3 +73,22 @@ def fitted(x, p):
     curve, tilt, level = np.polyfit(x[inner], p[inner] ** 2, 2)
     top = level - tilt**2 / (4 * curve)
     return np.sqrt(-top / curve), np.sqrt(top)
+
+
+def picture(history):
+    """The block around the contact, its other half in the mirror, and the pressure beside Hertz' half-ellipse."""
+    reach = 2.2 * HALF_WIDTH
+    window = ((-reach, reach), (-0.3 * reach, 1.5 * reach))
+    figure, graph = body_and_graph(history, stress="yy", window=window, mirrors=[(-1, 1)])
+    x, p = history.contact.points[:, 0], history.contact.pressure
+    for step, colour in ((history.steps, COMPUTED), (history.steps // 2, SECOND)):
+        P = 2 * history.reaction("bottom")[step, 1]
+        a = np.sqrt(4 * P * RADIUS * (1 - POISSON**2) / (np.pi * YOUNG))
+        line = np.linspace(-a, a, 401)
+        exact = 2 * P / (np.pi * a) * np.sqrt(1 - (line / a) ** 2)
+        near = x < 1.6 * HALF_WIDTH
+        marks = np.concatenate([-x[near][::-1], x[near]]), np.concatenate([p[step, near][::-1], p[step, near]])
+        label, words = f"P = {P:.2g}", "Hertz" if step == history.steps else None
+        beside_closed_form(graph, marks, (line, exact), colour=colour, label=label, exact_label=words)
+    graph.set(xlabel="$x_1$ (length)", ylabel="pressure (force per area)", ylim=(0, None))
+    return figure

@@ -14,10 +14,13 @@ where the near one slips: the end creeps less far, and what friction and dashpot
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
+from vemcvx.plots.palette import SECOND
 
 YOUNG, POISSON, TAU, PULL = 10.0, 0.25, 0.7, 0.3
 MU = YOUNG / (2 * (1 + POISSON))
 LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
+SMALL = {"n": 5, "steps": 40}
 
 
 def share(instants):
@@ -45,3 +48,20 @@ def mesh(n, family="hexagons"):
 
 def times(steps):
     return np.linspace(0.0, 4.0, steps + 1)
+
+
+def picture(history):
+    """The strip in the end, and the creep of its end with friction, and without beside its closed form."""
+    figure, graph = body_and_graph(history, stress="xx", forces="friction", stretch=2.0)
+    end = history.mesh.points[:, 0] == 4.0
+    elastic = PULL * (1 - POISSON**2) / YOUNG * 4.0
+    free = vx.simulate(scene(bound=0.0), history.mesh, history.times).displacement[:, end, 0].mean(axis=1)
+    marks, line = (history.times, free / elastic), (history.times, share(history.times))
+    beside_closed_form(graph, marks, line, label="without friction", exact_label="closed form, step by step")
+    t = np.linspace(0, history.times[-1], 300)
+    graph.plot(t, 1 - np.exp(-t / TAU), "--", color="0.5", linewidth=1.2, label="as steps vanish")
+    held = history.displacement[:, end, 0].mean(axis=1) / elastic
+    graph.plot(history.times, held, "s-", color=SECOND, markersize=4, linewidth=1, label="friction below")
+    graph.legend(frameon=False, fontsize="small")
+    graph.set(xlabel="t (time)", ylabel="end moved / elastic answer")
+    return figure

@@ -14,10 +14,13 @@ stiffness takes their place, which only pushes: the ends lift off (ask for 1e-6:
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
+from vemcvx.plots.palette import SECOND
 
 LENGTH, HEIGHT, YOUNG, SPRINGS, FORCE = 40.0, 0.5, 1000.0, 0.2, 0.5
 RIGIDITY = YOUNG * HEIGHT**3 / 12
 DECAY = (SPRINGS / (4 * RIGIDITY)) ** 0.25
+SMALL = {"n": 5, "steps": 2, "accuracy": 1e-6}
 
 
 def deflection(x):
@@ -45,3 +48,22 @@ def mesh(n, family="squares"):
 
 def times(steps):
     return np.linspace(0.0, 1.0, steps + 1)
+
+
+def picture(history):
+    """The bent plate, and its deflection beside the beam's; and on asperities, which cannot pull."""
+    window = ((0.0, LENGTH / 2), (-0.9, 0.9))
+    figure, graph = body_and_graph(history, stress="xx", forces="none", window=window, stretch=2.0, shares=(0.8, 1.0))
+    low = history.mesh.points[:, 1] == 0
+    x = np.linspace(0, LENGTH / 2, 300)
+    found = history.displacement[-1][low, 1]
+    order = np.argsort(history.mesh.points[low, 0])
+    marks = (history.mesh.points[low, 0][order], found[order])
+    beside_closed_form(graph, marks, (x, -deflection(x)), label="springs", exact_label="Winkler's beam")
+    soft = vx.Newton(accuracy=SMALL["accuracy"])
+    lifted = vx.simulate(scene(asperities=True), history.mesh, history.times, solver=soft).displacement[-1][low, 1]
+    graph.plot(marks[0], lifted[order], "--", color=SECOND, linewidth=1.4, label="asperities: the end lifts off")
+    graph.axhline(0.0, color="0.6", linewidth=0.8)
+    graph.legend(frameon=False, fontsize="small")
+    graph.set(xlabel="distance from the force (length)", ylabel="lower side moved by (length)", xlim=(0, LENGTH / 2))
+    return figure

@@ -13,8 +13,10 @@ it. The rod is a model: its error is of the order of H over the slip length.
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, FORCE = 50.0, 1.0, 200.0, 1.0, 20.0
+SMALL = {"n": 4, "steps": 36}
 
 
 def force(t):
@@ -47,3 +49,21 @@ def mesh(n, family="squares"):
 
 def times(steps):
     return np.linspace(0.0, 3.0, steps + 1)
+
+
+def picture(history):
+    """The pushed end, and the loop of force and displacement at it."""
+    window = ((-0.6, 26.0), (-0.4, HEIGHT + 0.1))
+    step = history.steps // 3
+    figure, graph = body_and_graph(history, step=step, stress="xx", forces="friction", window=window, stretch=3.4)
+    end = history.mesh.points[:, 0] == 0
+    found = history.displacement[:, end, 0].mean(axis=1)
+    turns = np.array([force(t) for t in history.times])
+    first, back, _ = end_displacement()
+    F = np.linspace(0, FORCE, 200)
+    pushed, released = F**2 / (2 * YOUNG * HEIGHT * BOUND), first - (FORCE - F) ** 2 / (4 * YOUNG * HEIGHT * BOUND)
+    again = back + F**2 / (4 * YOUNG * HEIGHT * BOUND)
+    line = np.concatenate([pushed, released[::-1], again]), np.concatenate([F, F[::-1], F])
+    beside_closed_form(graph, (found, turns), line, exact_label="rod")
+    graph.set(xlabel="displacement of the end (length)", ylabel="push (force)")
+    return figure

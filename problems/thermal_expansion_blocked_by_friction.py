@@ -27,8 +27,10 @@ u(s) = g (l - s)^2 / (2 E H). The rod is a model: its error is of the order of H
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, EXPANSION, RISE = 40.0, 1.0, 200.0, 1.0, 1e-3, 100.0
+SMALL = {"n": 4, "steps": 36}
 
 
 def temperature(t):
@@ -66,3 +68,20 @@ def mesh(n, family="squares"):
 
 def times(steps):
     return np.linspace(0.0, 3.0, steps + 1)
+
+
+def picture(history):
+    """The free end of the heated bar, and the loop of its displacement over the temperature."""
+    window = ((LENGTH - 26.0, LENGTH + 1.4), (-0.4, HEIGHT + 0.1))
+    step = history.steps // 3
+    figure, graph = body_and_graph(history, step=step, stress="xx", forces="friction", window=window, stretch=3.4)
+    end = history.mesh.points[:, 0] == LENGTH
+    found = history.displacement[:, end, 0].mean(axis=1)
+    first, back, _ = end_displacement()
+    rise = np.linspace(0, RISE, 200)
+    share = rise / RISE
+    line = np.concatenate([first * share**2, first - back * (1 - share[::-1]) ** 2, back * (1 + share**2)])
+    temperatures = np.concatenate([rise, rise[::-1], rise])
+    beside_closed_form(graph, (temperature(history.times), found), (temperatures, line), exact_label="rod")
+    graph.set(xlabel="temperature (degrees)", ylabel="end moved by (length)")
+    return figure

@@ -190,3 +190,42 @@ for size in 10.0 ** -np.arange(0, 7, 2):
 # 4. Show that the step map $u_{prev} \mapsto u$ never expands distances in $|\cdot|_K$. (Add the two
 #    variational inequalities; this is why certificates of steps may be added up over time.)
 # 5. Two loads differ by $\delta$. Bound the distance of the two answers. (Theorem 2.5: stability.)
+
+# %% [markdown]
+# # A picture
+#
+# The loop of section 1 and the certificates of section 5; `--picture FILE` draws them.
+
+# %%
+
+
+def main(file):
+    from vemcvx.canvas import new_figure
+    from vemcvx.plots.palette import COMPUTED, GRID, SLIP, STICK
+
+    figure = new_figure(9.4, 3.9)
+    left, right = figure.subplots(1, 2)
+    sticks = np.append(True, np.diff(path) == 0.0)
+    left.fill(path[30:], loads[30:], color="0.93", label=f"lost in the loop: {lost:g}")
+    left.plot(path, loads, color="0.6", linewidth=1.0)
+    for chosen, colour, words in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
+        left.plot(path[chosen], loads[chosen], "o", color=colour, markersize=4, label=words)
+    left.set(xlabel="position $u$ (length)", ylabel="load $f$ (force)", title="one slider on a spring")
+    errors, certified = np.transpose(table)
+    right.loglog(errors, certified, "o", color=COMPUTED, markersize=6, label="spoilt answers, certified")
+    right.loglog(errors, errors, "-", color="black", linewidth=1.3, label="the true error")
+    right.set(xlabel="true error (energy norm)", ylabel="certified error", title="no certificate below the error")
+    for axes in (left, right):
+        axes.grid(**GRID)
+        axes.set_axisbelow(True)
+        axes.legend(frameon=False, fontsize="small")
+    figure.savefig(file, dpi=110)
+
+
+if __name__ == "__main__":
+    import argparse
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--picture", metavar="FILE")
+    if asked := parser.parse_known_args()[0].picture:
+        main(asked)

@@ -7,7 +7,17 @@ import pytest
 from conftest import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.plots import deformed_mesh, energy_ledger, friction_traction, stick_slip_map, write_plots
+from vemcvx.canvas import new_figure
+from vemcvx.plots import (
+    beside_closed_form,
+    body_and_graph,
+    deformed_mesh,
+    energy_ledger,
+    friction_traction,
+    stick_slip_map,
+    stressed_body,
+    write_plots,
+)
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.deformed_mesh import magnification
 
@@ -229,3 +239,36 @@ def test_pictures_say_what_they_miss(history, loose, tmp_path):
     (tmp_path / "taken").write_text("a file")
     with pytest.raises(vx.VemcvxError, match="taken: cannot write pictures there"):
         write_plots(loose, tmp_path / "taken")
+
+
+def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
+    figure, graph = body_and_graph(history, step=9, stress="xy", mirrors=[(-1, 1)])
+    body, (row, contact) = figure.axes[0], (history.row(9), history.contact)
+    cells, image, arrows = body.collections
+    assert np.array_equal(cells.get_array(), history.stress(9)[:, 2])
+    assert np.array_equal(image.get_array(), cells.get_array())
+    for path, mirrored in zip(cells.get_paths(), image.get_paths(), strict=True):
+        assert set(map(tuple, path.vertices * [-1, 1])) == set(map(tuple, mirrored.vertices))
+    drawn = np.column_stack([arrows.U, arrows.V])
+    force = contact.traction[row] - contact.pressure[row][:, None] * contact.normals
+    scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(force, axis=1).max()
+    assert len(drawn) == len(force)
+    assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale
+    assert f"at most {np.linalg.norm(force, axis=1).max():.3g}" in body.get_title()
+    assert graph in figure.axes
+    friction = stressed_body(figure.add_subplot(), history, forces="friction").collections[-1]
+    assert np.abs(friction.V).max() == 0.0
+    assert len(stressed_body(figure.add_subplot(), history, forces="none").collections) == 1
+    for wrong in ({"stress": "zz"}, {"forces": "weight"}):
+        (name, value) = next(iter(wrong.items()))
+        with pytest.raises(vx.VemcvxError, match=f"stressed_body: found {name} = '{value}'; there are (xx|contact), "):
+            stressed_body(figure.add_subplot(), history, **wrong)
+
+
+def test_computed_values_stand_beside_their_closed_form():
+    ax, x = new_figure().add_subplot(), np.linspace(0, 1, 200)
+    beside_closed_form(ax, (x, x**2), (x, x**3), label="found", exact_label="known")
+    drawn = lines(ax)
+    assert np.array_equal(drawn["known"], np.column_stack([x, x**3]))
+    assert len(drawn["found"]) == 60
+    assert {tuple(point) for point in drawn["found"]} <= set(zip(x, x**2, strict=True))

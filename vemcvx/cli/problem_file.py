@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import importlib.util
 import inspect
+import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -103,13 +105,25 @@ def read_problem(file: str | Path) -> Problem:
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a problem file is Python and ends in .py.")
     module = importlib.util.module_from_spec(spec)
-    _own(path, "executing it", lambda: spec.loader.exec_module(module))
+    with _neighbours(path):
+        _own(path, "executing it", lambda: spec.loader.exec_module(module))
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
     if missing:
         raise ProblemError(
             f"{path}: does not define {' nor '.join(missing)}; a problem file defines {', '.join(PARTS.values())}."
         )
     return Problem(path, module)
+
+
+@contextmanager
+def _neighbours(path: Path) -> Iterator[None]:
+    """Let a problem file import those beside it, as `python FILE` does."""
+    folder = str(path.resolve().parent)
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)
 
 
 def _own(path: Path, what: str, action: Callable[[], Any]) -> Any:

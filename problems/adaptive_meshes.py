@@ -1,0 +1,187 @@
+"""What adaptive meshes save, measured against uniform squares at the same true error, in one run.
+
+    python problems/adaptive_meshes.py [--small] [--picture FILE]
+
+The paper's scene, singular where supports meet loads, and an L-shaped bracket, singular in its re-entrant corner, too.
+True errors are projected energy distances to a reference: the common refinement of the finest uniform and adaptive
+meshes, refined twice more where the estimator says. An adaptive run starts from a coarse mesh and two instants, and its
+seconds include all passes; its target is lowered until its true error is no larger than that of the uniform run beside
+it. Printed with them is the optimum for cells of equal sides: with the true error e_K on equal cells, h ~ (e_K^2)^-1/4
+takes (sum e_K)^2 / (N sum e_K^2) of the unknowns of uniform cells.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import feng_han_huang as paper
+import l_shaped_bracket as bracket
+import vemcvx as vx
+from vemcvx.adaptivity.marking import cells_to_refine
+from vemcvx.canvas import new_figure
+from vemcvx.plots.palette import COMPUTED, GRID, SECOND
+
+STEPS = 32
+TRIES = 5
+
+
+@dataclass(frozen=True)
+class Study:
+    """A scene, the function that meshes it with n squares a unit, its coarsest and its uniform meshes."""
+
+    name: str
+    scene: vx.Scene
+    mesh: object
+    coarse: int
+    sizes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulation: its history, unknowns, seconds with everything, and true relative error."""
+
+    history: vx.History
+    unknowns: int
+    seconds: float
+    estimate: float
+    true: vx.measures.Measured | None = None
+
+    @property
+    def error(self) -> float:
+        return self.true.relative
+
+
+def uniform(study, n):
+    start = time.perf_counter()
+    history = vx.simulate(study.scene, study.mesh(n), np.linspace(0.0, 1.0, STEPS + 1), store="last")
+    seconds = time.perf_counter() - start
+    return Run(history, history.trajectory.state.shape[1], seconds, float(vx.error_budget(history, [STEPS]).space[0]))
+
+
+def adaptive(study, target):
+    start = time.perf_counter()
+    found = vx.adapt(study.scene, study.mesh(study.coarse), [0.0, 1.0], target)
+    return Run(found.history, found.passes[-1].unknowns, time.perf_counter() - start, found.passes[-1].space), found
+
+
+def reference(study, run, n):
+    """On the adaptive mesh of `run`, nowhere coarser than n squares a unit, refined twice more."""
+    mesh = vx.meshes.common_refinement(run.history.mesh, study.mesh(n))
+    for _ in range(2):
+        history = vx.simulate(study.scene, mesh, [0.0, 0.5, 1.0], store="last")
+        mesh = mesh.refine(cells_to_refine(vx.error_budget(history, [2]).cells ** 2, 0.0, 0.7))
+    return vx.simulate(study.scene, mesh, [0.0, 0.5, 1.0], store="last")
+
+
+def measured(run, truth):
+    return Run(run.history, run.unknowns, run.seconds, run.estimate, vx.measures.energy_distance(run.history, truth))
+
+
+def matched(study, beside, truth):
+    """Of a few adaptive runs, the smallest that is no farther from the truth than the uniform run."""
+    target, kept = 1.4 * beside.estimate, None
+    for _ in range(TRIES):
+        run, found = adaptive(study, target)
+        run = measured(run, truth)
+        if run.error <= beside.error and (kept is None or run.unknowns < kept[0].unknowns):
+            kept = run, found
+        target *= 0.985 * beside.error / run.error
+    return kept
+
+
+def limit(run):
+    """Unknowns of the best mesh of cells with equal sides, as a part of those of equal cells."""
+    e = run.true.cells
+    return float(e.sum() ** 2 / (len(e) * (e**2).sum()))
+
+
+def slope(runs):
+    return float(np.polyfit(np.log([r.unknowns for r in runs]), np.log([r.error for r in runs]), 1)[0])
+
+
+def study(case):
+    """All runs of a study, measured: uniform, adaptive beside the two finest of them, and adaptive on the way."""
+    equal = [uniform(case, n) for n in case.sizes]
+    finest, _ = adaptive(case, 1.2 * equal[-1].estimate)
+    truth = reference(case, finest, case.sizes[-1])
+    equal = [measured(run, truth) for run in equal]
+    pairs = [(run, *matched(case, run, truth)) for run in equal[-2:]]
+    on_the_way = [measured(adaptive(case, 1.4 * f * equal[-1].estimate)[0], truth) for f in (8.0, 4.0, 2.0)]
+    return equal, pairs, [*on_the_way, *(run for _, run, _ in pairs)], truth
+
+
+def picture(results):
+    figure = new_figure(11.0, 7.4)
+    grid = figure.subplots(2, len(results))
+    for column, (case, (equal, pairs, adapted, _)) in enumerate(results):
+        ax = grid[0, column]
+        for runs, colour, mark, name in ((equal, COMPUTED, "s-", "uniform"), (adapted, SECOND, "o-", "adaptive")):
+            label = f"{name}, $N^{{{slope(runs):.2f}}}$"
+            ax.loglog([r.unknowns for r in runs], [100 * r.error for r in runs], mark, color=colour, label=label)
+        ax.set(title=case.name, xlabel="unknowns", ylabel="true energy error [%]")
+        ax.grid(which="both", **GRID)
+        ax.legend(frameon=False)
+        _, _, found = pairs[0]
+        below = grid[1, column]
+        mesh = found.history.mesh
+        mesh.plot(ax=below, linewidth=0.15, edgecolor="0.2", facecolor="none")
+        below.set(title=f"{mesh.n_cells} cells, {100 * adapted[-2].error:.2f} % error", xticks=[], yticks=[])
+        below.set_frame_on(False)
+    return figure
+
+
+def rows(results):
+    table = Table(
+        "scene", "uniform n", "unknowns", "error", "seconds", "adaptive", "error", "seconds", "unknowns", "limit"
+    )
+    for case, (_, pairs, _, _) in results:
+        for n, (one, other, _) in zip(case.sizes[-2:], pairs, strict=True):
+            share, seconds = other.unknowns / one.unknowns, other.seconds / one.seconds
+            table.add_row(
+                *(case.name, str(n), str(one.unknowns), f"{one.error:.3%}", f"{one.seconds:.2f}"),
+                *(str(other.unknowns), f"{other.error:.3%}", f"{other.seconds:.2f} = {seconds:.2f} x"),
+                *(f"{share:.2f} x", f"{limit(one):.2f} x"),
+            )
+    return table
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
+    parser.add_argument("--picture", type=Path, help="draw convergence and meshes there")
+    given = parser.parse_args(arguments)
+    sizes = (8, 16, 32, 64) if given.small else (32, 64, 128, 256)
+    cases = (
+        Study("the paper's scene", paper.scene(), vx.meshes.squares, 8, sizes),
+        Study("L-shaped bracket", bracket.scene(), vx.meshes.l_shape, 4, sizes),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vx.SceneWarning)
+        results = [(case, study(case)) for case in cases]
+    console = Console(width=150)
+    console.print(rows(results))
+    for case, (equal, _, adapted, truth) in results:
+        console.print(
+            f"{case.name}: orders {slope(equal):.2f} uniform, {slope(adapted):.2f} adaptive in the unknowns; reference "
+            f"of {truth.mesh.n_cells} cells, estimated error {vx.error_budget(truth, [2]).space[0]:.2%}"
+        )
+        parts = adapted[-1].history.seconds
+        console.print(f"    last pass: prepare {parts['prepare']:.2f} s, solve {parts['solve']:.2f} s")
+    if given.picture is not None:
+        picture(results).savefig(given.picture, dpi=110)
+    return results
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""The gallery: every problem in its small setting, timed, and its picture.
+
+    python problems/gallery.py [NAME ...] [--out problems/pictures]
+
+There are two kinds of problem in this folder, and each says itself how it is drawn:
+
+- a *problem file*, for `vemcvx run`: besides scene, mesh and times (and `initial`) it defines
+  SMALL = {"n": .., "steps": ..}, the setting that runs in seconds (with "accuracy", if 1e-8 is out of reach), and
+  picture(history), which returns a matplotlib figure of a history so computed. Without them it gets 8 cells, 8 steps
+  and the deformed mesh;
+- a *lesson*, a program of its own: it takes --picture FILE.
+
+Pictures are PROBLEM.png, drawn through vemcvx.canvas with the colours of vemcvx.plots.palette.
+"""
+
+import argparse
+import contextlib
+import importlib
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import vemcvx as vx
+from vemcvx.errors import SceneWarning
+from vemcvx.plots import deformed_mesh
+
+HERE = Path(__file__).parent
+DPI = 100
+LESSONS = (
+    "elastoplastic_block",
+    "elastoplastic_truss",
+    "membrane_with_friction",
+    "spring_slider_chain",
+    "variational_inequality_as_convex_program",
+)
+"""Those that are quick; hard_cases and stabilisation_spectrum take minutes and are drawn by themselves."""
+
+
+def problem_files():
+    """Names of all problem files: what defines a scene, a mesh and times at its outermost level."""
+    texts = {path.stem: path.read_text() for path in sorted(HERE.glob("*.py"))}
+    return [
+        name for name, text in texts.items() if all(f"\ndef {part}(" in text for part in ("scene", "mesh", "times"))
+    ]
+
+
+@contextlib.contextmanager
+def quiet():
+    """Without what scenes say each time of bodies that only contact holds, and lessons of what they compute."""
+    with warnings.catch_warnings(), contextlib.redirect_stdout(None):
+        warnings.simplefilter("ignore", SceneWarning)
+        yield
+
+
+def small_run(problem):
+    """The history of a problem file in its small setting."""
+    small = {"n": 8, "steps": 8, "accuracy": 1e-8, **getattr(problem, "SMALL", {})}
+    mesh, times, initial = problem.mesh(small["n"]), problem.times(small["steps"]), getattr(problem, "initial", None)
+    with quiet():
+        return vx.simulate(problem.scene(), mesh, times, initial=initial, solver=vx.Newton(small["accuracy"]))
+
+
+def picture(problem, history):
+    """The figure of a problem file's history."""
+    with quiet():
+        return getattr(problem, "picture", deformed_mesh)(history)
+
+
+def drawn(name, folder):
+    """Run a problem, write its picture; what it is and the seconds of the run in a line."""
+    path, start = folder / f"{name}.png", time.perf_counter()
+    if name in LESSONS:
+        with quiet():
+            importlib.import_module(name).main(path)
+        return f"{name:40s} {time.perf_counter() - start:6.2f} s with its picture"
+    problem = importlib.import_module(name)
+    history = small_run(problem)
+    seconds = time.perf_counter() - start
+    picture(problem, history).savefig(path, dpi=DPI)
+    return (
+        f"{name:40s} {seconds:6.2f} s  {history.mesh.n_cells:5d} cells  {history.steps:3d} steps"
+        f"  certified {history.certificate.max():.0e}"
+    )
+
+
+def main(names, folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    known = [*problem_files(), *LESSONS]
+    for name in names or known:
+        if name not in known:
+            sys.exit(f"gallery: there is no problem {name!r}; there are {', '.join(known)}.")
+        print(drawn(name, folder))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--out", type=Path, default=HERE / "pictures")
+    asked = parser.parse_args()
+    main(asked.names, asked.out)

@@ -1,0 +1,41 @@
+"""Computed values as marks on the line that a closed form draws: agreement, or the lack of it, at a glance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.plots.palette import COMPUTED, EXACT, GRID
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_MARKS = 60
+
+
+def beside_closed_form(
+    ax: Axes,
+    computed: tuple[ArrayLike, ArrayLike],
+    exact: tuple[ArrayLike, ArrayLike],
+    *,
+    colour: str = COMPUTED,
+    marker: str = "o",
+    label: str = "computed",
+    exact_label: str | None = "closed form",
+    style: str = "-",
+) -> Axes:
+    """Add one pair: marks (x, y) computed, and the line (x, y) of the closed form.
+
+    Of more than `MOST_MARKS` marks, evenly many are drawn. ``exact_label=None`` keeps a line out of the legend.
+    """
+    x, y = (np.asarray(values, dtype=float) for values in computed)
+    shown = np.unique(np.linspace(0, len(x) - 1, MOST_MARKS).round().astype(int)) if len(x) > MOST_MARKS else ...
+    line = EXACT if colour == COMPUTED else colour
+    ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
+    ax.plot(x[shown], y[shown], marker, color=colour, markersize=4, alpha=0.85, label=label, zorder=3)
+    ax.grid(**GRID)
+    ax.set_axisbelow(True)
+    ax.legend(frameon=False, fontsize="small")
+    return ax

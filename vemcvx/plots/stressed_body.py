@@ -1,0 +1,201 @@
+"""The deformed body coloured by a stress, with the forces of contact that act on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.canvas import new_figure
+from vemcvx.errors import HistoryError
+from vemcvx.history import History
+from vemcvx.meshes import PolygonMesh
+from vemcvx.plots.deformed_mesh import magnification
+from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import Collection
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+Window = tuple[tuple[float, float], tuple[float, float]]
+
+STRESSES: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
+    "xx": (r"$\sigma_{11}$", lambda s: s[:, 0]),
+    "yy": (r"$\sigma_{22}$", lambda s: s[:, 1]),
+    "xy": (r"$\sigma_{12}$", lambda s: s[:, 2]),
+    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda s: 0.5 * (s[:, 0] + s[:, 1])),
+    "shear": ("largest shear stress", lambda s: np.hypot(0.5 * (s[:, 0] - s[:, 1]), s[:, 2])),
+}
+UNSIGNED = {"shear"}
+FORCES = ("contact", "friction", "none")
+ONE_SIGN, UNIFORM = 0.1, 0.02
+"""Stresses whose other sign stays below this part of the largest are drawn as of one sign; varying less, as uniform."""
+# The corner of a clamp has no largest stress: colours end where all but one cell in a hundred are.
+SHOWN_CELLS = 99.0
+LONGEST, MOST, ASIDE = 0.13, 26, 0.03
+"""Of the arrows: length as part of the body's (or the window's) size, number, and distance if they run along it."""
+SLENDER = 0.2
+"""Height over width below which the body is drawn above the graph, not beside it."""
+
+
+def stressed_body(
+    ax: Axes,
+    history: History,
+    *,
+    step: int = -1,
+    stress: str = "mean",
+    forces: str = "contact",
+    window: Window | None = None,
+    stretch: float = 1.0,
+    mirrors: Sequence[tuple[int, int]] = (),
+) -> Axes:
+    """Draw the body on given axes.
+
+    Parameters
+    ----------
+    ax : Axes
+    history : History
+    step : int
+        A stored step; negative ones count from the end.
+    stress : str
+        Which: one of `STRESSES`. Tension is red and compression blue.
+    forces : {"contact", "friction", "none"}
+        Arrows of pressure and friction together, their heads on the body; of friction alone, beside it; or none. Blue
+        where contact sticks, orange where it slips, grey without friction.
+    window : ((x0, x1), (y0, y1)), optional
+        Draw this part only, in units of length.
+    stretch : float
+        How many times longer lengths along x_2 are drawn: of slender bodies.
+    mirrors : sequence of (1 or -1, 1 or -1)
+        Signs of x_1 and x_2 in the images to be drawn, without mesh, of a body that is the half or quarter of a whole.
+
+    Returns
+    -------
+    Axes
+        Displacements are magnified, and forces (per length, on the body) at most, as the title says.
+
+    Raises
+    ------
+    HistoryError
+        There is no stress, or are no forces, of that name.
+    """
+    for name, found, known in (("stress", stress, STRESSES), ("forces", forces, FORCES)):
+        if found not in known:
+            raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
+    row, mesh = history.row(step), history.mesh
+    u, (label, part) = history.displacement[row], STRESSES[stress]
+    values = part(history.stress(step))
+    seen = _inside(mesh.centroids, window)
+    size = float(np.ptp(mesh.points, axis=0).max() if window is None else max(np.ptp(window, axis=1)))
+    factor = magnification(u[_inside(mesh.points, window)], 0.5 * size)
+    line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
+    mesh.plot(ax=ax, displacement=factor * u, linewidth=line, edgecolor="0.35")
+    cells = ax.collections[0]
+    cells.set_array(values)
+    _colour(cells, values[seen], stress in UNSIGNED)
+    for signs in mirrors:
+        _image(ax, history, factor * u, signs)
+    bar = ax.figure.colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.035, 1.0)))
+    bar.set_label(f"{label} (force per area)", fontsize="small")
+    largest = _arrows(ax, history, row, mesh.points + factor * u, (forces, size, window, stretch))
+    words = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""
+    ax.set_title(f"t = {history.times[row]:.4g}, displacements × {factor:g}{words}", fontsize="small")
+    drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
+    ax.set(xlabel="$x_1$ (length)", ylabel=f"$x_2$ (length{drawn})", aspect=stretch)
+    ax.tick_params(labelsize="small")
+    if window is None:
+        ax.autoscale_view()
+    else:
+        ax.set(xlim=window[0], ylim=window[1])
+    return ax
+
+
+def body_and_graph(
+    history: History,
+    *,
+    step: int = -1,
+    stress: str = "mean",
+    forces: str = "contact",
+    window: Window | None = None,
+    stretch: float = 1.0,
+    mirrors: Sequence[tuple[int, int]] = (),
+    shares: tuple[float, float] = (1.0, 1.0),
+) -> tuple[Figure, Axes]:
+    """Return a figure with the stressed body, and axes beside it (below it, if it is slender) for a graph.
+
+    Parameters are those of `stressed_body`; `shares` divides the figure between body and graph.
+    """
+    width, height = np.ptp(history.mesh.points, axis=0) if window is None else np.ptp(window, axis=1)
+    slender = stretch * height < SLENDER * width
+    figure = new_figure(8.4, 5.0) if slender else new_figure(9.4, 3.9)
+    if slender:
+        body, graph = figure.subplots(2, 1, height_ratios=shares)
+    else:
+        body, graph = figure.subplots(1, 2, width_ratios=shares)
+    figure.get_layout_engine().set(w_pad=0.1)
+    shown = {"forces": forces, "window": window, "stretch": stretch, "mirrors": mirrors}
+    stressed_body(body, history, step=step, stress=stress, **shown)
+    return figure, graph
+
+
+def _inside(points: Floats, window: Window | None) -> NDArray[np.bool_]:
+    if window is None:
+        return np.ones(len(points), dtype=bool)
+    low, high = np.transpose(window)
+    return ((points >= low) & (points <= high)).all(axis=1)
+
+
+def _image(ax: Axes, history: History, moved: Floats, signs: tuple[int, int]) -> None:
+    """The body in the mirror, coloured like the body itself."""
+    cells, mesh = ax.collections[0], history.mesh
+    turned = [cell[:: signs[0] * signs[1]] for cell in mesh.cells]
+    style = {"linewidth": 0, "antialiased": False, "cmap": cells.get_cmap(), "clim": cells.get_clim()}
+    PolygonMesh((mesh.points + moved) * signs, turned).plot(ax=ax, array=cells.get_array(), **style)
+
+
+def _colour(cells: Collection, values: Floats, unsigned: bool) -> None:
+    """Choose colours and their range: of both signs about zero, or of one."""
+    top = float(np.percentile(np.abs(values), SHOWN_CELLS)) or 1.0
+    if np.ptp(values) < UNIFORM * top:
+        # The end of a colour map is its darkest, or brightest: one stress everywhere is drawn in its middle.
+        top *= 2.0
+    if unsigned:
+        cells.set(cmap=SIZE, clim=(0.0, top))
+    elif values.min() > -ONE_SIGN * top:
+        cells.set(cmap=TENSION, clim=(0.0, top))
+    elif values.max() < ONE_SIGN * top:
+        cells.set(cmap=COMPRESSION, clim=(-top, 0.0))
+    else:
+        cells.set(cmap=SIGNED, clim=(-top, top))
+
+
+def _arrows(
+    ax: Axes, history: History, row: int, places: Floats, how: tuple[str, float, Window | None, float]
+) -> float:
+    """Forces per length at contact nodes; returns the largest, 0 if there are none."""
+    contact, (kind, size, window, stretch) = history.contact, how
+    together = kind == "contact"
+    force = contact.traction[row] - together * contact.pressure[row][:, None] * contact.normals
+    seen = np.flatnonzero(_inside(contact.points, window))
+    largest = float(np.linalg.norm(force[seen], axis=1).max(initial=0.0))
+    if largest == 0.0 or kind == "none":
+        return 0.0
+    # Along the boundary, so that what is left out is left out evenly.
+    order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
+    shown = order[np.unique(np.linspace(0, len(order) - 1, MOST).round().astype(int))]
+    heads, longest = places[contact.nodes[shown]], LONGEST * size
+    if not together:
+        longest = min(longest, 0.8 * np.linalg.norm(np.diff(heads, axis=0), axis=1).min(initial=longest))
+        heads = heads + ASIDE * size * contact.normals[shown] / [1.0, stretch]
+    arrows = force[shown] * longest / largest / [1.0, stretch]
+    slips = ~contact.sticking[row, shown]
+    colours = np.where(slips, SLIP, STICK) if contact.bound.any() else PUSH
+    style = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "pivot": "tip" if together else "mid", "zorder": 3}
+    drawn = ax.quiver(*heads.T, *arrows.T, color=colours, width=0.0055, **style)
+    drawn.set_in_layout(False)
+    ax.update_datalim(np.concatenate([heads - arrows, heads]))
+    return largest

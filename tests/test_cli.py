@@ -130,7 +130,7 @@ def test_a_miss_exits_with_three(tmp_path):
         (["--set", "young"], "--set: found 'young'; wanted name=value, such as young=1"),
         (["--set", "poisson=0.5"], r"Elasticity: found poisson = 0\.5 in cell 0"),
         (["--set", "young=stiff"], "Elasticity: young"),
-        (["--store", "some"], "store: found 'some'; there are 'all', 'last', or an integer"),
+        (["--store", "some"], "store: found 'some'; there are 'all', 'last', an integer"),
         (["--accuracy", "2"], "accuracy = 2.0; it is a relative energy error between 0 and 1"),
         (["--n", "0"], "Invalid value for '--n'"),
         (["--steps", "many"], "Invalid value for '--steps'"),
@@ -202,7 +202,9 @@ def test_show_says_the_scene_in_words(tmp_path):
     assert shown.exit_code == 0
     rows = {line[:14].strip(): line[14:].strip() for line in shown.output.splitlines() if line[:14].strip()}
     assert rows["unknowns"] == "136 in all, 8 after condensation"
-    assert rows["norm terms"] == "8 absolute values"
+    assert rows["terms"] == "8 absolute values"
+    assert rows["not simulated"].startswith("BodyForce, CoulombFriction,")
+    assert "left out" not in rows
     assert rows["solvers"] == "Newton, OSQP, Clarabel; the smallest is Newton"
     assert rows["not"] == "Direct (no absolute values)"
     assert rows["mesh"] == "squares, n = 8: 64 cells, 81 nodes, h = 0.1768"
@@ -214,10 +216,11 @@ def test_show_says_the_scene_in_words(tmp_path):
     ):
         assert effect in shown.output
     loose = invoke("show", written(tmp_path, MINIMAL), "--n", 3).output
-    assert "quadratic, no norm terms" in loose
+    assert "quadratic, no convex terms" in loose
+    assert "none; no cones" in loose
     assert "Direct, Newton, OSQP, Clarabel; the smallest is Direct" in loose
-    assert "not " not in loose
-    assert "mesh          its own, n = 3: 9 cells" in loose
+    assert "Direct (no" not in loose
+    assert "mesh           its own, n = 3: 9 cells" in loose
 
 
 def test_version_and_help():

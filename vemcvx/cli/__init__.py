@@ -1,4 +1,4 @@
-"""The command line, `vemcvx run FILE` and `vemcvx show FILE`."""
+"""The command line, `vemcvx run FILE`, `vemcvx show FILE`, `vemcvx compare FILE` and `vemcvx cost FILE`."""
 
 from vemcvx.cli.commands import app, main
 

@@ -85,6 +85,71 @@ def show(file: File, mesh: Mesh = None, n: N = 64, settings: Settings = []) -> N
         print_scene(read_problem(file), mesh, n, tuple(settings))
 
 
+@app.command()
+def compare(
+    file: File,
+    mesh: Mesh = None,
+    n: N = 16,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 8,
+    solvers: Annotated[
+        str, typer.Option(metavar="A,B,...", help="Solvers by name; all: these and whatever cvxpy finds.")
+    ] = "newton,clarabel,osqp,direct",
+    accuracy: Annotated[
+        float | None, typer.Option(help="Certified relative energy error of a step. (default: each solver's own)")
+    ] = None,
+    settings: Settings = [],  # noqa: B006 - as above
+) -> None:
+    """Solve a problem by several solvers, and hold their answers against each other and their certificates."""
+    with reported():
+        from vemcvx.cli.problem_file import read_problem
+        from vemcvx.cli.side_by_side import Comparison, compare_solvers
+
+        found = compare_solvers(read_problem(file), Comparison(mesh, n, steps, solvers, accuracy, tuple(settings)))
+        typer.echo(found.text)
+        if not found.trustworthy:
+            raise typer.Exit(NOT_CERTIFIED)
+
+
+@app.command()
+def cost(
+    file: File,
+    mesh: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="Families of meshes. (default: squares,triangles,voronoi)")
+    ] = None,
+    n: Annotated[str, typer.Option("--n", metavar="N,N,...", help="Cells per unit length.")] = "8,16,32,64,128",
+    steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32",
+    solver: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,...", help="Solvers. (default: newton, and clarabel and osqp at a few points)"),
+    ] = None,
+    accuracy: Annotated[
+        str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")
+    ] = None,
+    adaptive: Annotated[bool, typer.Option(help="Adaptive runs beside the uniform ones.")] = True,
+    target: Annotated[
+        str, typer.Option(metavar="X,X,...", help="Relative errors to aim at, and to give advice for.")
+    ] = "0.05,0.02,0.01",
+    workers: Annotated[int, typer.Option(help="Processes at once.")] = 2,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A dask.distributed scheduler, whose workers are taken.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Table, picture, journal. (default: results/cost_<problem>)")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume/--fresh", help="Leave out what DIR holds already, or begin anew.")
+    ] = True,
+    settings: Settings = [],  # noqa: B006 - as above
+) -> None:
+    """Measure what accuracy costs: true errors against seconds and unknowns, over meshes, steps and solvers."""
+    with reported():
+        from vemcvx.cli.cost_of_accuracy import Wanted, cost_of_accuracy
+        from vemcvx.cli.problem_file import read_problem
+
+        asked = (mesh, n, steps, solver, accuracy, target, adaptive, workers, scheduler, out, not resume)
+        typer.echo(cost_of_accuracy(read_problem(file), Wanted(*asked, tuple(settings))))
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"vemcvx {__version__}")

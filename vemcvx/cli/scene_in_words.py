@@ -78,7 +78,9 @@ def _program(form: Form, viscous: bool) -> str:
 def _terms(form: Form) -> str:
     """How many of which kind, and the cones of the largest solver that they need."""
     bounds, soft = int((form.softness == 0).sum()), int((form.softness > 0).sum())
-    kind = "absolute values" if form.block == 1 else f"norms of {form.block} components, {form.count} second-order cones"
+    kind = (
+        "absolute values" if form.block == 1 else f"norms of {form.block} components, {form.count} second-order cones"
+    )
     found = [(form.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
     return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
 

@@ -10,8 +10,8 @@ LINEAR = {"superlu": SuperLU, "multigrid": Multigrid}
 NAMES = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
-def named_solver(name: str, accuracy: float | None) -> Solver:
-    """One of ours, in any case of letters, or a name in capitals for cvxpy to find.
+def named_solver(name: str, accuracy: float | None, option: str = "--solver") -> Solver:
+    """One of ours, in any case of letters, or a name in capitals for cvxpy to find; `option` asked for it.
 
     Raises
     ------
@@ -23,7 +23,7 @@ def named_solver(name: str, accuracy: float | None) -> Solver:
         return NAMES[name.lower()](**settings)
     if name != name.upper():
         raise ProblemError(
-            f"--solver: there is no solver {name!r}; there are {', '.join(NAMES)}, and those that cvxpy finds, "
+            f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, and those that cvxpy finds, "
             "in capitals: SCS, HIGHS, ..."
         )
     return ThroughCvxpy(name, **settings)

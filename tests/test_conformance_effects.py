@@ -79,6 +79,7 @@ def squeeze(x, t):
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 HELD = vx.Clamp(on="right")
 PULLED = vx.Traction(pull, on="left")
+SHAKEN = vx.Traction(lambda x, t: np.tile([30 * t * (0.6 - t), 0.0], (len(x), 1)), on="left")
 PRESSED = vx.Traction(lambda x, t: t * np.column_stack([4 + x[:, 0], -6 - x[:, 0]]), on="top")
 TOUCHING = vx.BilateralContact(on="bottom")
 RUBBING = vx.TrescaFriction(bound=4.0, on="bottom")
@@ -214,16 +215,23 @@ SAMPLES = {
     "BilateralContact": Sample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
     "TrescaFriction": Sample(
         vx.TrescaFriction(uneven, on="bottom"),
-        (STEEL, HELD, PULLED, TOUCHING),
-        data={"bound": 1},
-        others={"bound": 2.0, "on": "left", "quadrature": "integral"},
+        (STEEL, HELD, SHAKEN, TOUCHING),
+        data={"bound": 1, "backward": 1},
+        others={"bound": 2.0, "on": "left", "quadrature": "integral", "backward": 1.0},
+    ),
+    "TrescaFriction, one way more than the other": Sample(
+        vx.TrescaFriction(uneven, on="bottom", backward=1.0),
+        (STEEL, HELD, SHAKEN, TOUCHING),
+        (vx.TrescaFriction(uneven, on="bottom"),),
+        {"bound": 1, "backward": 1},
+        {"bound": 5.0, "on": "left", "quadrature": "integral", "backward": 2.0},
     ),
     "TrescaFriction, integral": Sample(
         vx.TrescaFriction(uneven, on="bottom", quadrature="integral"),
-        (STEEL, HELD, PULLED, TOUCHING),
+        (STEEL, HELD, SHAKEN, TOUCHING),
         (RUBBING,),
-        {"bound": 1},
-        {"bound": 2.0, "on": "left", "quadrature": "nodes"},
+        {"bound": 1, "backward": 1},
+        {"bound": 2.0, "on": "left", "quadrature": "nodes", "backward": 1.0},
     ),
     "UnilateralContact": Sample(
         vx.UnilateralContact(on="bottom", gap=apart),

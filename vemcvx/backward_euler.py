@@ -160,12 +160,12 @@ class Trial:
         """
         alpha = self.run.scaling.size(self.program)
         if alpha == 0.0:
-            before = self.before
-            still = Answer(
-                np.zeros_like(before.y), np.zeros_like(before.lam), 0, "nothing pushes", p=np.zeros_like(before.p)
-            )
-            exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, np.zeros(len(before.p)))
-            return self.enter(still, exact)
+            return self._still(np.zeros_like(self.before.lam), "nothing pushes")
+        if self.before.scale == 0.0 and (held := self.program.at_rest()) is not None:
+            still = self._still(held, "nothing slips")
+            # While nothing has moved at all there is no size to which an accuracy could refer.
+            if still.scale == 0.0:
+                return still
         accuracy = share * self.run.solver.accuracy
         size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
         best: State | None = None
@@ -177,6 +177,12 @@ class Trial:
                 break
             size = 0.1 * min(size, best.scale)
         return best  # type: ignore[return-value]
+
+    def _still(self, lam: Floats, status: str) -> State:
+        """The state where it was, exactly."""
+        nothing = np.zeros_like(self.before.y), np.zeros_like(self.before.p)
+        exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
+        return self.enter(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
     def _ask(self, alpha: float, target: float) -> State:
         scales = self.run.scaling

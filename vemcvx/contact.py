@@ -120,11 +120,21 @@ def _friction(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[F
         return traction, bound, force
     tangents = terms.rows.data.reshape(len(terms.nodes), -1, dim)
     pulled = np.einsum("smb,mbd->smd", lam, tangents)
+    ahead = _ahead(posed, trajectory)
     for row in range(rows):
         np.add.at(traction[row], at, -pulled[row] / terms.lengths[:, None])
-        np.add.at(bound[row], at, trajectory.weights[row] / terms.lengths)
+        np.add.at(bound[row], at, (trajectory.weights[row] + ahead[row]) / terms.lengths)
         np.add.at(force[row], at, pulled[row])
     return traction, bound, force
+
+
+def _ahead(posed: Posed, trajectory: Trajectory) -> Floats:
+    """(S, m) what a bias adds to the bound in the direction of the friction that there is."""
+    bias = posed.terms.bias
+    if bias is None:
+        return np.zeros(trajectory.weights.shape)
+    tilts = np.array([bias(float(t)) for t in trajectory.times[trajectory.stored]])
+    return tilts * np.sign(trajectory.multipliers[:, :, 0])
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:

@@ -3,7 +3,8 @@
 energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D;  soft limits add c p^2 / 2
 work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc + p . dD^u_D
            (forces and reactions at the end of the step; this load is without the stretch of the supports)
-loss     = lam . s = sum_i w_i |s_i|, kept term by term, too: friction work, which wears what rubs (Archard 1953)
+loss     = lam . s = sum_i w_i |s_i| + c_i . s_i, kept term by term, too: friction work, which wears what rubs
+           (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . D du  step by step, for every balanced answer; the last, of bounds, is
            >= 0 while they stand still, that of soft limits is 1/2 dz^2 / c and more
 """
@@ -40,6 +41,8 @@ class Drive:
     """(r,) what the limits leave free"""
     shut: Floats
     """(r,) how much of that the supports took"""
+    bias: Floats
+    """(m * block,) of the norm terms, minus B' of which is part of the force"""
 
     def still_as(self, other: Drive) -> bool:
         """Whether nothing differs between the two instants."""
@@ -77,14 +80,14 @@ class Ledger:
 def drive(system: System, condensation: Condensation, t: float) -> Drive:
     """Evaluate load and supports at `t`."""
     force = condensation.reduce(system.force(t))
-    rows = 0 if system.norms is None else system.norms.B.shape[0]
+    bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
     reach = system.reach(t)
     if system.motion is None:
-        return Drive(t, force, None, np.zeros(rows), 0.0, reach, np.zeros_like(reach))
+        return Drive(t, force, None, np.zeros_like(bias), 0.0, reach, np.zeros_like(reach), bias)
     motion = system.motion
     shut = np.zeros_like(reach) if motion.reach is None else motion.reach(t)
     stretch = condensation.reduce(motion.stretch(t))
-    return Drive(t, force, stretch, motion.drag(t), motion.stored(t, t), reach, shut)
+    return Drive(t, force, stretch, motion.drag(t), motion.stored(t, t), reach, shut, bias)
 
 
 def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> float:
@@ -108,6 +111,9 @@ def advance(
         work += now.stored - motion.stored(before.drive.t, now.t)  # type: ignore[union-attr]
         work += float(answer.lam.ravel() @ (now.drag - before.drive.drag))
         work += float(answer.p @ (now.shut - before.drive.shut))
-    rubbed, past = w * np.linalg.norm(slip, axis=1), before.ledger
+    # The bias is a force in the balance, and friction in the ledger.
+    tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
+    work += float(tilt.sum())
+    rubbed, past = w * np.linalg.norm(slip, axis=1) + tilt, before.ledger
     stored = energy(condensation, y, now, answer.p)
     return Ledger(stored, past.dissipated + float(rubbed.sum()), past.work + work, past.worn + rubbed)

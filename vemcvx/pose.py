@@ -221,7 +221,8 @@ def _norms(terms: Terms, obstacles: Obstacles, supports: Supports, points: Float
         return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
 
     block = terms.rows.shape[0] // len(nodes)
-    return Norms(on_free(terms.rows, supports), terms.weights, block, place, _law(terms, obstacles, supports))
+    law = _law(terms, obstacles, supports)
+    return Norms(on_free(terms.rows, supports), terms.weights, block, place, law, terms.bias)
 
 
 def _law(terms: Terms, obstacles: Obstacles, supports: Supports) -> Callable[[float, Floats], Floats] | None:

@@ -100,6 +100,16 @@ class StepProgram:
             lam, p, _ = self.form.hold.nearest(lam, p, self.w, self.form.kernel.T @ self.g, ease)
         return self.project(lam), np.maximum(p, 0.0)
 
+    def at_rest(self) -> Floats | None:
+        """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""
+        rows = self.form.rows
+        if rows.columns is None or self.b.any() or (self.e < 0).any():
+            return None
+        lam = self.g[rows.columns] / self.form.B.data
+        if (np.linalg.norm(self.form.blocks(lam), axis=1) > self.w).any() or (self.g != rows.pull(lam)).any():
+            return None
+        return self.form.blocks(lam)
+
     def feasible(self, d: Floats) -> Floats:
         """The increments d, moved as little as need be to obey the bounds."""
         form = self.form

@@ -98,7 +98,7 @@ class Recorder:
             state = completed(self._run, state, given=n == 0)
             if n > 0 and self._run.check:
                 self._run.insist(state, n)
-            self._state[row], self._multipliers[row] = state.full, state.lam
+            self._state[row], self._multipliers[row] = state.full, state.lam + state.drive.bias.reshape(state.lam.shape)
             self._pressures[row], self._weights[row] = state.p, state.weights
             self._worn[row] = state.ledger.worn
         c, ledger = state.certificate, state.ledger

@@ -1,7 +1,7 @@
 """A quasistatic variational inequality in coordinates: what is fixed in time.
 
 Problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
-j(v) = sum_i w_i |B_i v|. Nothing here knows of meshes or of contact.
+j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of contact.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from vemcvx.errors import SceneError
 from vemcvx.kernel import Kernel
 from vemcvx.limits import Limits
 from vemcvx.real import brief, real, shape_in_words
+
+# Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
+ROUNDED = 8 * float(np.finfo(float).eps)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,6 +42,9 @@ class Norms:
     law : callable (t, p) -> (m,), optional
         Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
         then the weights without limits acting.
+    bias : callable t -> (m * block,), optional
+        c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
+        as a force -B'c, whose work is friction's.
     """
 
     B: sp.csr_matrix
@@ -46,6 +52,7 @@ class Norms:
     block: int = 1
     places: Callable[[int], str] | None = None
     law: Callable[[float, Floats], Floats] | None = None
+    bias: Callable[[float], ArrayLike] | None = None
 
     def __post_init__(self) -> None:
         B = checked_matrix(self.B, "Norms: B")
@@ -74,6 +81,31 @@ class Norms:
     def weights_under(self, t: float, p: Floats) -> Floats:
         """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
         return self.weights(t) if self.law is None else self._checked(self.law(t, p))
+
+    def tilt(self, t: float) -> Floats:
+        """The bias (m * block,) at the instant `t`; zero if there is none.
+
+        Raises
+        ------
+        SceneError
+            It is ill-shaped, not finite, or larger than the weights: one direction would be paid for.
+        """
+        rows = self.B.shape[0]
+        if self.bias is None:
+            return np.zeros(rows)
+        wanted = f"({rows},) forces, one a row of B"
+        c = real(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted)
+        if c.shape != (rows,):
+            raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
+        finite(c, "Norms: bias")
+        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + ROUNDED)
+        if (over > 0).any():
+            worst = int(np.argmax(over))
+            raise SceneError(
+                f"Norms: found a bias larger than the weight of {self.name(worst)} at t = {t:.6g}; friction would be "
+                "paid for slip. Both directions need bounds >= 0."
+            )
+        return c
 
     def _checked(self, raw: ArrayLike) -> Floats:
         wanted = f"a weight, or ({self.count},) of them, one a term"
@@ -224,10 +256,10 @@ class System:
         return self.K.shape[0]
 
     def force(self, t: float) -> Floats:
-        """The load vector (n,) at the instant `t`, checked."""
+        """The load vector (n,) at the instant `t`, checked; the bias of norm terms taken off."""
         wanted = f"({self.n},) forces, one an unknown"
         f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted, copy=False)
         if f.shape != (self.n,):
             raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
         finite(f, f"System: load({t:.6g})")
-        return f
+        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.tilt(t)

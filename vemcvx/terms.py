@@ -36,6 +36,8 @@ class Terms:
     pressed: Callable[[float, Sequence[Floats]], Floats] | None = None
     """(t, normal forces of every friction's rows) -> (m,), the weights where some depend on the pressure"""
     frictions: Sequence[Friction] = ()
+    bias: Callable[[float], Floats] | None = None
+    """t -> (m,), along the tangent of each row; None if there is none"""
 
 
 def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Floats) -> Terms:
@@ -64,9 +66,16 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Fl
         ]
         return gather @ np.concatenate(parts)
 
+    along = np.einsum("ij,ij->i", normals, normals[first][term])
+
+    def bias(t: float) -> Floats:
+        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in frictions]
+        return gather @ (np.sign(along) * np.concatenate(each))
+
     kept = np.flatnonzero(np.repeat(slides, dim - 1))
     depends = pressed if any(f.law is not None for f in frictions) else None
-    return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights, depends, frictions)
+    tilts = bias if any(f.bias is not None for f in frictions) else None
+    return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights, depends, frictions, tilts)
 
 
 def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints, points: Floats) -> None:

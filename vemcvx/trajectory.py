@@ -24,7 +24,7 @@ class Trajectory:
     state : (S, n) array
         y at the stored instants.
     multipliers : (S, m, block) array
-        lam with K y = load - B'lam - D'p and |lam_i| <= w_i.
+        lam with K y = load - B'lam - D'p and |lam_i - c_i| <= w_i, c the bias, zero unless given.
     pressures : (S, r) array
         p >= 0 of the limits.
     weights : (S, m) array

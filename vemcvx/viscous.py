@@ -90,7 +90,8 @@ class ViscousSteps:
         reach = system.reach(t)
         if system.limits is not None:
             reach = reach - system.limits.D @ y
-        return Drive(t, run.condensation.reduce(phi), None, drag, 0.0, reach, np.zeros_like(reach))
+        bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
+        return Drive(t, run.condensation.reduce(phi), None, drag, 0.0, reach, np.zeros_like(reach), bias)
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t
@@ -111,6 +112,7 @@ class ViscousSteps:
             across = float(d @ (moved.stretch(t) - moved.stretch(s))) / k
             own = (moved.stored(t, t) - 2 * moved.stored(s, t) + moved.stored(s, s)) / k
             lost, work = lost + 2 * across + own, work + across + own
+        work += float(stepped.drive.bias @ stepped.slip.ravel())
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
         return Ledger(0.5 * energy, lost, past.work + work, past.worn + rubbed.worn)
@@ -121,7 +123,7 @@ def _rest(run: Run, before: State, now: Drive) -> State:
     form = run.form
     none, nothing = np.zeros(len(form.K)), np.zeros((form.count, form.block))
     zero = now.force - now.force
-    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.shut)
+    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.shut, now.bias)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
     return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0)

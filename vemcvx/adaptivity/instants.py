@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 PROBES = (0.25, 0.5, 0.75)
 NEAR = 1e-3
-"""The search knows a bend to 1e-8 of the step; lines through two points on either side of it meet there to round-off."""
+"""The search knows a bend to 1e-8 of the step; lines through two points on either side meet there to round-off."""
 ROUNDS = 40
 
 

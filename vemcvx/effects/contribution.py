@@ -81,6 +81,8 @@ class Friction:
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
     law: Callable[[float, Floats], Floats] | None = None
     """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
+    bias: Callable[[float], Floats] | None = None
+    """t -> (m,), by how much slip along the tangent (normal turned by +90 degrees) costs more than half of both ways"""
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,15 @@ class TrescaFriction(Effect):
         Boundary names.
     quadrature : {"nodes", "integral"}
         w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
+    backward : number, or callable f(x, t) -> (m,), optional
+        Where slip one way is held back more than the other (scales, ratchets, brushed fibres): `bound` is then that of
+        slip forward, along the boundary with the body on the left, and this that of slip backward.
     """
 
     bound: data.Datum
     on: str | Sequence[str]
     quadrature: str = "nodes"
+    backward: data.Datum | None = None
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"TrescaFriction on {where(self.on)}"
@@ -45,25 +49,34 @@ class TrescaFriction(Effect):
         rows = space.part(self.on, "TrescaFriction").corners
         points = space.mesh.points[rows.nodes]
 
-        def bound(x: Floats, t: float) -> Floats:
-            g = data.scalar(self.bound, x, t, f"{subject}: bound")
+        def bound(value: data.Datum, x: Floats, t: float, name: str) -> Floats:
+            g = data.scalar(value, x, t, f"{subject}: {name}")
             if (g < 0).any():
                 worst = int(np.argmin(g))
                 raise SceneError(
-                    f"{subject}: found the bound {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; "
+                    f"{subject}: found the {name} {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; "
                     "a friction bound is a force per length and must be >= 0."
                 )
             return g
 
-        def weights(t: float) -> Floats:
+        def weights(value: data.Datum, t: float, name: str) -> Floats:
             if self.quadrature == "nodes":
-                return rows.lengths * bound(points, t)
-            return rows.matrix @ bound(rows.points, t)
+                return rows.lengths * bound(value, points, t, name)
+            return rows.matrix @ bound(value, rows.points, t, name)
 
+        def mean(t: float) -> Floats:
+            forward = weights(self.bound, t, "bound")
+            return forward if self.backward is None else 0.5 * (forward + weights(self.backward, t, "backward bound"))
+
+        def bias(t: float) -> Floats:
+            return weights(self.bound, t, "bound") - mean(t)
+
+        tilted = None if self.backward is None else bias
         return Contribution(
-            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, weights),),
+            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, mean, bias=tilted),),
             surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
         )
 
     def describe(self) -> str:
-        return f"TrescaFriction: |friction| <= {amount(self.bound)} on {where(self.on)}"
+        back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
+        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}"

@@ -149,6 +149,11 @@ def test_mistakes(options, says):
         vx.adapt(paper_scene(), vx.meshes.squares(2), [0.0, 1.0], **options)
 
 
+def test_one_instant_is_no_history():
+    with pytest.raises(vx.SceneError, match="adapt: found one instant; give the first and the last at least"):
+        vx.adapt(paper_scene(), vx.meshes.squares(2), [1.0])
+
+
 @pytest.mark.slow
 def test_adaptive_meshes_pay():
     """The figures that `problems/adaptive_meshes.py` prints, with its own reference."""

@@ -40,7 +40,7 @@ log = logging.getLogger("vemcvx")
 TIME_SHARE, LOAD_SHARE, ALGEBRA_SHARE = 0.3, 0.05, 0.01
 """Parts of the target for time as a whole, for what steps miss of the load, and for the algebra."""
 THETA = 0.6
-NEAR = 2.5
+NEAR = 1.5
 """Steps are split once the error of the mesh is this near to what it may be: before, they would be for nothing."""
 MOST_LOOKED_AT = 8
 """Instants at which the mesh is judged; each costs one back-substitution a pass."""
@@ -142,16 +142,20 @@ def adapt(
     """
     _check(target, theta, initial)
     wanted = checked_times(times)
+    if len(wanted) < 2:
+        raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
     instants, passes = wanted, []
     while True:
         start = time.perf_counter()
         posed = pose(scene, mesh, instants)
         if not passes:
-            instants = _begin(posed, instants, target)
+            instants, missed = _begin(posed, instants, target)
         looked_at = _looked_at(instants, wanted)
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=looked_at)
         history = record(posed, trajectory, time.perf_counter() - start - sum(trajectory.seconds.values()), Memory())
-        budget = budget_of(posed, history, [history.row(int(n)) for n in looked_at])
+        # Known from the first pass, and no more since: steps were but split.
+        known = np.append(missed, np.zeros(len(instants) - 2))
+        budget = budget_of(posed, history, [history.row(int(n)) for n in looked_at], known)
         worst = budget.largest
         now = Pass(mesh.n_cells, posed.system.n, len(instants) - 1, *_parts(worst), time.perf_counter() - start)
         passes.append(now)
@@ -191,12 +195,15 @@ def _check(target: float, theta: float, initial: object) -> None:
         )
 
 
-def _begin(posed: Posed, instants: Floats, target: float) -> Floats:
-    """Instants that follow the load, on the coarse mesh: its energy is that of the body but for the mesh's error."""
+def _begin(posed: Posed, instants: Floats, target: float) -> tuple[Floats, float]:
+    """Instants that follow the load, and what their steps still miss of it, on the coarse mesh.
+
+    Its energy is that of the body but for the mesh's error.
+    """
     solve = Condensation(posed.system, condense=False).solve
     sizes = [float(f @ solve(f)) for f in (posed.system.force(float(t)) for t in instants)]
-    allowed = LOAD_SHARE * target * float(np.sqrt(max(sizes)))
-    return follow_load(posed, instants, allowed, solve)[0] if allowed > 0 else instants
+    times, missed = follow_load(posed, instants, LOAD_SHARE * target * float(np.sqrt(max(sizes))), solve)
+    return times, float(missed.sum())
 
 
 def _lenient(solver: Solver | None, target: float) -> Solver | None:

@@ -1,9 +1,7 @@
 """Instants that follow the load: where it bends there has to be one.
 
-Backward Euler takes the load at the ends of its steps. What a step misses of it, g(t) = l(t) - (linear between the
-ends), moves the answer by at most the variation of g in the dual norm (Theorem 2.5 of the paper), twice its largest
-value if g rises and falls once. A load made of straight pieces is missed most just where it bends, and that instant
-is found to round-off; a curved one is halved until what is missed is small.
+What steps miss of it (:mod:`vemcvx.budget.missed`) is looked at step by step. A load made of straight pieces is missed
+most just where it bends, and that instant is found to round-off; a curved one is halved until what is missed is small.
 """
 
 from __future__ import annotations
@@ -14,11 +12,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.budget.missed import missed_by
 from vemcvx.pose import Posed
 
 Floats = NDArray[np.float64]
 
-PROBES = (0.25, 0.5, 0.75)
 NEAR = 1e-3
 """The search knows a bend to 1e-8 of the step; lines through two points on either side meet there to round-off."""
 ROUNDS = 40
@@ -44,7 +42,7 @@ def follow_load(
     for _ in range(ROUNDS):
         for ends in pairwise(times):
             if ends not in missed:
-                missed[ends] = _missed(posed, *ends, respond)
+                missed[ends] = missed_by(posed, *ends, respond)
         found = np.array([missed[ends][0] for ends in pairwise(times)])
         coarse = found > allowed / len(found)
         if found.sum() <= allowed or not coarse.any():
@@ -54,21 +52,6 @@ def follow_load(
         ]
         times = np.union1d(times, bends)
     return times, found
-
-
-def _missed(posed: Posed, a: float, b: float, respond: Callable[[Floats], Floats]) -> tuple[float, Floats]:
-    """Twice the energy norm of the largest deviation at the probes, and the response to it."""
-    start, stop = posed.system.force(a), posed.system.force(b)
-    largest, response = 0.0, np.zeros_like(start)
-    for s in PROBES:
-        g = posed.system.force(a + s * (b - a)) - ((1 - s) * start + s * stop)
-        size = np.abs(g).max()
-        if size <= 8 * np.finfo(float).eps * max(np.abs(start).max(), np.abs(stop).max()):
-            continue
-        x = respond(g)
-        if (square := float(g @ x)) > largest:
-            largest, response = square, x
-    return 2.0 * float(np.sqrt(largest)), response
 
 
 def _bend(posed: Posed, a: float, b: float, response: Floats) -> float:

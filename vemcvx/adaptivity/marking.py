@@ -18,7 +18,7 @@ GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
 MARGIN = 0.9
 """Of the target: what the last pass aims at, so that it need not be followed by another."""
-MOST_PARTS = 16
+MOST_PARTS = 100
 """A step is split into in one pass: beyond, the lag of a single long step says little about that of its parts."""
 
 

@@ -3,8 +3,8 @@
     total = algebra + space + time
 
 algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is estimated,
-by the residuals of :mod:`vemcvx.budget.residual`. time is :mod:`vemcvx.budget.lag`. All are relative energy errors:
-parts of the largest energy norm of the run.
+by the residuals of :mod:`vemcvx.budget.residual`. time is what steps lag (:mod:`vemcvx.budget.lag`) and what they miss
+of the load (:mod:`vemcvx.budget.missed`). All are relative energy errors: parts of the largest energy norm of the run.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.budget.lag import lagged
+from vemcvx.budget.missed import missed_loads
 from vemcvx.budget.residual import indicators
 from vemcvx.budget.skeleton import skeleton
 from vemcvx.errors import HistoryError, SceneError
@@ -42,7 +43,9 @@ class ErrorBudget:
     cells : (n_cells,)
         The largest eta_K of each cell over the steps looked at.
     lags : (N,)
-        What each step adds to time^2.
+        What each step adds to the square of the lag.
+    missed : (N,)
+        What each step misses of the load.
     scale : float
         The energy norm to which all are relative.
     """
@@ -54,6 +57,7 @@ class ErrorBudget:
     parts: dict[str, Floats]
     cells: Floats
     lags: Floats
+    missed: Floats
     scale: float
 
     @property
@@ -96,8 +100,8 @@ def error_budget(history: History, steps: Sequence[int] | None = None) -> ErrorB
     return budget_of(posed, history, rows)
 
 
-def budget_of(posed: Posed, history: History, rows: Sequence[int]) -> ErrorBudget:
-    """The budget of a run whose posed scene is at hand, at rows of its arrays."""
+def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Floats | None = None) -> ErrorBudget:
+    """The budget of a run whose posed scene is at hand, at rows of its arrays; `missed` (N,) if that is known."""
     if posed.system.damping is not None:
         raise SceneError("error_budget: there is no estimate for scenes with Viscosity; leave it out by scene.without.")
     run, edges = history.trajectory, skeleton(posed)
@@ -109,14 +113,17 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int]) -> ErrorBudge
     ]
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
     lags = lagged(run)
+    missed = missed_loads(posed, run.times) if missed is None else missed
+    behind = np.sqrt(np.append(0.0, np.cumsum(lags))) + np.append(0.0, np.cumsum(missed))
     parts = {name: np.sqrt([part[name].sum() for part in squares]) / unit for name in squares[0]}
     return ErrorBudget(
         steps,
         run.certificate_total[steps] * np.maximum.accumulate(run.norm)[steps] / unit,
         np.sqrt(np.sum([share**2 for share in parts.values()], axis=0)),
-        np.sqrt(np.append(0.0, np.cumsum(lags)))[steps] / unit,
+        behind[steps] / unit,
         parts,
         np.sqrt(np.max([sum(part.values()) for part in squares], axis=0)) / unit,
         lags / unit**2,
+        missed / unit,
         scale,
     )

@@ -1,0 +1,132 @@
+"""How far estimated errors are from true ones, on every family of meshes: manufactured cases, and the paper's scene.
+
+    python problems/effectivity.py [--small] [--picture FILE]
+
+The estimate is the sum of the three parts of `vx.error_budget`, with its one constant. True errors: full slip in closed
+form for two Poisson's ratios (steps lose nothing there); the paper's scene with h = k, against squares of 1/256; and a
+load that turns back, on one mesh, against sixteen times as many steps, where time is all there is to lose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import feng_han_huang as paper
+import manufactured_full_slip as full_slip
+import missed_reversal
+import vemcvx as vx
+from vemcvx.canvas import new_figure
+from vemcvx.plots.palette import COMPUTED, GRID, SECOND, THIRD
+
+FAMILIES = tuple(vx.meshes.FAMILIES)
+NEARLY = 0.4999995
+"""Poisson's ratio for lambda = 1e6 mu."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """One run: true relative error, and the largest of its budget."""
+
+    case: str
+    family: str
+    n: int
+    true: float
+    parts: dict[str, float]
+
+    @property
+    def ratio(self) -> float:
+        return self.parts["total"] / self.true
+
+
+def slipping(family, n, poisson):
+    lam = full_slip.lame(poisson)
+    scene = full_slip.scene(poisson, pulled=poisson > 0.4)
+    history = vx.simulate(scene, full_slip.mesh(n, family), np.linspace(0, 1, n + 1), store="last")
+    true = vx.measures.energy_error(history, lambda x, t: full_slip.strain(x[:, 0], x[:, 1], t, lam))
+    return Found(f"full slip, nu = {poisson}", family, n, true.relative, vx.error_budget(history).largest)
+
+
+def block(family, n, truth):
+    history = vx.simulate(paper.scene(), vx.meshes.FAMILIES[family](n), np.linspace(0, 1, n + 1), store="last")
+    true = vx.measures.energy_distance(history, truth)
+    return Found("the paper's scene", family, n, true.relative, vx.error_budget(history).largest)
+
+
+def reversed_(steps):
+    """Only time is lost here, and the estimate's other parts are left out."""
+    mesh = vx.meshes.squares(16)
+    coarse, fine = (
+        vx.simulate(missed_reversal.scene(), mesh, missed_reversal.times(count)) for count in (steps, 16 * steps)
+    )
+    true = missed_reversal.farthest(coarse, fine)
+    time = float(vx.error_budget(coarse).time.max())
+    return Found(
+        "reversal, time alone", "squares", steps, true, {"algebra": 0.0, "space": 0.0, "time": time, "total": time}
+    )
+
+
+def all_found(sizes, reference):
+    truth = vx.simulate(paper.scene(), vx.meshes.squares(reference), [0.0, 0.5, 1.0], store="last")
+    found = []
+    for family in FAMILIES:
+        for n in sizes:
+            found += [slipping(family, n, 0.3), block(family, n, truth)]
+            # Linear triangles lock there, whatever one estimates.
+            found += [slipping(family, n, NEARLY)] if family != "triangles" else []
+    return found + [reversed_(2 * n + 1) for n in sizes]
+
+
+def table(found):
+    made = Table("case", "family", "n or steps", "true", "algebra", "space", "time", "estimated / true")
+    for one in found:
+        parts = one.parts
+        made.add_row(
+            *(one.case, one.family, str(one.n), f"{one.true:.3%}", f"{parts['algebra']:.0e}"),
+            *(f"{parts['space']:.3%}", f"{parts['time']:.3%}", f"{one.ratio:.2f}"),
+        )
+    return made
+
+
+def picture(found):
+    figure = new_figure(9.0, 3.8)
+    ax = figure.subplots()
+    cases = list(dict.fromkeys(one.case for one in found))
+    for case, colour, mark in zip(cases, (COMPUTED, SECOND, THIRD, "0.3"), "os^D", strict=True):
+        these = [one for one in found if one.case == case]
+        places = [FAMILIES.index(one.family) + 0.16 * (cases.index(case) - 1.5) for one in these]
+        ax.plot(places, [one.ratio for one in these], mark, color=colour, label=case, alpha=0.8, markersize=5)
+    ax.axhspan(0.5, 5.0, color="0.95", zorder=0)
+    ax.axhline(1.0, color="0.4", linewidth=0.8)
+    ax.set(yscale="log", ylim=(0.4, 6.0), ylabel="estimated / true error", yticks=[0.5, 1, 2, 5])
+    ax.set_yticklabels(["0.5", "1", "2", "5"])
+    ax.minorticks_off()
+    ax.set_xticks(range(len(FAMILIES)), FAMILIES)
+    ax.grid(axis="y", **GRID)
+    ax.legend(frameon=False, ncols=2, fontsize="small", loc="lower left")
+    return figure
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
+    parser.add_argument("--picture", type=Path, help="draw the ratios there")
+    given = parser.parse_args(arguments)
+    found = all_found(*(((4, 8), 64) if given.small else ((8, 16, 32), 256)))
+    Console(width=120).print(table(found))
+    if given.picture is not None:
+        picture(found).savefig(given.picture, dpi=110)
+    return found
+
+
+if __name__ == "__main__":
+    ratios = [one.ratio for one in main()]
+    sys.exit(not 0.5 <= min(ratios) <= max(ratios) <= 5.0)

@@ -33,7 +33,7 @@ from vemcvx.canvas import new_figure
 from vemcvx.plots.palette import COMPUTED, GRID, SECOND
 
 STEPS = 32
-TRIES = 5
+TRIES = 7
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,17 @@ def measured(run, truth):
 
 def matched(study, beside, truth):
     """Of a few adaptive runs, the smallest that is no farther from the truth than the uniform run."""
-    target, kept = 1.4 * beside.estimate, None
+    low, high, kept = 0.7 * beside.estimate, 2.5 * beside.estimate, None
     for _ in range(TRIES):
+        target = float(np.sqrt(low * high))
         run, found = adaptive(study, target)
         run = measured(run, truth)
-        if run.error <= beside.error and (kept is None or run.unknowns < kept[0].unknowns):
+        if run.error > beside.error:
+            high = target
+            continue
+        low = target
+        if kept is None or run.unknowns < kept[0].unknowns:
             kept = run, found
-        target *= 0.985 * beside.error / run.error
     return kept
 
 

@@ -12,11 +12,17 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_program_prints_what_is_printed_below_it(capsys):
-    program = re.search(r"```python\n(.*?)```", README, re.DOTALL).group(1)
-    printed = re.search(r"```text\n(.*?)```", README, re.DOTALL).group(1)
-    exec(compile(program, "README.md", "exec"), {})
-    said = capsys.readouterr().out
+def test_the_programs_print_what_is_printed_below_them(capsys):
+    """The second goes on where the first ends."""
+    programs = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", README, re.DOTALL)
+    assert len(programs) == 2
+    known = {}
+    for program, printed in programs:
+        exec(compile(program, "README.md", "exec"), known)
+        compare(capsys.readouterr().out, printed)
+
+
+def compare(said, printed):
     numbers = r"(?<![\w.])\d+(?:\.\d+)?(?:e-\d+)?"
     assert re.sub(numbers, "#", said) == re.sub(numbers, "#", printed)
     for found, written in zip(re.findall(numbers, said), re.findall(numbers, printed), strict=True):

@@ -223,6 +223,19 @@ def test_show_says_the_scene_in_words(tmp_path):
     assert "mesh           its own, n = 3: 9 cells" in loose
 
 
+def test_a_target_chooses_mesh_and_instants(tmp_path):
+    done = invoke("run", PROBLEM, "--target", 0.1, "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "target 10.00% of the energy norm: met" in done.output
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["estimated_energy_errors"]["total"] <= 0.1
+    assert told["mesh"]["cells"] > 64
+    wrong = invoke("run", PROBLEM, "--target", 0.1, "--store", "last")
+    assert wrong.exit_code == 2
+    assert "--target: adaptive runs take neither --resume" in wrong.output
+    assert invoke("run", PROBLEM, "--target", 3).exit_code == 2
+
+
 def test_version_and_help():
     assert invoke("--version").output == f"vemcvx {vx.__version__}\n"
     said = invoke("--help").output

@@ -43,8 +43,13 @@ Settings = Annotated[
 def run(
     file: File,
     mesh: Mesh = None,
-    n: N = 64,
-    steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 64,
+    n: Annotated[
+        int | None,
+        typer.Option("--n", min=1, help="Cells per unit length. (default: 64; to begin with 8, with --target)"),
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Steps of backward Euler. (default: 64; 8, with --target)")
+    ] = None,
     solver: Annotated[
         str, typer.Option(help="newton, clarabel, osqp, direct, or what cvxpy finds: SCS, HIGHS ...")
     ] = "newton",
@@ -63,6 +68,9 @@ def run(
     linear: Annotated[
         str | None, typer.Option(help="superlu or multigrid. (default: by the number of unknowns)")
     ] = None,
+    target: Annotated[
+        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
+    ] = None,
     settings: Settings = [],  # noqa: B006 - typer wants a list and never changes it
 ) -> None:
     """Simulate a problem, and say what came out and how certain it is."""
@@ -71,7 +79,11 @@ def run(
         from vemcvx.cli.simulation import Run, simulate_problem
 
         folder, going_on = (out, False) if resume is None else (resume, True)
-        asked = Run(mesh, n, steps, solver, accuracy, folder, plot, store, condense, tuple(settings), going_on, linear)
+        usual = 64 if target is None else 8
+        sizes = n or usual, steps or usual
+        asked = Run(
+            mesh, *sizes, solver, accuracy, folder, plot, store, condense, tuple(settings), going_on, linear, target
+        )
         typer.echo(simulate_problem(read_problem(file), asked))
 
 

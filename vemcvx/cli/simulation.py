@@ -10,8 +10,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from vemcvx.adaptivity import adapt
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import named_linear, named_solver
+from vemcvx.errors import ProblemError
 from vemcvx.files import Origin, writable_folder, write_history
 from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY
 from vemcvx.history import History
@@ -38,6 +40,8 @@ class Run:
     settings: tuple[str, ...]
     resume: bool = False
     linear: str | None = None
+    target: float | None = None
+    """relative energy error for which mesh and instants are to be chosen"""
 
 
 def simulate_problem(problem: Problem, asked: Run) -> str:
@@ -48,10 +52,18 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
     VemcvxError
         Something asked for does not exist, cannot be solved, certified or written.
     """
-    solver = named_solver(asked.solver, asked.accuracy)
-    scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     drawings = asked.out or Path("results") / problem.name
     _refuse_early(asked, drawings)
+    history, told = _simulated(problem, asked) if asked.target is None else _adapted(problem, asked)
+    lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
+    lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
+    return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
+
+
+def _simulated(problem: Problem, asked: Run) -> tuple[History, list[str]]:
+    """On the mesh and at the instants asked for."""
+    solver = named_solver(asked.solver, asked.accuracy)
+    scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     with progress_bar() as progress:
         history = simulate(
             scene,
@@ -66,9 +78,22 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
             stream=None if asked.out is None else asked.out / ROWS,
             resume=asked.resume,
         )
-    lines = [f"{problem.name}: {problem.title}", history.summary()]
-    lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
-    return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
+    return history, []
+
+
+def _adapted(problem: Problem, asked: Run) -> tuple[History, list[str]]:
+    """On a mesh, and at instants, chosen for the accuracy asked; those asked for are where it begins."""
+    if asked.resume or asked.store != "all" or asked.linear is not None or not asked.condense:
+        raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
+    found = adapt(
+        problem.scene(asked.settings),
+        problem.mesh(asked.n, asked.family),
+        problem.times(asked.steps),
+        asked.target,
+        solver=named_solver(asked.solver, asked.accuracy),
+        initial=problem.initial,
+    )
+    return found.history, [found.summary()]
 
 
 def _refuse_early(asked: Run, drawings: Path) -> None:

@@ -50,7 +50,13 @@ LAYERS = [
     ["__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
-HEAVY = {"cvxpy": "solvers/conic.py", "matplotlib": "canvas.py", "meshio": "meshes/files.py"}
+HEAVY = {
+    "cvxpy": "solvers/conic.py",
+    "matplotlib": "canvas.py",
+    "meshio": "meshes/files.py",
+    "joblib": "cost/pool.py",
+    "distributed": "cost/pool.py",
+}
 
 
 def modules():

@@ -1,0 +1,220 @@
+"""`vemcvx cost`: sweep a problem, write the table and the picture, and say what to use for which accuracy."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from vemcvx.cli.problem_file import Problem, read_problem
+from vemcvx.cli.solver_names import named_solver
+from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
+from vemcvx.cost.grid import Grid
+from vemcvx.cost.row import REFUSED, table
+from vemcvx.cost.sweep import JOURNAL, Told
+from vemcvx.errors import HistoryError, ProblemError, VemcvxError
+from vemcvx.march import checked_times
+from vemcvx.meshes import FAMILIES
+
+USUAL = ("squares", "triangles", "voronoi")
+TABLE, PICTURE = "cost.csv", "cost.png"
+DPI = 160
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the command line asks for, as it was typed; None where it says nothing."""
+
+    families: str | None
+    ns: str
+    steps: str
+    solvers: str | None
+    accuracies: str | None
+    targets: str
+    adaptive: bool
+    workers: int
+    scheduler: str | None
+    out: Path | None
+    fresh: bool
+    settings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FromFile:
+    """The ingredients of points, of a problem file: each process reads it anew."""
+
+    path: str
+    settings: tuple[str, ...]
+
+    @property
+    def mark(self) -> str:
+        """Of what the file says; those that it imports are not looked at."""
+        from vemcvx import __version__
+
+        words = [__version__, Path(self.path).read_text(encoding="utf-8"), *self.settings]
+        return hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
+
+    def __call__(self, point: Point) -> Ingredients:
+        """Read the file, and make what `simulate` takes."""
+        problem = read_problem(self.path)
+        return Ingredients(
+            problem.scene(self.settings),
+            problem.mesh(point.n, point.family),
+            checked_times(problem.times(point.steps or 2)),
+            named_solver(point.solver, point.accuracy),
+            problem.initial,
+        )
+
+
+def cost_of_accuracy(problem: Problem, wanted: Wanted) -> str:
+    """Do it; what came out in words.
+
+    Raises
+    ------
+    VemcvxError
+        Something asked for does not exist, or there is no reference.
+    """
+    grid = _grid(problem, wanted)
+    recipe = FromFile(str(problem.path.resolve()), wanted.settings)
+    folder = wanted.out or Path("results") / f"cost_{problem.name}"
+    # What is wrong with the problem itself is an error here, and not in every point.
+    recipe(grid.coarsest)
+    with progress_bar() as told:
+        options = {"workers": wanted.workers, "scheduler": wanted.scheduler, "fresh": wanted.fresh}
+        found = sweep(recipe, grid, folder, **options, told=told)
+    lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
+    lines += advice(found.rows, grid.targets)
+    return "\n".join([*lines, "", _written(found, grid, folder, problem)])
+
+
+def _grid(problem: Problem, wanted: Wanted) -> Grid:
+    grid = Grid(
+        _families(problem, wanted.families),
+        _whole("--n", wanted.ns),
+        _whole("--steps", wanted.steps),
+        None if wanted.solvers is None else _split("--solver", wanted.solvers),
+        None if wanted.accuracies is None else _shares("--accuracy", wanted.accuracies),
+        tuple(sorted(_shares("--target", wanted.targets), reverse=True)),
+        wanted.adaptive,
+    )
+    for solver in grid.solvers or ():
+        named_solver(solver, None)
+    if wanted.workers < 1:
+        raise ProblemError(f"--workers: found {wanted.workers}; wanted at least one.")
+    return grid
+
+
+def _families(problem: Problem, typed: str | None) -> tuple[str | None, ...]:
+    if typed is None:
+        return (None,) if problem.family not in FAMILIES else USUAL
+    families = _split("--mesh", typed)
+    known = list(dict.fromkeys([*FAMILIES, *([problem.family] if problem.family else [])]))
+    for family in families:
+        if family not in known:
+            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
+    return families
+
+
+def _split(option: str, typed: str) -> tuple[str, ...]:
+    parts = tuple(dict.fromkeys(part.strip() for part in typed.split(",") if part.strip()))
+    if not parts:
+        raise ProblemError(f"{option}: found {typed!r}; wanted one or more, with commas between.")
+    return parts
+
+
+def _whole(option: str, typed: str) -> tuple[int, ...]:
+    parts = _split(option, typed)
+    if not all(part.isdecimal() and int(part) > 0 for part in parts):
+        raise ProblemError(f"{option}: found {typed!r}; wanted whole numbers from 1, such as 8,16,32.")
+    return tuple(int(part) for part in parts)
+
+
+def _shares(option: str, typed: str) -> tuple[float, ...]:
+    try:
+        shares = tuple(float(part) for part in _split(option, typed))
+    except ValueError:
+        shares = (math.nan,)
+    if not all(0 < share < 1 for share in shares):
+        raise ProblemError(f"{option}: found {typed!r}; wanted relative errors between 0 and 1, such as 0.05,0.01.")
+    return shares
+
+
+def _of_reference(found: Sweep) -> list[str]:
+    it = found.reference
+    own = "with no estimate of its own error" if it.estimated is None else f"its own error estimated {it.estimated:.2%}"
+    instants = ", ".join(f"{t:g}" for t in it.instants)
+    lines = [
+        f"reference   {it.cells} cells, {it.unknowns} unknowns, {it.made} steps, {own} (wanted: {it.goal:.2%}), "
+        f"{it.seconds:.3g} s",
+        f"errors      in the energy norm, the largest at t = {instants}, relative to the largest norm",
+        "seconds     in one thread, from assembly to answer; the first mesh is made before",
+    ]
+    if it.estimated is not None and it.estimated > it.goal:
+        lines.append("            more than was wanted: errors that are not several times as large say little")
+    if it.common:
+        lines.append("            meshes cover different domains; errors are those where they meet the reference")
+    return lines
+
+
+def _of_points(found: Sweep) -> list[str]:
+    rows = found.rows
+    lines = [f"points      {len(rows)}, {found.kept} of them finished before"]
+    ratios = [row.estimated / row.error for row in rows if row.done and row.estimated is not None and row.error > 0]
+    if ratios:
+        lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
+    failed = [row for row in rows if not row.done]
+    lines += [f"            {row.status}: {row.settings}: {_clause(row)}" for row in failed]
+    warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
+    lines += [f"warning     {words}" for words in warned]
+    return lines
+
+
+def _clause(row: Row) -> str:
+    words = " ".join(row.message.split())
+    return words if row.status != REFUSED else words.split("; ")[0]
+
+
+def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
+    from vemcvx.cost.picture import picture
+
+    try:
+        (folder / TABLE).write_text(table(found.rows), encoding="utf-8")
+    except OSError as error:
+        raise HistoryError(f"{folder / TABLE}: cannot be written: {error}.") from error
+    files = f"files       {folder}: {TABLE}, {JOURNAL}"
+    if not any(row.done for row in found.rows):
+        return f"{files}\npicture     none: no run has an answer"
+    try:
+        drawn = picture(found.rows, grid.targets, found.reference.estimated, f"{problem.name}: what accuracy costs")
+    except VemcvxError as error:
+        return f"{files}\npicture     none: {error}"
+    drawn.savefig(folder / PICTURE, dpi=DPI)
+    return f"{files}, {PICTURE}"
+
+
+@contextmanager
+def progress_bar() -> Iterator[Told | None]:
+    """A bar with the time left on standard error while it is a terminal, and nothing otherwise."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}")
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=None, left="")
+
+        def advance(what: str, finished: int, total: int, left: float | None) -> None:
+            words = "" if left is None else f"about {_duration(left)} left"
+            bar.update(task, description=what, completed=finished, total=total, left=words)
+
+        yield advance
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

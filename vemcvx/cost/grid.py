@@ -1,0 +1,91 @@
+"""The points of a sweep, and the instants at which all of them can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.cost.point import Point
+from vemcvx.errors import ProblemError
+
+Floats = NDArray[np.float64]
+
+OTHERS = ("clarabel", "osqp")
+OTHER_ACCURACIES = (1e-3, 1e-6)
+"""Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family."""
+MOST_INSTANTS = 4
+SAME_INSTANT = 1e-9
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What is swept.
+
+    Attributes
+    ----------
+    families : tuple of str or None
+    ns, steps : tuple of int
+    solvers : tuple of str, or None
+    accuracies : tuple of float, or None
+        None for both: Newton at 1e-8 everywhere, and others at a few points.
+    targets : tuple of float
+        Of adaptive runs, and the levels that advice is given for.
+    adaptive : bool
+    """
+
+    families: tuple[str | None, ...]
+    ns: tuple[int, ...]
+    steps: tuple[int, ...]
+    solvers: tuple[str, ...] | None
+    accuracies: tuple[float, ...] | None
+    targets: tuple[float, ...]
+    adaptive: bool = True
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """All points, those with most work first: what is left at the end is small, and no worker waits long."""
+        main = tuple(product(self.solvers or ("newton",), self.accuracies or (1e-8,)))
+        found = [Point(f, n, k, *how) for f, n, k, how in product(self.families, self.ns, self.steps, main)]
+        if self.adaptive:
+            start, (solver, accuracy) = min(self.ns), (main[0][0], min(accuracy for _, accuracy in main))
+            found += [Point(f, start, None, solver, accuracy, t) for f, t in product(self.families, self.targets)]
+        if self.solvers is None and self.accuracies is None:
+            where = sorted(self.ns)[1:-1:2] or self.ns[:1]
+            chosen = product(where, self.steps[-1:], OTHERS, OTHER_ACCURACIES)
+            found += [Point(self.families[0], *settings) for settings in chosen]
+        return tuple(sorted(dict.fromkeys(found), key=lambda point: -point.work))
+
+    @property
+    def coarsest(self) -> Point:
+        """What the reference is refined from."""
+        return Point(self.families[0], min(self.ns), max(self.steps), "newton", 1e-8)
+
+    @property
+    def finest(self) -> Point:
+        """What the reference has to beat where it cannot be adapted."""
+        return Point(self.families[0], max(self.ns), max(self.steps), "newton", 1e-8)
+
+
+def common_instants(courses: Sequence[Floats]) -> Floats:
+    """Up to four instants that all courses of time have, evenly chosen, the last one among them.
+
+    Raises
+    ------
+    ProblemError
+        They do not begin or end together.
+    """
+    first, *others = courses
+    span = float(first[-1] - first[0])
+    for other in others:
+        if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > SAME_INSTANT * span:
+            raise ProblemError(
+                f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
+                f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must be the same."
+            )
+    shared = [t for t in first[1:] if all(np.abs(other - t).min() <= SAME_INSTANT * span for other in others)]
+    chosen = np.arange(1, MOST_INSTANTS + 1) * len(shared) // MOST_INSTANTS - 1
+    return np.array(shared)[np.unique(chosen[chosen >= 0])]

@@ -1,0 +1,104 @@
+"""The work-precision picture: true error against seconds, and against unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vemcvx.canvas import new_figure
+from vemcvx.cost.front import front
+from vemcvx.cost.row import Row, percent
+from vemcvx.plots.palette import GRID
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B")
+UNIFORM, ADAPTIVE = "o", "D"
+AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
+
+
+def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "") -> Figure:
+    """Draw the rows that have an answer, of which there must be one.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    levels : sequence of float
+        Errors to mark by lines.
+    resolved : float or None
+        Estimated error of the reference.
+    title : str
+
+    Raises
+    ------
+    VemcvxError
+        matplotlib is not installed.
+    """
+    figure = new_figure(10.0, 4.4)
+    left, right = figure.subplots(1, 2, sharey=True)
+    done = [row for row in rows if row.done and row.error > 0]
+    for ax, cost in ((left, "seconds"), (right, "unknowns")):
+        _draw(ax, done, cost)
+        for level in levels:
+            ax.axhline(level, color="0.75", linewidth=0.8, linestyle=(0, (5, 4)), zorder=0)
+        if resolved is not None:
+            ax.axhspan(resolved / 10, resolved, color="0.93", zorder=0)
+        ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
+        ax.grid(**GRID)
+        ax.set_axisbelow(True)
+    _error_axis(left, done, resolved)
+    left.set_ylabel("true error, relative, in the energy norm")
+    if resolved is not None:
+        right.text(
+            0.02, resolved * 0.93, "the reference's own error", transform=right.get_yaxis_transform(), va="top",
+            fontsize="small", color="0.45",
+        )  # fmt: skip
+    figure.legend(handles=_legend(left, done), loc="outside right upper", frameon=False, fontsize="small")
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def _draw(ax: Axes, done: Sequence[Row], cost: str) -> None:
+    costs, errors = np.array([getattr(row, cost) for row in done]), np.array([row.error for row in done])
+    best = front(costs.tolist(), errors.tolist())
+    ax.plot(costs[best], errors[best], "-", color="0.25", linewidth=1.1, zorder=2)
+    colours = _colours(done)
+    for row, x, y in zip(done, costs, errors, strict=True):
+        newton, adaptive = row.solver == done[0].solver, row.target is not None
+        ax.plot(
+            x, y, ADAPTIVE if adaptive else UNIFORM, markersize=6.5 if adaptive else 5.0, color=colours[row.family],
+            markerfacecolor=colours[row.family] if newton else "white", markeredgewidth=1.0, zorder=3 + adaptive,
+        )  # fmt: skip
+
+
+def _colours(done: Sequence[Row]) -> dict[str | None, str]:
+    families = sorted({row.family for row in done}, key=str)
+    return {family: COLOURS[k % len(COLOURS)] for k, family in enumerate(families)}
+
+
+def _error_axis(ax: Axes, done: Sequence[Row], resolved: float | None) -> None:
+    """Error marks in per cent, one, two and five of every power of ten."""
+    errors = [row.error for row in done]
+    low, high = min([*errors, *([resolved] if resolved else [])]) / 1.25, max(errors) * 1.25
+    ticks = [m * 10.0**e for e in range(-9, 2) for m in (1, 2, 5)]
+    shown = [tick for tick in ticks if low <= tick <= high]
+    ax.set_ylim(low, high)
+    ax.set_yticks(shown, [percent(tick) for tick in shown])
+    ax.minorticks_off()
+
+
+def _legend(ax: Axes, done: Sequence[Row]) -> list[object]:
+    def mark(label: str, **style: object) -> object:
+        return ax.plot([], [], **{"linestyle": "", "color": "0.25", "marker": UNIFORM, **style}, label=label)[0]
+
+    made = [mark(family or "own mesh", color=colour) for family, colour in _colours(done).items()]
+    kinds = {row.target is not None for row in done}
+    made += [mark("uniform")] if False in kinds else []
+    made += [mark("adaptive", marker=ADAPTIVE)] if True in kinds else []
+    others = sorted({row.solver for row in done} - {done[0].solver})
+    made += [mark(", ".join(others), markerfacecolor="white")] if others else []
+    return [*made, ax.plot([], [], "-", color="0.25", linewidth=1.1, label="Pareto front")[0]]

@@ -1,0 +1,216 @@
+"""What true errors are measured against: the same scene, on a mesh and with steps so fine that its own error is small.
+
+The mesh is adapted until the estimated error of the reference is no more than a quarter of the smallest error that is
+asked for. By (nearly) Galerkin's orthogonality |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2, and a quarter leaves what
+is measured true to 3 %; where that does not hold, to a quarter. Scenes that cannot be adapted (viscosity has no
+estimate, and below a point load no mesh is fine enough) get twice the cells per unit length and four times the steps
+of the finest run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.adaptivity import adapt
+from vemcvx.budget import error_budget
+from vemcvx.cost.point import Ingredients, Point, Recipe
+from vemcvx.cost.run_point import Ran
+from vemcvx.errors import HistoryError, MeshError, SceneError
+from vemcvx.files.archive import read_archive, write_archive
+from vemcvx.history import History
+from vemcvx.measures import Field, energy_distance
+from vemcvx.meshes import PolygonMesh
+from vemcvx.simulate import simulate
+
+Floats = NDArray[np.float64]
+
+PART = 0.25
+MOST_UNKNOWNS = 700_000
+"""Some 4 GB at the peak."""
+THETA = 0.7
+"""Fewer passes than adapt makes by default: the last one costs most."""
+ARCHIVE, ABOUT = "reference.npz", "reference.json"
+SAME_AREA = 1e-9
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is known of a reference besides its fields.
+
+    Attributes
+    ----------
+    problem : str
+        The mark of the recipe.
+    instants : tuple of float
+    goal : float
+        Estimated relative error that was aimed at.
+    estimated : float or None
+        What was reached, algebra + space + time; None where there is no estimate.
+    n, steps : int
+        Of the finest uniform run it was made for.
+    adapted : bool
+        Whether it could be adapted, so that the goal and not `n` and `steps` says how fine it is.
+    common : bool
+        Whether meshes of the problem cover different domains, so that only what they share is measured.
+    cells, unknowns, made : int
+        Size, and steps made.
+    seconds : float
+    """
+
+    problem: str
+    instants: tuple[float, ...]
+    goal: float
+    estimated: float | None
+    n: int
+    steps: int
+    adapted: bool
+    common: bool
+    cells: int
+    unknowns: int
+    made: int
+    seconds: float
+
+    def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
+        """Whether it is fine enough for this sweep of this problem."""
+        same = self.problem == problem and self.instants == tuple(instants)
+        if not self.adapted or self.common:
+            return same and self.n >= finest.n and self.steps >= (finest.steps or 0) and self.goal <= goal
+        return same and min(self.estimated, self.goal) <= goal
+
+    @property
+    def mark(self) -> str:
+        """What errors measured against it depend on."""
+        return json.dumps(asdict(self))
+
+
+def read_reference(folder: Path) -> Reference | None:
+    """What a folder holds of an earlier reference, if it is whole."""
+    try:
+        told = json.loads((folder / ABOUT).read_text())
+        return Reference(**{**told, "instants": tuple(told["instants"])}) if (folder / ARCHIVE).is_file() else None
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def build_reference(
+    recipe: Recipe, coarsest: Point, finest: Point, instants: Floats, goal: float, folder: Path
+) -> Reference:
+    """Compute the reference, write it to the folder, and say what it is."""
+    start = time.perf_counter()
+    made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
+    common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > SAME_AREA)
+    wanted, mesh = np.append(made.times[0], instants), fine.mesh if common else made.mesh
+    options = {"solver": made.solver, "initial": made.initial, "most_unknowns": MOST_UNKNOWNS, "theta": THETA}
+    try:
+        adaptive = adapt(made.scene, mesh, wanted, goal, **options)
+        history, estimated = adaptive.history, adaptive.passes[-1].total
+    except (SceneError, MeshError):
+        adaptive = None
+        history, estimated = _uniform(fine, instants)
+    reference = Reference(
+        recipe.mark,
+        tuple(instants.tolist()),
+        goal,
+        estimated,
+        finest.n,
+        finest.steps or 0,
+        adaptive is not None,
+        common,
+        history.mesh.n_cells,
+        history.trajectory.state.shape[1],
+        history.steps,
+        time.perf_counter() - start,
+    )
+    _write(folder, history, reference)
+    return reference
+
+
+def _uniform(fine: Ingredients, instants: Floats) -> tuple[History, float | None]:
+    """On the fine mesh as it is, and its estimate if there is one."""
+    steps = [int(np.argmin(np.abs(fine.times - t))) for t in instants]
+    history = simulate(fine.scene, fine.mesh, fine.times, solver=fine.solver, initial=fine.initial, store=steps)
+    with contextlib.suppress(SceneError):
+        return history, error_budget(history).largest["total"]
+    return history, None
+
+
+def _write(folder: Path, history: History, reference: Reference) -> None:
+    """The fields, then what is said of them: a process that dies between leaves no reference."""
+    (folder / ABOUT).unlink(missing_ok=True)
+    new = folder / f"new-{ARCHIVE}"
+    write_archive(history, new)
+    os.replace(new, folder / ARCHIVE)
+    new = folder / f"new-{ABOUT}"
+    new.write_text(json.dumps(asdict(reference), indent=2) + "\n")
+    os.replace(new, folder / ABOUT)
+
+
+@lru_cache(maxsize=1)
+def _fields(path: Path, stamp: int) -> tuple[Field, ...]:
+    """The fields at all instants; read once a worker (`stamp` tells a file from the one before it)."""
+    history = read_archive(path)
+    times = history.times.tolist()
+    return tuple(Field(history.mesh, u, history.moduli, t) for u, t in zip(history.displacement, times, strict=True))
+
+
+@dataclass(frozen=True)
+class _Content:
+    """A mesh, equal to any other with the same points and cells."""
+
+    digest: str
+    mesh: PolygonMesh = field(compare=False, repr=False)
+
+
+@lru_cache(maxsize=4)
+def _known(content: _Content) -> PolygonMesh:
+    """The mesh of this content that was seen first: its overlaps with the reference are kept with it."""
+    return content.mesh
+
+
+def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
+    """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
+
+    And how far the moduli of the two meshes differ, relative: those of the run weigh the error.
+
+    Raises
+    ------
+    VemcvxError
+        The reference is gone, or was damaged, or does not deform.
+    """
+    path = folder / ARCHIVE
+    fields = _fields(path, path.stat().st_mtime_ns)
+    parts = (ran.mesh.points, ran.mesh.offsets, ran.mesh.vertices)
+    mesh = _known(_Content(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest(), ran.mesh))
+    found = []
+    with _quiet():
+        for u, t in zip(ran.displacement, reference.instants, strict=True):
+            there = min(fields, key=lambda one: abs(one.time - t))
+            found.append(energy_distance(Field(mesh, u, ran.moduli, t), there, common=reference.common))
+    scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
+    if scale == 0.0:
+        raise HistoryError("the reference does not deform at any instant looked at: no relative error exists.")
+    return max(one.absolute for one in found) / scale, found[-1].absolute / scale, apart
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What would be logged at every instant of every point is said once, by the row."""
+    logger = logging.getLogger("vemcvx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,116 @@
+"""What became of one point: a line of the journal and of the table.
+
+Columns of the table, one row a point:
+
+    family, n           meshes, and cells per unit length (of an adaptive run to begin with)
+    target              relative energy error that an adaptive run aims at; empty for uniform ones
+    solver, accuracy    and the certified relative energy error of a step that is asked of it
+    steps               of backward Euler, made
+    cells, unknowns     of the (last) mesh
+    status              done; refused (no well-posed problem, or not certified); crashed (out of memory ...)
+    error               true error: the largest over the instants looked at, in the energy norm, against the reference,
+                        relative to the reference's largest energy norm
+    error_end           the same at the last instant
+    estimated           the run's own estimate, vemcvx.error_budget: algebra + space + time; empty where there is none
+    certificate         certified relative energy error of the steps, added up
+    seconds             what the answer costs: assemble + prepare + solve + adapt
+    assemble, prepare, solve    as in history.seconds (of an adaptive run: of its last pass)
+    adapt               earlier passes, estimates and refinement of an adaptive run
+    mesh                seconds that making the (first) mesh takes; not counted in `seconds`
+    repeats             runs of which these seconds are the median one
+    peak_mb             most memory (resident set) that a process of its own held, interpreter and libraries included
+    wall                seconds of the whole point: start of a process, warming up, repeats, measuring
+    at                  when it was done, seconds since 1970
+    message             what was refused, or warned of
+    key                 identifies the point, the problem and the reference
+    front_seconds, front_unknowns    1 for runs that no run at no more cost equals, see :mod:`vemcvx.cost.front`
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+
+from vemcvx.cost.front import front
+
+DONE, REFUSED, CRASHED = "done", "refused", "crashed"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One point and what came out; see :mod:`vemcvx.cost.row`. None where there is nothing to say."""
+
+    family: str | None
+    n: int
+    target: float | None
+    solver: str
+    accuracy: float
+    steps: int | None
+    status: str
+    key: str
+    cells: int | None = None
+    unknowns: int | None = None
+    error: float | None = None
+    error_end: float | None = None
+    estimated: float | None = None
+    certificate: float | None = None
+    seconds: float | None = None
+    assemble: float | None = None
+    prepare: float | None = None
+    solve: float | None = None
+    adapt: float | None = None
+    mesh: float | None = None
+    repeats: int | None = None
+    peak_mb: float | None = None
+    wall: float | None = None
+    at: float | None = None
+    message: str = ""
+
+    @property
+    def done(self) -> bool:
+        """Whether there is an answer."""
+        return self.status == DONE
+
+    @property
+    def settings(self) -> str:
+        """The settings in words."""
+        where = "its own mesh" if self.family is None else self.family
+        how = f"{self.solver} at {self.accuracy:g}"
+        if self.target is not None:
+            return f"{where} refined adaptively from n = {self.n}, target {percent(self.target)}, {how}"
+        return f"{where} n = {self.n}, {self.steps} steps, {how}"
+
+
+def percent(share: float) -> str:
+    """A share in per cent, in two digits."""
+    return f"{100 * share:.2g} %"
+
+
+def _order(row: Row) -> tuple[object, ...]:
+    return (
+        row.target is not None,
+        row.family or "",
+        row.target or 0.0,
+        row.n,
+        row.steps or 0,
+        row.solver,
+        row.accuracy,
+    )
+
+
+def table(rows: Sequence[Row]) -> str:
+    """All rows as CSV, in the order of their settings."""
+    rows = sorted(rows, key=_order)
+    done = [row for row in rows if row.done]
+    fronts = {
+        f"front_{what}": {done[k].key for k in front([getattr(r, what) for r in done], [r.error for r in done])}
+        for what in ("seconds", "unknowns")
+    }
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*(field.name for field in fields(Row)), *fronts], lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow(asdict(row) | {name: int(row.key in keys) for name, keys in fronts.items()})
+    return text.getvalue()

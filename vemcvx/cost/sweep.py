@@ -1,0 +1,178 @@
+"""A sweep: many points at once, each written down when it is finished, those written down before left out."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.cost.alone import Crashed, Refused, alone
+from vemcvx.cost.grid import Grid, common_instants
+from vemcvx.cost.journal import append, read_journal
+from vemcvx.cost.point import Point, Recipe
+from vemcvx.cost.pool import Pool, pool
+from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference
+from vemcvx.cost.remaining import seconds_left
+from vemcvx.cost.row import CRASHED, DONE, REFUSED, Row
+from vemcvx.cost.run_point import PARTS, run_point
+from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.files import writable_folder
+
+Floats = NDArray[np.float64]
+
+JOURNAL = "journal.jsonl"
+
+log = logging.getLogger("vemcvx")
+
+Told = Callable[[str, int, int, float | None], None]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep found.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        In the order of the points.
+    reference : Reference
+    kept : int
+        How many rows were in the journal before.
+    """
+
+    rows: tuple[Row, ...]
+    reference: Reference
+    kept: int
+
+
+def sweep(
+    recipe: Recipe,
+    grid: Grid,
+    folder: str | Path,
+    *,
+    workers: int = 2,
+    scheduler: str | None = None,
+    fresh: bool = False,
+    told: Told | None = None,
+) -> Sweep:
+    """Run all points of a grid that the folder's journal does not hold.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Can be pickled: an instance of a class, or a function, of a module that workers can import.
+    grid : Grid
+    folder : path
+        Of the journal and the reference.
+    workers : int
+        Processes here.
+    scheduler : str, optional
+        Address of a dask.distributed scheduler, whose workers are taken instead.
+    fresh : bool
+        Begin anew, whatever the folder holds.
+    told : callable (what, finished, all, seconds left or None), optional
+
+    Raises
+    ------
+    ProblemError
+        There is no such scheduler, or no reference.
+    HistoryError
+        The folder cannot be written to.
+    """
+    folder = writable_folder(folder).resolve()
+    journal = folder / JOURNAL
+    if fresh:
+        journal.unlink(missing_ok=True)
+    told = told or (lambda *_: None)
+    with pool(workers, scheduler) as run:
+        instants = common_instants([recipe(point).times for point in _one_of_each(grid)])
+        reference = _reference(recipe, grid, instants, folder, fresh, run, told)
+        mark = f"{recipe.mark} {reference.mark}"
+        keys = {point.key(mark): point for point in grid.points}
+        rows = {key: row for key, row in read_journal(journal).items() if key in keys}
+        kept, finished = len(rows), []
+        waiting = {key: point for key, point in keys.items() if key not in rows}
+        for row in run(finished_row, [(recipe, point, key, folder, reference) for key, point in waiting.items()]):
+            append(journal, row)
+            rows[row.key] = row
+            finished.append((waiting.pop(row.key).work, row.wall))
+            left = seconds_left(finished, [point.work for point in waiting.values()], run.workers)
+            told("points", len(rows), len(keys), left)
+            log.info("%d of %d: %s: %s", len(rows), len(keys), row.settings, row.status)
+    return Sweep(tuple(rows[key] for key in keys), reference, kept)
+
+
+def _one_of_each(grid: Grid) -> list[Point]:
+    """A point of each number of steps, on the coarsest mesh."""
+    return [Point(grid.families[0], min(grid.ns), k, "newton", 1e-8) for k in grid.steps]
+
+
+def _reference(
+    recipe: Recipe, grid: Grid, instants: Floats, folder: Path, fresh: bool, run: Pool, told: Told
+) -> Reference:
+    goal, there = PART * min(grid.targets), None if fresh else read_reference(folder)
+    if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
+        return there
+    told("reference", 0, 1, None)
+    task = (recipe, grid.coarsest, grid.finest, instants, goal, folder)
+    (made, why), *_ = run(finished_reference, [task])
+    if made is None:
+        raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
+    return made
+
+
+def finished_reference(*given: Any) -> tuple[Reference | None, str]:
+    """The reference, computed in a process of its own, or why there is none."""
+    try:
+        return alone(build_reference, *given), ""
+    except (Refused, Crashed) as error:
+        return None, str(error)
+
+
+def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference: Reference) -> Row:
+    """Run a point in a process of its own, and measure its error in this one, which keeps the reference at hand."""
+    start = time.perf_counter()
+    settings = {"key": key, "family": point.family, "n": point.n, "target": point.target}
+    settings |= {"solver": point.solver, "accuracy": point.accuracy, "steps": point.steps}
+
+    def row(status: str, **found: Any) -> Row:
+        return Row(**{**settings, "status": status, "wall": time.perf_counter() - start, "at": time.time(), **found})
+
+    try:
+        ran = alone(run_point, recipe, point, np.array(reference.instants))
+        error, error_end, apart = errors(ran, folder, reference)
+    except (Refused, VemcvxError) as refusal:
+        return row(REFUSED, message=str(refusal))
+    except (Crashed, MemoryError, OSError) as crash:
+        return row(CRASHED, message=str(crash) or type(crash).__name__)
+    said = [ran.message] if ran.message else []
+    if apart > 0:
+        said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")
+    seconds = {name: ran.seconds[name] for name in PARTS}
+    return row(
+        DONE,
+        steps=ran.steps,
+        cells=ran.mesh.n_cells,
+        unknowns=ran.unknowns,
+        error=error,
+        error_end=error_end,
+        estimated=_finite(ran.estimated),
+        certificate=_finite(ran.certificate),
+        seconds=sum(seconds.values()),
+        **seconds,
+        mesh=ran.seconds["mesh"],
+        repeats=ran.repeats,
+        peak_mb=ran.peak_mb,
+        message="; ".join(said),
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    # JSON has no infinity.
+    return float(value) if value is not None and np.isfinite(value) else None

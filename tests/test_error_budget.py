@@ -173,6 +173,7 @@ def test_contact_and_springs_balance_at_the_boundary():
     [
         (lambda: 3, vx.HistoryError, "found 3 where a History is wanted"),
         (lambda: viscous(), vx.SceneError, "no estimate for scenes with Viscosity"),
+        (lambda: poked(), vx.SceneError, "no estimate for PointLoad.*: a force on a point does infinite work"),
     ],
 )
 def test_mistakes(history, error, says):
@@ -182,6 +183,11 @@ def test_mistakes(history, error, says):
 
 def viscous():
     return vx.simulate(paper_scene().with_(vx.Viscosity(shear=1.0)), vx.meshes.squares(2), [0.0, 1.0])
+
+
+def poked():
+    scene = paper_scene().with_(vx.PointLoad(lambda x, t: [[0.1 * t, 0.0]], at=(0.0, 1.0)))
+    return vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
 
 
 def test_a_history_from_files_has_no_scene(tmp_path):

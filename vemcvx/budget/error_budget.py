@@ -19,6 +19,7 @@ from vemcvx.budget.lag import lagged
 from vemcvx.budget.missed import missed_loads
 from vemcvx.budget.residual import indicators
 from vemcvx.budget.skeleton import skeleton
+from vemcvx.composition import InitialStresses
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.history import History
 from vemcvx.pose import Posed, pose
@@ -86,7 +87,7 @@ def error_budget(history: History, steps: Sequence[int] | None = None) -> ErrorB
     HistoryError
         The history was read from files, so that its scene is not known.
     SceneError
-        A step was not stored, or the scene has Viscosity, which has no estimate.
+        A step was not stored, or the scene has Viscosity or a PointLoad, for which there is no estimate.
     """
     if not isinstance(history, History):
         raise HistoryError(f"error_budget: found {brief(history)} where a History is wanted.")
@@ -102,8 +103,7 @@ def error_budget(history: History, steps: Sequence[int] | None = None) -> ErrorB
 
 def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Floats | None = None) -> ErrorBudget:
     """The budget of a run whose posed scene is at hand, at rows of its arrays; `missed` (N,) if that is known."""
-    if posed.system.damping is not None:
-        raise SceneError("error_budget: there is no estimate for scenes with Viscosity; leave it out by scene.without.")
+    _check_estimable(posed)
     run, edges = history.trajectory, skeleton(posed)
     scale = float(run.norm.max())
     unit = scale if scale > 0 else 1.0
@@ -127,3 +127,14 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Float
         missed / unit,
         scale,
     )
+
+
+def _check_estimable(posed: Posed) -> None:
+    if posed.system.damping is not None:
+        raise SceneError("error_budget: there is no estimate for scenes with Viscosity; leave it out by scene.without.")
+    for load in posed.loads:
+        if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:
+            raise SceneError(
+                f"error_budget: there is no estimate for {load.subject}: a force on a point does infinite work on an "
+                "elastic body, and no mesh comes near that energy. Spread it over a part of the boundary by Traction."
+            )

@@ -56,12 +56,12 @@ import numpy as np
 import feng_han_huang
 import spring_slider_chain
 import vemcvx as vx
-from vemcvx.backward_euler import completed, step
 from vemcvx.canvas import new_figure
-from vemcvx.initial import initial_state
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 from vemcvx.solvers.conic import installed
-from vemcvx.state import prepare
+from vemcvx.stepping.backward_euler import completed, step
+from vemcvx.stepping.initial import initial_state
+from vemcvx.stepping.state import prepare
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
 """Parts of the full load, instant by instant; the last step is measured."""

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from hypothesis import strategies as st
 
 import vemcvx as vx
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 
 SEEDS = st.integers(0, 10_000)
 SQUARES = {"squares", "distorted"}

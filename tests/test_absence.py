@@ -14,9 +14,9 @@ import scipy.sparse as sp
 from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TIMES, TOUCHING, mesh
 
 import vemcvx as vx
-from vemcvx.condensation import MOST_FIELDS, Condensation
 from vemcvx.linear import superlu
-from vemcvx.pose import pose
+from vemcvx.program.condensation import MOST_FIELDS, Condensation
+from vemcvx.scene.pose import pose
 
 
 def bits(thing):

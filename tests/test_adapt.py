@@ -14,8 +14,8 @@ from random_scenes import coarse_mesh, random_scene
 import vemcvx as vx
 from vemcvx.adaptivity.instants import follow_load
 from vemcvx.adaptivity.marking import GAIN, MARGIN, cells_to_refine, steps_to_split
-from vemcvx.condensation import Condensation
-from vemcvx.pose import pose
+from vemcvx.program.condensation import Condensation
+from vemcvx.scene.pose import pose
 
 TARGET = 0.05
 

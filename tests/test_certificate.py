@@ -7,10 +7,10 @@ import pytest
 import scipy.sparse as sp
 
 import vemcvx as vx
-from vemcvx.certificate import certify, norm_gaps
-from vemcvx.form import Form
-from vemcvx.program import StepProgram
-from vemcvx.scaling import scaling
+from vemcvx.program.certificate import certify, norm_gaps
+from vemcvx.program.form import Form
+from vemcvx.program.scaling import scaling
+from vemcvx.program.step_program import StepProgram
 
 
 def random_program(seed, n=9, m=4, block=1):

@@ -7,8 +7,8 @@ import pytest
 import scipy.sparse as sp
 
 import vemcvx as vx
-from vemcvx.condensation import Condensation
-from vemcvx.ordering import nested_dissection
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.ordering import nested_dissection
 
 
 @pytest.fixture(params=["connected", "two bodies", "nothing touched", "everything touched"])

@@ -17,10 +17,10 @@ import scipy.sparse as sp
 from conftest import small
 
 import vemcvx as vx
-from vemcvx.certificate import certify
-from vemcvx.form import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Form
-from vemcvx.pose import pose
-from vemcvx.program import StepProgram
+from vemcvx.program.certificate import certify
+from vemcvx.program.form import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Form
+from vemcvx.program.step_program import StepProgram
+from vemcvx.scene.pose import pose
 
 OWN = {
     "Newton": vx.Newton(),

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.condensation import Condensation
-from vemcvx.pose import pose
+from vemcvx.program.condensation import Condensation
+from vemcvx.scene.pose import pose
 
 SHIFT = 10.0
 

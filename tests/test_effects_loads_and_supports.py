@@ -15,7 +15,7 @@ from conftest import small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Support
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 from vemcvx.vem import Space
 
 YOUNG, POISSON = 200.0, 0.3

@@ -8,7 +8,7 @@ from conftest import paper_load, paper_scene, small
 from test_effects_loads_and_supports import Pin, near, tensor, turned
 
 import vemcvx as vx
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 from vemcvx.vem import Space, elastic_matrix, upper_triangle
 from vemcvx.vem.anisotropic import softest_shear
 

@@ -114,7 +114,7 @@ def test_effectivity_is_printed():
 
 
 def stiffness(history):
-    from vemcvx.pose import pose
+    from vemcvx.scene.pose import pose
 
     return pose(history.scene, history.mesh).system.K
 

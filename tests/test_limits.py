@@ -7,9 +7,9 @@ import pytest
 import scipy.sparse as sp
 
 import vemcvx as vx
-from vemcvx.certificate import certify
-from vemcvx.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
-from vemcvx.program import StepProgram
+from vemcvx.program.certificate import certify
+from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
+from vemcvx.program.step_program import StepProgram
 
 YOUNG, POISSON = 10.0, 0.25
 MU = YOUNG / (2 * (1 + POISSON))

@@ -8,7 +8,7 @@ from conftest import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.linear import DenseCholesky, Multigrid, Scaled, SuperLU, choose_linear
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 
 TIMES = np.linspace(0.0, 1.0, 7)
 

@@ -7,7 +7,7 @@ import pytest
 from conftest import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 
 TIMES = np.linspace(0.0, 1.0, 13)
 

@@ -8,9 +8,9 @@ import scipy.sparse as sp
 from conftest import cyclic, paper_scene
 
 import vemcvx as vx
-from vemcvx.certificate import certify
-from vemcvx.form import Form
-from vemcvx.program import StepProgram
+from vemcvx.program.certificate import certify
+from vemcvx.program.form import Form
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
 
 

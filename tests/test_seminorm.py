@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.kernel import Hold, Kernel
-from vemcvx.pose import pose
+from vemcvx.program.kernel import Hold, Kernel
+from vemcvx.scene.pose import pose
 
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 4.0
@@ -150,9 +150,11 @@ def test_nearest_multipliers(block, modes, limited):
         assert np.abs(left).max() < 1e-13 * 12
         assert (np.linalg.norm(lam, axis=1) <= w * (1 + 1e-15)).all()
         assert (p >= 0).all()
-        assert np.sum((start - lam) * (inside - lam) / ease[:12, None]) + (begin - p) / ease[12 : 12 + len(stop)] @ (
-            pressed - p
-        ) <= 1e-9
+        assert (
+            np.sum((start - lam) * (inside - lam) / ease[:12, None])
+            + (begin - p) / ease[12 : 12 + len(stop)] @ (pressed - p)
+            <= 1e-9
+        )
         assert hold.unheld(w, push) is None
         motion = hold.unheld(w, 50.0 * push)
         if motion is not None:

@@ -8,8 +8,8 @@ from conftest import FAMILIES, paper_load, small
 
 import vemcvx as vx
 from vemcvx.effects import Friction, Support
-from vemcvx.pose import pose
-from vemcvx.supports import resolve
+from vemcvx.scene.pose import pose
+from vemcvx.scene.supports import resolve
 
 TIMES = np.linspace(0.0, 1.0, 9)
 EPS = np.finfo(float).eps

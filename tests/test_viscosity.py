@@ -118,7 +118,7 @@ def test_shear_over_a_rough_floor(family, solver):
 
 
 def test_one_factorisation_a_length_of_step(monkeypatch):
-    from vemcvx.condensation import Condensation
+    from vemcvx.program.condensation import Condensation
 
     made = []
     plain = Condensation.__init__

@@ -44,15 +44,13 @@ from vemcvx.errors import (
 )
 from vemcvx.files import read_history
 from vemcvx.history import Contact, History
-from vemcvx.limits import Limits
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
-from vemcvx.march import march
 from vemcvx.meshes import PolygonMesh
+from vemcvx.program import Damping, Limits, Norms, System
 from vemcvx.scene import Scene
 from vemcvx.simulate import simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
-from vemcvx.system import Damping, Norms, System
-from vemcvx.trajectory import Trajectory
+from vemcvx.stepping import Trajectory, march
 
 __version__ = "0.1.0"
 

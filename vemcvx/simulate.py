@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
 from vemcvx.history import History
+from vemcvx.history.outputs import record
 from vemcvx.linear import LinearSolver
-from vemcvx.march import checked_times, march
 from vemcvx.meshes import PolygonMesh
-from vemcvx.outputs import record
-from vemcvx.pose import Posed, pose
 from vemcvx.real import brief, real, shape_in_words
 from vemcvx.scene import Scene
+from vemcvx.scene.pose import Posed, pose
 from vemcvx.solvers import Solver
-from vemcvx.storage import Folder, Memory, Storage
+from vemcvx.stepping.march import checked_times, march
+from vemcvx.stepping.storage import Folder, Memory, Storage
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 
 ANSWER, WARNING, REFUSAL = "answer", "answer with a warning", "refuse with an error"
 SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=1e-6), vx.OSQP(accuracy=1e-6))

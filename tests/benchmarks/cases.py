@@ -13,7 +13,7 @@ from measure import Row, alternate, in_a_process
 from reference import BOUND, POISSON, YOUNG, elasticity, factor_and_solve, grid, user_step
 
 import vemcvx as vx
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 from vemcvx.vem import Space, stiffness
 
 

@@ -10,7 +10,7 @@ from strategies import SEEDS, cases, courses, exponents, for_all, settings_of_sc
 
 import vemcvx as vx
 from properties.rounding import EPS, Energy, majorant, marched
-from vemcvx.pose import pose
+from vemcvx.scene.pose import pose
 
 NEWTON = vx.Newton(accuracy=1e-9)
 

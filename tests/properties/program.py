@@ -10,7 +10,7 @@ from strategies import SEEDS, cases, exponents, for_all
 
 import vemcvx as vx
 from properties.rounding import EPS, marched
-from vemcvx.certificate import certify
+from vemcvx.program.certificate import certify
 
 SHARP = vx.Newton(accuracy=1e-10)
 POOR = st.floats(2, 6).map(lambda x: vx.Clarabel(accuracy=10**-x, options=dict.fromkeys(("tol_gap_rel",), 10**-x)))

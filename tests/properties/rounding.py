@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from strategies import Case
 
-from vemcvx.form import Form
-from vemcvx.program import StepProgram
+from vemcvx.program.form import Form
+from vemcvx.program.step_program import StepProgram
 
 EPS = float(np.finfo(float).eps)
 

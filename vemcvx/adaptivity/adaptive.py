@@ -19,17 +19,17 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.adaptivity.instants import follow_load
 from vemcvx.adaptivity.marking import cells_to_refine, steps_to_split
 from vemcvx.budget import ErrorBudget, budget_of
-from vemcvx.condensation import Condensation
 from vemcvx.errors import SceneError
 from vemcvx.history import History
-from vemcvx.march import checked_times, march
+from vemcvx.history.outputs import record
 from vemcvx.meshes import PolygonMesh
-from vemcvx.outputs import record
-from vemcvx.pose import Posed, pose
+from vemcvx.program.condensation import Condensation
 from vemcvx.real import brief
 from vemcvx.scene import Scene
+from vemcvx.scene.pose import Posed, pose
 from vemcvx.solvers import Solver
-from vemcvx.storage import Memory
+from vemcvx.stepping.march import checked_times, march
+from vemcvx.stepping.storage import Memory
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

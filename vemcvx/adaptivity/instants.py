@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.budget.missed import missed_by
-from vemcvx.pose import Posed
+from vemcvx.scene.pose import Posed
 
 Floats = NDArray[np.float64]
 

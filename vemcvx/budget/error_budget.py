@@ -19,11 +19,11 @@ from vemcvx.budget.lag import lagged
 from vemcvx.budget.missed import missed_loads
 from vemcvx.budget.residual import indicators
 from vemcvx.budget.skeleton import skeleton
-from vemcvx.composition import InitialStresses
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.history import History
-from vemcvx.pose import Posed, pose
 from vemcvx.real import brief
+from vemcvx.scene.composition import InitialStresses
+from vemcvx.scene.pose import Posed, pose
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

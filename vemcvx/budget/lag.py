@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.trajectory import Trajectory
+from vemcvx.stepping.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.condensation import Condensation
-from vemcvx.pose import Posed
+from vemcvx.program.condensation import Condensation
+from vemcvx.scene.pose import Posed
 
 Floats = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from vemcvx.budget.skeleton import Skeleton
 from vemcvx.budget.surface import surface_forces
-from vemcvx.composition import InitialStresses
-from vemcvx.pose import Posed
+from vemcvx.scene.composition import InitialStresses
+from vemcvx.scene.pose import Posed
 from vemcvx.vem import strains, stresses
 from vemcvx.vem.projection import vertex_values
 

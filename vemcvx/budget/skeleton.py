@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.meshes.topology import cell_of_corner, next_vertex, shared_edges
-from vemcvx.pose import Posed
+from vemcvx.scene.pose import Posed
 from vemcvx.vem import elastic_matrix
 
 Floats = NDArray[np.float64]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.budget.skeleton import Skeleton
-from vemcvx.composition import InitialStresses
 from vemcvx.meshes.topology import edge_keys
-from vemcvx.pose import Posed
+from vemcvx.scene.composition import InitialStresses
+from vemcvx.scene.pose import Posed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -19,8 +19,8 @@ from vemcvx.cost.grid import Grid
 from vemcvx.cost.row import REFUSED, table
 from vemcvx.cost.sweep import JOURNAL, Told
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
-from vemcvx.march import checked_times
 from vemcvx.meshes import FAMILIES
+from vemcvx.stepping.march import checked_times
 
 USUAL = ("squares", "triangles", "voronoi")
 TABLE, PICTURE = "cost.csv", "cost.png"

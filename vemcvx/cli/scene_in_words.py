@@ -9,13 +9,13 @@ from rich.table import Table
 
 from vemcvx import effects
 from vemcvx.cli.problem_file import Problem
-from vemcvx.condensation import Condensation
 from vemcvx.effects import Effect
-from vemcvx.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
-from vemcvx.march import checked_times
-from vemcvx.pose import pose
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
 from vemcvx.scene import Scene
+from vemcvx.scene.pose import pose
 from vemcvx.solvers.choose import BY_SIZE, words
+from vemcvx.stepping.march import checked_times
 
 INSTANTS = 64
 """Steps at which data are looked at, to see whether they are zero at all times."""

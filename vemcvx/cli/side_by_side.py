@@ -4,10 +4,10 @@ Steps with given weights are nonexpansive in the energy norm, so two answers y, 
 
     |y_n - z_n|_K <= sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m), of y, plus the same of z.
 
-The left side is exact: K is the matrix of the scene. Against the most certain answer, whose right side is the smallest,
-that is a test of every certificate. Where the weights follow the pressure, or friction or rates meet limits, a step
-depends on the one before in ways that the sum does not bound (:class:`vemcvx.trajectory.Trajectory`); it is then
-printed only.
+The left side is exact: K is the matrix of the scene. Against the most certain answer, whose right side is the
+smallest, that is a test of every certificate. Where the weights follow the pressure, or friction or rates meet
+limits, a step depends on the one before in ways that the sum does not bound
+(:class:`vemcvx.stepping.trajectory.Trajectory`); it is then printed only.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import NAMES, named_solver
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError
-from vemcvx.pose import pose
+from vemcvx.program.system import System
+from vemcvx.scene.pose import pose
 from vemcvx.simulate import simulate
 from vemcvx.solvers import Solver
 from vemcvx.solvers.conic import installed
-from vemcvx.system import System
-from vemcvx.trajectory import Trajectory
+from vemcvx.stepping.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from vemcvx.files import Origin, writable_folder, write_history
 from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY
 from vemcvx.history import History
 from vemcvx.simulate import simulate
-from vemcvx.storage import Folder
+from vemcvx.stepping.storage import Folder
 
 ROWS = "rows"
 """Where, in the output folder, a run keeps what it has completed until the history is written."""

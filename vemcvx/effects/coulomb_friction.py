@@ -20,8 +20,8 @@ class CoulombFriction(Effect):
 
     Needs UnilateralContact or NormalCompliance on the same boundary. No energy has this law as its optimality
     condition; every step is a fixed point of convex Tresca problems, weights = coefficient * nodal pressure (Necas,
-    Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by :mod:`vemcvx.fixed_point`, which reports how
-    fast it contracts and raises NotContracting when it does not. Small coefficients contract.
+    Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by :mod:`vemcvx.stepping.fixed_point`, which
+    reports how fast it contracts and raises NotContracting when it does not. Small coefficients contract.
 
     Parameters
     ----------

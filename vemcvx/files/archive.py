@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.history import Contact, History
 from vemcvx.meshes import PolygonMesh
-from vemcvx.trajectory import Trajectory
+from vemcvx.stepping.trajectory import Trajectory
 
 Arrays = dict[str, NDArray[Any]]
 

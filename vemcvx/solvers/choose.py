@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from vemcvx.errors import NotAccepted
-from vemcvx.form import Form
+from vemcvx.program.form import Form
 from vemcvx.solvers.clarabel import Clarabel
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton

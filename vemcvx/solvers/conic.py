@@ -22,9 +22,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.certificate import certify, duality_gap
 from vemcvx.errors import NotAccepted
-from vemcvx.form import (
+from vemcvx.program.certificate import certify, duality_gap
+from vemcvx.program.form import (
     ABSOLUTE_VALUES,
     BOUNDS,
     QUADRATIC,
@@ -32,7 +32,7 @@ from vemcvx.form import (
     SQUARED_POSITIVE_PARTS,
     Form,
 )
-from vemcvx.program import Answer, StepProgram
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy
 

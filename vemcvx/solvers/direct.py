@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.form import QUADRATIC, Form
-from vemcvx.program import Answer, StepProgram
+from vemcvx.program.form import QUADRATIC, Form
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.solver import Solver, checked_accuracy
 
 Floats = NDArray[np.float64]

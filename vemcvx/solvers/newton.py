@@ -23,9 +23,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.certificate import duality_gap, rounding_floor
 from vemcvx.errors import SceneError
-from vemcvx.form import (
+from vemcvx.program.certificate import duality_gap, rounding_floor
+from vemcvx.program.form import (
     ABSOLUTE_VALUES,
     BOUNDS,
     QUADRATIC,
@@ -33,7 +33,7 @@ from vemcvx.form import (
     SQUARED_POSITIVE_PARTS,
     Form,
 )
-from vemcvx.program import Answer, StepProgram
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.proximal import proximal_points
 from vemcvx.solvers.sets import Point, Sets, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.program import StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Point, Shifts
 
 Floats = NDArray[np.float64]

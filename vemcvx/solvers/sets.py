@@ -18,8 +18,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.form import Form
-from vemcvx.program import StepProgram
+from vemcvx.program.form import Form
+from vemcvx.program.step_program import StepProgram
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -1,6 +1,6 @@
 """What every solver is: settings, prepared once for a form, then asked step by step.
 
-A solver sees scaled programs only (:mod:`vemcvx.scaling`), knows nothing of what they are about, and is
+A solver sees scaled programs only (:mod:`vemcvx.program.scaling`), knows nothing of what they are about, and is
 believed in nothing: the caller certifies every answer.
 """
 
@@ -13,8 +13,8 @@ from typing import ClassVar, Protocol
 from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.form import Form
-from vemcvx.program import Answer, StepProgram
+from vemcvx.program.form import Form
+from vemcvx.program.step_program import Answer, StepProgram
 
 Floats = NDArray
 

@@ -1,0 +1,70 @@
+"""From a march in free unknowns to what users ask for at stored instants: displacements, forces, contact, stresses."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.history.contact import contact_history
+from vemcvx.history.history import History
+from vemcvx.scene.pose import Posed
+from vemcvx.stepping.storage import Storage
+from vemcvx.stepping.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+
+def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
+    """The history of a posed scene."""
+    shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
+    u, forces = storage.array("displacement", shape), storage.array("forces", shape)
+    for row, n in enumerate(trajectory.stored):
+        t = float(trajectory.times[n])
+        u[row] = posed.displacement(trajectory.state[row], t).reshape(shape[1:])
+        forces[row] = (posed.A @ u[row].ravel() - posed.force(t)).reshape(shape[1:])
+    return History(
+        mesh=posed.space.mesh,
+        scene=posed.scene,
+        effects=tuple(effect.describe() for effect in posed.scene.canonical),
+        displacement=u,
+        forces=forces,
+        contact=contact_history(posed, trajectory, u, forces),
+        moduli=posed.material.moduli,
+        trajectory=trajectory,
+        seconds={"assemble": assembled, **trajectory.seconds},
+        prestress=_prestress(posed, trajectory, storage),
+        across=None if posed.material.across is None else np.ascontiguousarray(posed.material.across[:, :3]),
+        prestress_across=_prestress_across(posed, trajectory, storage),
+        void=posed.void + _untouched(posed, trajectory),
+    )
+
+
+def _untouched(posed: Posed, trajectory: Trajectory) -> tuple[str, ...]:
+    """A sentence if there are obstacles, and none was ever felt at a stored instant."""
+    if trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
+        return ()
+    subjects = ", ".join(posed.obstacles.subjects)
+    return (f"{subjects}: nothing touched it at the stored instants",)
+
+
+def _prestress(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:
+    """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
+    if posed.prestress is None:
+        return None
+    times = trajectory.times[trajectory.stored]
+    stress = storage.array("prestress", (len(times), posed.space.mesh.n_cells, 3))
+    for row, t in enumerate(times):
+        stress[row] = posed.prestress.stress(float(t))
+    return stress
+
+
+def _prestress_across(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:
+    """What swellings add to the stress across the plane at the stored instants, (S, n_cells), if they do."""
+    across = posed.material.across
+    if posed.prestress is None or not posed.prestress.swellings or across is None or not across.any():
+        return None
+    times = trajectory.times[trajectory.stored]
+    stress = storage.array("prestress_across", (len(times), posed.space.mesh.n_cells))
+    for row, t in enumerate(times):
+        stress[row] = posed.prestress.across(float(t))
+    return stress

@@ -1,0 +1,154 @@
+"""The certificate: how far an answer is from the solution, whoever made it.
+
+For the program of :mod:`vemcvx.program.step_program`, any d within its bounds, any lam with |lam_i| <= w_i and p >=
+0, let s = B d - b, z = D d - e and r = g - B'lam - D'p - K d. Then
+
+    gap = 1/2 r'K^{-1}r + sum_i (w_i |s_i| - lam_i . s_i) + sum_j ( (z_j)_+^2 / (2 c_j) + c_j p_j^2 / 2 - p_j z_j )
+
+is primal minus dual objective, and
+
+    Theorem.  1/2 |d - d*|_K^2 <= gap.
+
+Proof. Write the terms as h(Ad) with their conjugate h*; of w|s|: 0 where |lam| <= w; of (z_+)^2 / 2c: c p^2 / 2 where
+p >= 0 (c = 0: the bound z <= 0, and 0). With v = K^{-1}(g - B'lam - D'p) the dual value is
+G = -1/2 v'Kv - lam.b - p.e - sum c p^2 / 2, the primal value P(d) = 1/2 d'Kd - g'd + sum w|s| + sum z_+^2 / 2c, and
+P(d) - G is the gap, because g'd = v'Kd + lam.Bd + p.Dd. P is K-strongly convex with minimiser d*, so
+P(d) >= P(d*) + 1/2 |d - d*|_K^2, and weak duality P(d*) >= G ends it.  QED
+
+Where K has a kernel N (:mod:`vemcvx.program.kernel`) all this holds in the seminorm |.|_K, with K^{-1} any inverse of
+K on balanced forces; where N'r does not vanish, the gap is infinite.
+
+Every summand is >= 0 and belongs to one place of the boundary. The norm part is evaluated without
+cancellation, w|s| - lam.s = (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2, that of limits as
+(z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.program.step_program import EPS, StepProgram
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A bound on the error of one answer.
+
+    Parameters
+    ----------
+    equilibrium : float
+        1/2 r'K^{-1}r.
+    friction : (m,) array
+        w_i |s_i| - lam_i . s_i, term by term: where on the boundary the answer is not converged.
+    floor : float
+        What round-off alone may hide in, or add to, the gap: see :func:`certify`.
+    limits : (r,) array
+        The part of every limit.
+    """
+
+    equilibrium: float
+    friction: Floats
+    floor: float
+    limits: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def times(self, unit: float) -> Certificate:
+        """The same certificate in other units of energy."""
+        return Certificate(unit * self.equilibrium, unit * self.friction, unit * self.floor, unit * self.limits)
+
+    @property
+    def gap(self) -> float:
+        """1/2 |d - d*|_K^2 <= gap (up to `floor`)."""
+        return self.equilibrium + float(self.friction.sum()) + float(self.limits.sum())
+
+    @property
+    def error(self) -> float:
+        """|d - d*|_K <= error = sqrt(2 gap)."""
+        return float(np.sqrt(2.0 * self.gap))
+
+    def nothing(self, norm: float) -> bool:
+        """Whether an answer of that energy norm is nothing but rounding, and so is its gap: 0/0 counts as 0."""
+        return max(self.error, norm) <= 10 * self.error_floor
+
+    @property
+    def error_floor(self) -> float:
+        """The part of the error that the floor accounts for, sqrt(2 floor)."""
+        return float(np.sqrt(2.0 * self.floor))
+
+
+def certify(program: StepProgram, d: Floats, lam: Floats, p: Floats | None = None) -> Certificate:
+    """Certify the increments `d` (n,), within their bounds, with the multipliers `lam` (m, block) and `p` (r,).
+
+    The multipliers are made admissible first. The floor (:func:`rounding_floor`) follows the rounding of the parts: r
+    is known to eps (|g| + |B'||lam| + |D'|p + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| + |b_i|),
+    except where a row of B has one entry and b_i = 0: there a sticking s_i = 0 is exact; z_j to eps (|D_j||d| +
+    |e_j|). In blocks of two and more |lam_i| = w_i holds to 2 eps w_i only.
+    """
+    lam, p = program.admissible(lam, np.zeros(len(program.e)) if p is None else p, d)
+    equilibrium, friction, limits = _parts(program, d, lam, p)
+    return Certificate(equilibrium, friction, rounding_floor(program, d, lam, p), limits)
+
+
+def duality_gap(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
+    """The gap alone, for admissible multipliers: what solvers measure their progress by."""
+    equilibrium, friction, limits = _parts(program, d, lam, p)
+    return equilibrium + float(friction.sum()) + float(limits.sum())
+
+
+def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
+    form, r = program.form, program.residual(d, lam, p)
+    equilibrium = 0.5 * float(r @ form.factor.solve(r))
+    if form.kernel is not None:
+        left, blur = _imbalance(program, lam, p)
+        equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
+    limits = limit_gaps(form.softness, p, program.excess(d), program.excess_blur(d))
+    return max(equilibrium, 0.0), norm_gaps(program.w, lam, program.slip(d)), limits
+
+
+def _imbalance(program: StepProgram, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
+    """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
+    N = program.form.kernel
+    return program.form.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))  # type: ignore
+
+
+def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
+    """What round-off alone may hide in, or add to, the gap at (d, lam, p)."""
+    form, s = program.form, program.slip(d)
+    rows, size = form.rows.absolute, np.abs(d)
+    held = rows.pull(np.abs(lam.ravel())) + form.limits.absolute.pull(p)
+    blur = EPS * (np.abs(program.g) + held + form.absolute @ size)
+    slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(program.b)
+    slip_blur = EPS * form.blocks(slip).sum(axis=1)
+    if form.block > 1:
+        slip_blur += 2 * EPS * np.linalg.norm(s, axis=1)
+    floor = 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
+    floor += float(p @ program.excess_blur(d))
+    if form.kernel is not None:
+        # A load off balance by so much moves the answer along N, and does work on that motion.
+        floor += float(_imbalance(program, lam, p)[1] @ np.abs(form.kernel.T @ d))
+    return floor
+
+
+def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
+    """w_i |s_i| - lam_i . s_i >= 0 for |lam_i| <= w_i, without cancellation; (m,)."""
+    size, slip = np.linalg.norm(lam, axis=1), np.linalg.norm(s, axis=1)
+    both = (size > 0) & (slip > 0)
+    direction = np.zeros_like(lam)
+    direction[both] = lam[both] / size[both, None] - s[both] / slip[both, None]
+    turned = np.einsum("ij,ij->i", direction, direction)
+    return np.maximum(w - size, 0.0) * slip + 0.5 * size * slip * turned
+
+
+def limit_gaps(softness: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:
+    """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, without cancellation; infinite beyond a bound."""
+    soft = softness > 0
+    gap = 0.5 * softness * p * p + p * np.abs(np.minimum(z, 0.0))
+    above = z > 0
+    both = soft & above
+    gap[both] = (z[both] - softness[both] * p[both]) ** 2 / (2 * softness[both])
+    gap[above & ~soft & (z > blur)] = np.inf
+    return gap

@@ -1,0 +1,144 @@
+"""What all steps of a run share: K, where the norm terms act (B), and where the limits do (D)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.linear import DenseCholesky, Factor, SuperLU
+from vemcvx.program.kernel import Hold
+from vemcvx.program.rows import Rows
+
+Floats = NDArray[np.float64]
+
+QUADRATIC = "quadratic"
+ABSOLUTE_VALUES = "absolute values"
+SECOND_ORDER_CONES = "second-order cones"
+BOUNDS = "bounds"
+SQUARED_POSITIVE_PARTS = "squared positive parts"
+
+
+@dataclass(frozen=True)
+class Form:
+    """The data of a step's program that do not change.
+
+    Parameters
+    ----------
+    K : (n, n) dense array (condensed) or sparse matrix (full), symmetric positive definite
+    B : (m * block, n) sparse matrix
+    block : int
+    factor : Factor, optional
+        K factorised (with the anchors' stiffness); needed only where K is sparse.
+    kernel : (n, k) array, optional
+        Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.program.kernel`).
+    anchor : (n,) array, optional
+        With a kernel: stiffness that makes K + diag(anchor) positive definite.
+    D : (r, n) sparse matrix, optional
+    softness : (r,) array, optional
+        c_j >= 0 of the limits; zero makes them bounds.
+    """
+
+    K: Floats | sp.csr_matrix
+    B: sp.csr_matrix
+    block: int = 1
+    factor: Factor = None  # type: ignore[assignment]
+    kernel: Floats | None = None
+    anchor: Floats | None = None
+    D: sp.csr_matrix = None  # type: ignore[assignment]
+    softness: Floats = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.D is None:
+            object.__setattr__(self, "D", sp.csr_matrix((0, self.B.shape[1])))
+            object.__setattr__(self, "softness", np.zeros(0))
+        if self.factor is None:
+            K = self.regular.K
+            object.__setattr__(self, "factor", SuperLU().factorise(K) if sp.issparse(K) else DenseCholesky(K))
+
+    @cached_property
+    def regular(self) -> Form:
+        """The form with K + diag(anchor), which is positive definite; itself where there is no kernel."""
+        if self.anchor is None:
+            return self
+        added = sp.diags_array(self.anchor)
+        K = sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + np.diag(self.anchor)
+        return Form(K, self.B, self.block, self.factor, D=self.D, softness=self.softness)
+
+    @cached_property
+    def hold(self) -> Hold:
+        """What norm terms and limits feel of the kernel."""
+        kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
+        return Hold((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), self.D @ kernel)
+
+    @cached_property
+    def rows(self) -> Rows:
+        """B, ready to be applied."""
+        return Rows(self.B)
+
+    @cached_property
+    def limits(self) -> Rows:
+        """D, ready to be applied."""
+        return Rows(self.D)
+
+    @cached_property
+    def separate(self) -> bool:
+        """Whether every row of B and D reads one unknown of its own."""
+        columns = self.rows.columns, self.limits.columns
+        if columns[0] is None or columns[1] is None:
+            return False
+        both = np.concatenate([columns[0], columns[1]])
+        return len(np.unique(both)) == len(both)
+
+    @cached_property
+    def absolute(self) -> Floats | sp.csr_matrix:
+        """|K|, entry by entry, for bounds on rounding."""
+        return abs(self.K)
+
+    @property
+    def count(self) -> int:
+        """The number of norm terms m."""
+        return self.B.shape[0] // self.block
+
+    @cached_property
+    def features(self) -> frozenset[str]:
+        """What a solver must accept: a subset test matches the two."""
+        found = {QUADRATIC}
+        if self.count:
+            found.add(ABSOLUTE_VALUES if self.block == 1 else SECOND_ORDER_CONES)
+        if (self.softness == 0).any():
+            found.add(BOUNDS)
+        if (self.softness > 0).any():
+            found.add(SQUARED_POSITIVE_PARTS)
+        return frozenset(found)
+
+    @cached_property
+    def compliance(self) -> Floats:
+        """(m,) largest diagonal entry of B_i K^{-1} B_i': |s_i| <= compliance^{1/2} |d|_K."""
+        return self.blocks(self._response(self.B)).max(axis=1)
+
+    @cached_property
+    def limit_compliance(self) -> Floats:
+        """(r,) D_j K^{-1} D_j'."""
+        return self._response(self.D)
+
+    def _response(self, rows: sp.csr_matrix) -> Floats:
+        dense = rows.toarray()
+        return np.einsum("ij,ji->i", dense, self.factor.solve(np.ascontiguousarray(dense.T)))
+
+    def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Floats | sp.csr_matrix:
+        """K + B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
+        added = sp.csr_matrix(self.K.shape)
+        if self.count:
+            H = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
+            added = sp.csr_matrix(self.B.T @ H @ self.B)
+        if stiffness is not None and len(stiffness):
+            added = added + self.D.T @ sp.diags_array(stiffness) @ self.D
+        return sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + added.toarray()
+
+    def blocks(self, x: Floats) -> Floats:
+        """View (m * block,) entries as (m, block)."""
+        return x.reshape(self.count, self.block)

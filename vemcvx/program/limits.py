@@ -1,0 +1,70 @@
+"""One-sided terms: bounds D_j y <= e_j, and their soft kin (D_j y - e_j)_+^2 / (2 c_j)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.program.checks import at_instant, checked_matrix, finite
+from vemcvx.real import real, shape_in_words
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Row j of D, the limit e_j and the softness c_j.
+
+    With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
+    p_j >= 0 is the force with which the limit answers, z_j <= c_j p_j with equality where p_j > 0.
+
+    Parameters
+    ----------
+    D : (r, n) array or sparse matrix
+    e : (r,) array, or callable t -> (r,)
+    softness : number or (r,) array
+        Displacement per force, >= 0.
+    places : callable j -> str, optional
+        Where limit j acts, in words, for messages.
+    """
+
+    D: sp.csr_matrix
+    e: ArrayLike | Callable[[float], ArrayLike]
+    softness: ArrayLike = 0.0
+    places: Callable[[int], str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
+        softness = self._shaped(self.softness, "Limits: softness")
+        if (softness < 0).any():
+            j = int(np.argmin(softness))
+            raise SceneError(f"Limits: found the softness {softness[j]:.6g} of {self.name(j)}; it must be >= 0.")
+        object.__setattr__(self, "softness", softness)
+        if not callable(self.e):
+            object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
+
+    @property
+    def count(self) -> int:
+        """The number of limits r."""
+        return self.D.shape[0]
+
+    def name(self, j: int) -> str:
+        """Where limit `j` acts, in words."""
+        return f"limit {j}" if self.places is None else self.places(j)
+
+    def reach(self, t: float) -> Floats:
+        """e (r,) at the instant `t`."""
+        return self._shaped(at_instant(self.e, t, "Limits: e"), "Limits: e") if callable(self.e) else self.e  # type: ignore
+
+    def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
+        wanted = f"a number, or ({self.count},) of them, one a limit"
+        values = real(raw, subject, wanted)
+        if values.shape not in ((), (self.count,)):
+            raise SceneError(f"{subject}: found {shape_in_words(values)}; wanted {wanted}.")
+        finite(values, subject)
+        return np.array(np.broadcast_to(values, (self.count,)))

@@ -1,0 +1,265 @@
+"""A quasistatic variational inequality in coordinates: what is fixed in time.
+
+Problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
+j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.program.checks import SYMMETRIC, at_instant, check_stiffness, check_symmetric, checked_matrix, finite
+from vemcvx.program.kernel import Kernel
+from vemcvx.program.limits import Limits
+from vemcvx.real import brief, real, shape_in_words
+
+# Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
+ROUNDED = 8 * float(np.finfo(float).eps)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Norms:
+    """The terms w_i |B_i v|: rows i * block ... (i + 1) * block of B make the vector B_i v.
+
+    Parameters
+    ----------
+    B : (m * block, n) array or sparse matrix
+    w : (m,) array, or callable t -> (m,)
+        Weights >= 0.
+    block : int
+        Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
+    places : callable i -> str, optional
+        Where term i acts, in words, for messages.
+    law : callable (t, p) -> (m,), optional
+        Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
+        then the weights without limits acting.
+    bias : callable t -> (m * block,), optional
+        c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
+        as a force -B'c, whose work is friction's.
+    """
+
+    B: sp.csr_matrix
+    w: ArrayLike | Callable[[float], ArrayLike]
+    block: int = 1
+    places: Callable[[int], str] | None = None
+    law: Callable[[float, Floats], Floats] | None = None
+    bias: Callable[[float], ArrayLike] | None = None
+
+    def __post_init__(self) -> None:
+        B = checked_matrix(self.B, "Norms: B")
+        if not isinstance(self.block, (int, np.integer)) or self.block < 1 or B.shape[0] % self.block:
+            raise SceneError(
+                f"Norms: found B with {B.shape[0]} rows and block = {self.block!r}; "
+                "B must have a whole number of blocks of rows."
+            )
+        object.__setattr__(self, "B", B)
+        if not callable(self.w):
+            object.__setattr__(self, "w", self._checked(self.w))
+
+    @property
+    def count(self) -> int:
+        """The number of terms m."""
+        return self.B.shape[0] // self.block
+
+    def name(self, i: int) -> str:
+        """Where term `i` acts, in words."""
+        return f"norm term {i}" if self.places is None else self.places(i)
+
+    def weights(self, t: float) -> Floats:
+        """Weights (m,) at the instant `t`."""
+        return self._checked(at_instant(self.w, t, "Norms: w")) if callable(self.w) else self.w  # type: ignore[return-value]
+
+    def weights_under(self, t: float, p: Floats) -> Floats:
+        """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
+        return self.weights(t) if self.law is None else self._checked(self.law(t, p))
+
+    def tilt(self, t: float) -> Floats:
+        """The bias (m * block,) at the instant `t`; zero if there is none.
+
+        Raises
+        ------
+        SceneError
+            It is ill-shaped, not finite, or larger than the weights: one direction would be paid for.
+        """
+        rows = self.B.shape[0]
+        if self.bias is None:
+            return np.zeros(rows)
+        wanted = f"({rows},) forces, one a row of B"
+        c = real(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted)
+        if c.shape != (rows,):
+            raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
+        finite(c, "Norms: bias")
+        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + ROUNDED)
+        if (over > 0).any():
+            worst = int(np.argmax(over))
+            raise SceneError(
+                f"Norms: found a bias larger than the weight of {self.name(worst)} at t = {t:.6g}; friction would be "
+                "paid for slip. Both directions need bounds >= 0."
+            )
+        return c
+
+    def _checked(self, raw: ArrayLike) -> Floats:
+        wanted = f"a weight, or ({self.count},) of them, one a term"
+        w = real(raw, "Norms: w", wanted)
+        if w.shape not in ((), (self.count,)):
+            raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
+        finite(w, "Norms: w")
+        if (w < 0).any():
+            raise SceneError(
+                f"Norms: found the weight {w.min():.6g} of {self.name(int(np.argmin(w)))}; weights must be >= 0."
+            )
+        return np.array(np.broadcast_to(w, (self.count,)))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
+
+    a(u, u) = y'Ky + 2 y'stretch + stored, and the norm terms measure B (y - y_prev) + (drag - drag_prev).
+    """
+
+    stretch: Callable[[float], Floats]
+    """t -> (n,), P'A u_D"""
+    drag: Callable[[float], Floats]
+    """t -> (m * block,), what u_D adds to the argument of the norms"""
+    stored: Callable[[float, float], float]
+    """(s, t) -> u_D(s)'A u_D(t)"""
+    reach: Callable[[float], Floats] | None = None
+    """t -> (r,), what u_D takes from the limits"""
+
+
+@dataclass(frozen=True)
+class Damping:
+    """The form b of the rate, b(u', v), beside a(u, v).
+
+    Parameters
+    ----------
+    C : (n, n) array or sparse matrix
+        Symmetric, positive semidefinite.
+    motion : Motion, optional
+        What moving supports add, with the matrix of b in place of that of a; drag and reach are those of a.
+    """
+
+    C: sp.csr_matrix
+    motion: Motion | None = None
+
+    def __post_init__(self) -> None:
+        C = checked_matrix(self.C, "Damping: C")
+        if C.nnz:
+            check_symmetric(C, "Damping: C")
+        object.__setattr__(self, "C", C)
+
+
+@dataclass(frozen=True)
+class System:
+    """K, the load, and the norm terms; the load already includes minus the stretch of moving supports.
+
+    Parameters
+    ----------
+    K : (n, n) array or sparse matrix
+        Symmetric, positive definite; semidefinite if `kernel` says where.
+    load : callable t -> (n,)
+    norms : Norms, optional
+    motion : Motion, optional
+        Bookkeeping of supports that move; a plain system has none.
+    order : (n,) permutation, optional
+        An order of elimination with little fill; by default one is computed from K.
+    near_kernel : (n, k) array, optional
+        Motions of little energy (rigid ones), for iterative linear solvers.
+    kernel : Kernel, optional
+        The motions of no energy, all of which the norm terms must feel. Answers are then unique, and certified, in the
+        seminorm of K only.
+    limits : Limits, optional
+        Bounds on y, hard or soft.
+    damping : Damping, optional
+        A force C y' of the rate; the lengths of steps then matter.
+    """
+
+    K: sp.csr_matrix
+    load: Callable[[float], ArrayLike]
+    norms: Norms | None = None
+    motion: Motion | None = None
+    order: Ints | None = None
+    near_kernel: Floats | None = None
+    kernel: Kernel | None = None
+    limits: Limits | None = None
+    damping: Damping | None = None
+
+    def __post_init__(self) -> None:
+        K = checked_matrix(self.K, "System: K")
+        check_stiffness(K)
+        object.__setattr__(self, "K", K)
+        if not callable(self.load):
+            raise SceneError(
+                f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
+            )
+        if self.norms is not None and not isinstance(self.norms, Norms):
+            raise SceneError(f"System: found norms = {brief(self.norms)}; wanted Norms(B, w), or None.")
+        if self.norms is not None and self.norms.B.shape[1] != self.n:
+            raise SceneError(
+                f"System: found norms over {self.norms.B.shape[1]} unknowns, but K has {self.n}; "
+                "B must have one column an unknown."
+            )
+        if self.limits is not None and not isinstance(self.limits, Limits):
+            raise SceneError(f"System: found limits = {brief(self.limits)}; wanted Limits(D, e), or None.")
+        if self.limits is not None and self.limits.D.shape[1] != self.n:
+            raise SceneError(
+                f"System: found limits over {self.limits.D.shape[1]} unknowns, but K has {self.n}; "
+                "D must have one column an unknown."
+            )
+        if self.damping is not None and self.damping.C.shape != self.K.shape:
+            raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
+        if self.order is not None and not np.array_equal(np.sort(self.order), np.arange(self.n)):
+            raise SceneError(
+                f"System: found order = {brief(self.order)}; wanted a permutation of the {self.n} unknowns, or None."
+            )
+        if self.kernel is not None:
+            self._check_kernel(self.kernel)
+
+    def _check_kernel(self, kernel: Kernel) -> None:
+        N = kernel.modes
+        if N.ndim != 2 or len(N) != self.n or len(kernel.names) != N.shape[1]:
+            raise SceneError(
+                f"System: found a kernel of {brief(N)} with {len(kernel.names)} names; wanted one column of {self.n} "
+                "and one name a motion."
+            )
+        felt = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
+        if felt.any():
+            raise SceneError(f"System: K feels {kernel.names[int(np.argmax(felt))]}, which is no motion of its kernel.")
+        B = sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
+        D = sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
+        if np.linalg.matrix_rank(np.vstack([B @ N, D @ N])) < N.shape[1]:
+            raise SceneError(
+                f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term and no limit: "
+                "nothing holds it. Add stiffness, norm terms or limits that do."
+            )
+
+    def reach(self, t: float) -> Floats:
+        """What the limits (r,) leave free at the instant `t`, moving supports accounted for."""
+        if self.limits is None:
+            return np.zeros(0)
+        e = self.limits.reach(t)
+        return e if self.motion is None or self.motion.reach is None else e - self.motion.reach(t)
+
+    @property
+    def n(self) -> int:
+        """The number of unknowns."""
+        return self.K.shape[0]
+
+    def force(self, t: float) -> Floats:
+        """The load vector (n,) at the instant `t`, checked; the bias of norm terms taken off."""
+        wanted = f"({self.n},) forces, one an unknown"
+        f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted, copy=False)
+        if f.shape != (self.n,):
+            raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
+        finite(f, f"System: load({t:.6g})")
+        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.tilt(t)

@@ -1,0 +1,5 @@
+"""Scenes: what is to be simulated, free of any mesh, and how it is posed on one."""
+
+from vemcvx.scene.scene import Scene
+
+__all__ = ["Scene"]

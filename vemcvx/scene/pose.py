@@ -1,0 +1,251 @@
+"""From a scene on a mesh to a System: the contributions summed, the supports eliminated.
+
+With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
+projections at the contact nodes,
+
+    K = P'A P,   load = P'(f - A u_D),   B = B^ P,   drag = B^ u_D,   stretch = P'A u_D.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
+from vemcvx.errors import SceneWarning
+from vemcvx.meshes import PolygonMesh
+from vemcvx.program.kernel import Kernel
+from vemcvx.program.limits import Limits
+from vemcvx.program.ordering import nested_dissection
+from vemcvx.program.system import Damping, Motion, Norms, System
+from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
+from vemcvx.scene.obstacles import Obstacles, gathered, pressing
+from vemcvx.scene.rigid import loose_motions
+from vemcvx.scene.scene import Scene
+from vemcvx.scene.supports import Supports, resolve
+from vemcvx.scene.terms import Terms, contact_surface, friction_terms, on_free, warn_of_loose_normals
+from vemcvx.scene.void import out_of_reach, without_void
+from vemcvx.vem import Space, rigid_modes
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A scene on a mesh, ready to march."""
+
+    scene: Scene
+    space: Space
+    system: System
+    supports: Supports
+    A: sp.csr_matrix
+    """(n_u, n_u) stiffness over all nodal values"""
+    loads: tuple[Load | InitialStresses, ...]
+    terms: Terms
+    surfaces: tuple[ContactSurface, ...]
+    material: Material
+    prestress: InitialStresses | None = None
+    """stresses at zero strain, also among the loads; None if there are none"""
+    obstacles: Obstacles | None = None
+    springs: sp.csr_matrix | None = None
+    """stiffness of springs to the ground, also in A; None if there are none"""
+    void: tuple[str, ...] = ()
+    """sentences: effects that do nothing in this scene, and so were left out"""
+
+    @property
+    def contact(self) -> tuple[Ints, Floats, Floats]:
+        """Contact nodes not held otherwise, their normals and lengths: see :func:`contact_surface`."""
+        return contact_surface(self.surfaces, self.supports, self.space.mesh.points)
+
+    def force(self, t: float) -> Floats:
+        """The nodal load f (n_u,) of everything but reactions."""
+        return total_load(self.loads, self.A.shape[0], t)
+
+    def displacement(self, y: Floats, t: float) -> Floats:
+        """u (n_u,) from the free unknowns y (n,)."""
+        u = self.supports.P @ y
+        return u if self.supports.still else u + self.supports.motion(t)
+
+
+def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
+    """Assemble a scene on a mesh; what is zero at all of `times` is left out (:mod:`vemcvx.scene.void`).
+
+    Raises
+    ------
+    SceneError
+        The scene names what the mesh lacks, or leaves the body free to float.
+    """
+    space = Space(mesh)
+    void: list[str] = []
+    parts = [without_void(effect, effect.contribute(space), times, void) for effect in scene.canonical]
+    rates = [p.viscosity for p in parts if p.viscosity is not None]
+    A = _sum([p.stiffness for p in parts if p.stiffness is not None])
+    material = compose([p.material for p in parts if p.material is not None], mesh)
+    prestress = initial_stresses(parts, material, space)
+    loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
+    frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
+    supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
+    terms = friction_terms(frictions, supports, mesh.points)
+    stops = _chain(p.obstacles for p in parts)
+    obstacles = gathered(stops, supports, mesh.points)
+    void += out_of_reach(frictions, stops, supports)
+    felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
+    each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
+    springs = _sum(each) if each else None
+    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
+    sprung = np.zeros(0, dtype=np.int64) if springs is None else _sprung(springs, mesh.points.shape[1])
+    warn_of_loose_normals(frictions, supports, np.union1d(obstacles.nodes, sprung), mesh.points)
+    if kernel is not None:
+        _say_unsupported(kernel)
+    system = System(
+        _restrict(A, supports),
+        _load(loads, A, supports),
+        _norms(terms, obstacles, supports, mesh.points),
+        None if supports.still else _motion(A, supports, terms.rows, obstacles.rows),
+        _order(A, supports, mesh.points),
+        supports.P.T @ rigid_modes(mesh.points),
+        kernel,
+        _limits(obstacles, supports, mesh.points),
+        _damping(rates, supports),
+    )
+    surfaces = _chain(p.surfaces for p in parts)
+    return Posed(
+        scene, space, system, supports, A, loads, terms, surfaces, material, prestress, obstacles, springs, tuple(void)
+    )
+
+
+def _sprung(springs: sp.csr_matrix, dim: int) -> Ints:
+    """The nodes that springs of no material hold."""
+    return np.unique(np.flatnonzero(springs.diagonal() > 0) // dim)
+
+
+def _say_unsupported(kernel: Kernel) -> None:
+    warnings.warn(
+        f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
+        "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement itself "
+        "may be determined up to that motion only.",
+        SceneWarning,
+        stacklevel=2,
+    )
+
+
+def total_load(loads: Sequence[Load | InitialStresses], n: int, t: float) -> Floats:
+    """The sum of nodal loads (n,) at `t`."""
+    f = np.zeros(n)
+    for load in loads:
+        f += load.vector(t)
+    return f
+
+
+def _chain(tuples: object) -> tuple:
+    return tuple(item for part in tuples for item in part)  # type: ignore[attr-defined]
+
+
+def _sum(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
+    total = matrices[0]
+    for matrix in matrices[1:]:
+        total = total + matrix
+    return total
+
+
+def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+    if supports.columns is not None:
+        return A[supports.columns][:, supports.columns]
+    K = supports.P.T @ A @ supports.P
+    # The triple product rounds (i, j) and (j, i) differently.
+    return sp.csr_matrix(0.5 * (K + K.T))
+
+
+def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
+    def load(t: float) -> Floats:
+        f = total_load(loads, A.shape[0], t)
+        if not supports.still:
+            f -= A @ supports.motion(t)
+        return supports.gather(f)
+
+    return load
+
+
+def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix, normal: sp.csr_matrix) -> Motion:
+    def stretch(t: float) -> Floats:
+        return supports.gather(A @ supports.motion(t))
+
+    def drag(t: float) -> Floats:
+        return tangential @ supports.motion(t)
+
+    def stored(s: float, t: float) -> float:
+        return float(supports.motion(s) @ (A @ supports.motion(t)))
+
+    def reach(t: float) -> Floats:
+        return normal @ supports.motion(t)
+
+    return Motion(stretch, drag, stored, reach)
+
+
+def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
+    """Whatever refers to normals, so that nodal frames have them as axes."""
+    return (*_chain(p.frictions for p in parts), *_chain(p.obstacles for p in parts))
+
+
+def _damping(rates: Sequence[sp.csr_matrix], supports: Supports) -> Damping | None:
+    if not rates:
+        return None
+    A = _sum(rates)
+    nothing = sp.csr_matrix((0, A.shape[0]))
+    return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing))
+
+
+def _limits(obstacles: Obstacles, supports: Supports, points: Floats) -> Limits | None:
+    nodes = obstacles.nodes
+    if len(nodes) == 0:
+        return None
+
+    def place(j: int) -> str:
+        return f"node {nodes[j]} at {tuple(float(x) for x in np.round(points[nodes[j]], 12))}"
+
+    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.softness, place)
+
+
+def _norms(terms: Terms, obstacles: Obstacles, supports: Supports, points: Floats) -> Norms | None:
+    nodes = terms.nodes
+    if len(nodes) == 0:
+        return None
+
+    def place(i: int) -> str:
+        return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
+
+    block = terms.rows.shape[0] // len(nodes)
+    law = _law(terms, obstacles, supports)
+    return Norms(on_free(terms.rows, supports), terms.weights, block, place, law, terms.bias)
+
+
+def _law(terms: Terms, obstacles: Obstacles, supports: Supports) -> Callable[[float, Floats], Floats] | None:
+    """Weights under the forces of the limits, if some depend on them."""
+    pressed = terms.pressed
+    if pressed is None:
+        return None
+    nothing = sp.csr_matrix((0, len(obstacles.nodes)))
+    press = [nothing if f.law is None else pressing(obstacles, f, supports) for f in terms.frictions]
+
+    def law(t: float, p: Floats) -> Floats:
+        return pressed(t, [M @ p for M in press])
+
+    return law
+
+
+def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
+    """Nested dissection of the nodes, all unknowns of a node together."""
+    dim = points.shape[1]
+    n = len(points)
+    graph = sp.csr_matrix(
+        (np.ones(len(A.indices[::1]), dtype=np.int8), A.indices // dim, A.indptr), shape=(A.shape[0], n)
+    )[::dim]
+    rank = np.empty(n, dtype=np.int64)
+    rank[nested_dissection(graph, points)] = np.arange(n)
+    return np.argsort(rank[supports.nodes], kind="stable")

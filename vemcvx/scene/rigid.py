@@ -1,0 +1,187 @@
+"""Bodies that float: motions without strain that no support resists.
+
+A piece of the body is made of cells joined along edges; without strain it moves as a rigid body. Pieces that
+share single nodes only are hinged there. With c the rigid motion of every piece and R_q c_q its nodal values, the
+distance to the nearest admissible field, the same at every node for all pieces there and obeying the supports, is
+
+    sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
+
+and the body floats if and only if this vanishes for some c. Of one piece it is the part of c that meets a support.
+Springs to the ground of matrix F hold what they feel: of the fields v with vanishing distance, v'Fv = 0 float.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from vemcvx.errors import SceneError
+from vemcvx.program.kernel import Kernel
+from vemcvx.scene.supports import Supports
+from vemcvx.vem import Space, rigid_modes
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
+# a million leaves 1e-6 of the translations and of the rotation, far above it.
+FREE = 1e-12
+
+
+def loose_motions(
+    space: Space, supports: Supports, friction: sp.csr_matrix, springs: sp.csr_matrix | None = None
+) -> Kernel | None:
+    """The motions without strain that no support resists but friction does; None if there are none.
+
+    Parameters
+    ----------
+    friction : (rows, n) sparse matrix
+        What norm terms and limits feel of the free unknowns.
+    springs : (n_u, n_u) sparse matrix, optional
+        Stiffness that is no material's, over all nodal values.
+
+    Raises
+    ------
+    SceneError
+        A connected part of the body can move without strain and without friction; the motion is named.
+    """
+    piece, node = _pieces(space)
+    count = np.bincount(node, minlength=space.mesh.n_nodes)
+    R = _motions(piece, node, space.mesh.points)
+    k = R.shape[1] // (piece.max() + 1)
+    dim = space.mesh.points.shape[1]
+    free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
+    held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
+    fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R
+    joined = sp.csr_matrix((np.ones(len(piece)), (piece, node)))
+    if springs is not None:
+        joined = joined @ (sp.eye_array(joined.shape[1]) + _nodes_coupled(springs, dim))
+    parts, label = connected_components(joined @ joined.T, directed=False)
+    fields_of, names, motions = [], [], []
+    for part in range(parts):
+        columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
+        value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
+        loose = vector[:, value < FREE * k]
+        if springs is not None:
+            loose = loose @ _unfelt(springs, supports.P @ (fields[:, columns] @ loose))
+        if loose.shape[1] == 0:
+            continue
+        which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
+        hinges = [i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
+        field = fields[:, columns] @ loose
+        rank, rotated = _felt(friction @ field)
+        if rank < loose.shape[1]:
+            raise SceneError(_words(which, _forward(loose @ rotated[:, rank:]), hinges, space.mesh.points))
+        size = np.abs(field).max(axis=0)
+        fields_of.append(field / size)
+        names += [f"{_motion(_forward(column), hinges)} of {which}" for column in loose.T]
+        motions += [(which, hinges, column) for column in (loose / size).T]
+    return Kernel(np.hstack(fields_of), tuple(names), partial(_combined, motions)) if names else None
+
+
+def _combined(motions: list[tuple[str, list[int], Floats]], c: Floats) -> str:
+    """A combination of loose motions in words, part by part."""
+    parts: dict[str, tuple[list[int], Floats]] = {}
+    for share, (which, hinges, motion) in zip(c, motions, strict=True):
+        sum_so_far = parts[which][1] if which in parts else 0.0
+        parts[which] = hinges, sum_so_far + share * motion
+    largest = max(np.abs(motion).max() for _, motion in parts.values())
+    return " and ".join(
+        f"{_motion(motion, hinges)} of {which}"
+        for which, (hinges, motion) in parts.items()
+        if np.abs(motion).max() > 1e-3 * largest
+    )
+
+
+def _felt(grip: Floats) -> tuple[int, Floats]:
+    """How many independent combinations of the columns friction feels, and a basis with those first."""
+    _, singular, rotated = np.linalg.svd(grip)
+    return int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()), rotated.T
+
+
+def _unfelt(springs: sp.csr_matrix, fields: Floats) -> Floats:
+    """Combinations of the columns, as orthonormal columns, to which springs give no energy."""
+    if fields.shape[1] == 0:
+        return np.zeros((0, 0))
+    size = np.abs(fields).max(axis=0)
+    energy, rotated = np.linalg.eigh((fields / size).T @ (springs @ (fields / size)))
+    free = rotated[:, energy <= FREE * max(np.abs(springs.data).max(initial=0.0), energy[-1])]
+    return np.linalg.qr(free / size[:, None])[0]
+
+
+def _nodes_coupled(springs: sp.csr_matrix, dim: int) -> sp.csr_matrix:
+    """(n_nodes, n_nodes) which nodes springs join, as ones."""
+    entries = springs.tocoo()
+    n = springs.shape[0] // dim
+    ones = np.ones(entries.nnz)
+    return sp.csr_matrix((ones, (entries.row // dim, entries.col // dim)), shape=(n, n))
+
+
+def _pieces(space: Space) -> tuple[Ints, Ints]:
+    """Every (piece, node) pair: pieces are the sets of cells that edges join."""
+    mesh = space.mesh
+    one, other = mesh.neighbours.T
+    graph = sp.csr_matrix((np.ones(len(one)), (one, other)), shape=(mesh.n_cells, mesh.n_cells))
+    label = connected_components(graph, directed=False)[1].astype(np.int64)
+    pair = np.unique(np.repeat(label, np.diff(mesh.offsets)) * mesh.n_nodes + mesh.vertices)
+    return pair // mesh.n_nodes, pair % mesh.n_nodes
+
+
+def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
+    """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns.
+
+    Taken about the piece's middle and in units of its size: rotations then weigh like translations.
+    """
+    pieces, dim = piece.max() + 1, points.shape[1]
+    inside = np.bincount(piece)
+    middle = np.stack([np.bincount(piece, weights=x) / inside for x in points[node].T], axis=1)
+    shifted = points[node] - middle[piece]
+    size = np.zeros(pieces)
+    np.maximum.at(size, piece, np.abs(shifted).max(axis=1))
+    modes = rigid_modes(shifted / size[piece, None]).reshape(len(piece), dim, -1)
+    k = modes.shape[2]
+    square = np.zeros((pieces, k))
+    np.add.at(square, piece, np.einsum("iak,iak->ik", modes, modes))
+    modes /= np.sqrt(square)[piece][:, None, :]
+    rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
+    columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
+    return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
+
+
+def _forward(motions: Floats) -> Floats:
+    """The motions with the sign that makes their largest component positive."""
+    if motions.ndim == 1:
+        return motions * np.sign(motions[np.argmax(np.abs(motions))])
+    return np.column_stack([_forward(column) for column in motions.T])
+
+
+def _words(which: str, modes: Floats, hinges: list[int], points: Floats) -> str:
+    count = modes.shape[1]
+    if hinges:
+        return (
+            f"supports: {which} is a mechanism: {count} motion(s) without strain meet no support. Cells that share "
+            f"single nodes, such as node {hinges[0]} at {points[hinges[0]]}, turn about them like hinges. "
+            "Join the cells along edges, or support each piece."
+        )
+    motion = f"motion{'s' * (count > 1)}"
+    return (
+        f"supports: {which} floats: {count} rigid {motion} meet{'s' * (count == 1)} neither a support nor friction, "
+        f"the first {_motion(modes[:, 0], hinges)}. Add Clamp, PrescribedDisplacement or BilateralContact where they "
+        "stop it; friction holds what slides along its boundary only, and loads hold nothing."
+    )
+
+
+def _motion(mode: Floats, hinges: list[int]) -> str:
+    if hinges:
+        return "a motion about hinges"
+    if len(mode) > 3:
+        return "a motion of pieces that springs join"
+    x, y, turn = np.round(mode / np.linalg.norm(mode), 6)
+    if abs(turn) > 0.9:
+        return "a rotation"
+    moves = f"the translation ({x + 0.0:.2g}, {y + 0.0:.2g})"
+    return moves if abs(turn) < 1e-3 else f"{moves} with a rotation"

@@ -1,0 +1,84 @@
+"""Effects that turn out to do nothing are left out before anything is assembled, and said.
+
+A load that is zero at every instant, friction whose bound is, springs and dashpots without strength: the scene
+without them has the same unknowns, terms and cones, and the same answer to the last bit. Supports and outputs of
+contact stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from vemcvx.effects import Contribution, Effect, Friction, Obstacle
+from vemcvx.errors import VemcvxError
+from vemcvx.scene.obstacles import normal_rows
+from vemcvx.scene.supports import Supports
+from vemcvx.scene.terms import on_free, tangential_rows
+
+Floats = NDArray[np.float64]
+Said = list[str]
+
+# A force of contact under which friction that depends on pressure shows itself, whatever the units.
+PRESSED = 1e100
+
+
+def without_void(effect: Effect, part: Contribution, times: Sequence[float], said: Said) -> Contribution:
+    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing left out.
+
+    Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
+    """
+
+    def alive(things: tuple, value: Callable[..., Callable[[float], Floats]], what: str) -> tuple:
+        keep = [len(times) == 0 or not _zero(value(thing), times) for thing in things]
+        said.extend(
+            f"{thing.subject}: its {what} is zero at all instants"
+            for thing, kept in zip(things, keep, strict=True)
+            if not kept
+        )
+        return tuple(thing for thing, kept in zip(things, keep, strict=True) if kept)
+
+    def strong(matrix: sp.csr_matrix | None, what: str) -> sp.csr_matrix | None:
+        if matrix is None or part.material is not None or matrix.data.any():
+            return matrix
+        said.append(f"{type(effect).__name__}: its {what} is zero")
+        return None
+
+    return replace(
+        part,
+        stiffness=strong(part.stiffness, "stiffness"),
+        viscosity=strong(part.viscosity, "viscosity"),
+        loads=alive(part.loads, lambda load: load.vector, "force"),
+        frictions=alive(part.frictions, _bound, "bound"),
+        swellings=alive(part.swellings, lambda swelling: swelling.value, "strain"),
+        initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
+    )
+
+
+def out_of_reach(frictions: Sequence[Friction], obstacles: Sequence[Obstacle], supports: Supports) -> Said:
+    """A sentence for each friction and obstacle none of whose nodes can move: it brings no term."""
+    parts = [(friction, tangential_rows) for friction in frictions] + [(o, normal_rows) for o in obstacles]
+    return [
+        f"{part.subject}: all its nodes are held otherwise"
+        for part, rows in parts
+        if on_free(rows(part.nodes, part.normals, supports.points), supports).nnz == 0
+    ]
+
+
+def _bound(friction: Friction) -> Callable[[float], Floats]:
+    law = friction.law
+    if law is None:
+        return friction.weights
+    pressed = np.full(len(friction.nodes), PRESSED)
+    return lambda t: friction.weights(t) + law(t, pressed)
+
+
+def _zero(value: Callable[[float], Floats], times: Sequence[float]) -> bool:
+    try:
+        return not any(np.any(value(float(t))) for t in times)
+    except VemcvxError:
+        return False  # The step that needs the datum says what is wrong with it.

@@ -1,0 +1,239 @@
+"""One step of backward Euler, (2.34): posed, scaled, solved, certified, entered into the ledger.
+
+With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
+g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.program.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps
+from vemcvx.program.extended import residual
+from vemcvx.program.refinement import full_certificate, pulled, refined
+from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.stepping.fixed_point import resolved
+from vemcvx.stepping.ledger import Drive, advance, drive
+from vemcvx.stepping.seminorm import answered, refuse_unbalanced
+from vemcvx.stepping.state import Run, State
+
+Floats = NDArray[np.float64]
+
+MENDED = 0.1
+"""Inner unknowns of a kept step are refined once when the full certificate reaches this part of the accuracy."""
+INSIDE = 0.1
+"""Part of the accuracy at which the programs inside a fixed point are solved: at 1 it stalls at twice the accuracy."""
+ATTEMPTS = 3
+"""A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known."""
+
+
+def step(run: Run, before: State, n: int, t: float) -> State:
+    """The state at `t`, one step after `before`.
+
+    Raises
+    ------
+    NotCertified
+        The step misses the solver's accuracy, and the run is to be checked.
+    """
+    now = drive(run.system, run.condensation, t)
+    norms = run.system.norms
+    weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
+    attempt = trial(run, before, now, weights)
+    if now.still_as(before.drive) and np.array_equal(weights, before.weights):
+        guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
+        state = attempt.enter(guess, before.certificate)
+    else:
+        state = solved(run, before, now, weights, n)
+    if run.refines:
+        state = sharpened(run, state)
+    if run.check:
+        run.insist(state, n)
+    return state
+
+
+def solved(run: Run, before: State, now: Drive, weights: Floats, n: int) -> State:
+    """The step to what drives the system now; `weights` (m,) are those to begin with, if they depend on the answer."""
+    norms, attempt = run.system.norms, trial(run, before, now, weights)
+    if norms is not None and norms.law is not None:
+        return _under_pressure(run, before, now, weights, n)
+    if run.form.kernel is not None:
+        refuse_unbalanced(attempt.program, run.system.kernel, run.condensation.touched, n, now.t)
+    return attempt.solve()
+
+
+def _under_pressure(run: Run, before: State, now: Drive, weights: Floats, n: int) -> State:
+    """The step where weights depend on the forces of the limits."""
+    norms, form = run.system.norms, run.form
+
+    def solve(w: Floats) -> State:
+        return trial(run, before, now, w).solve(INSIDE)
+
+    def certified(state: State, w: Floats) -> State:
+        return trial(run, before, now, w).reconsidered(state)
+
+    def distance(one: State, other: State) -> float:
+        apart = one.y - other.y
+        return float(np.sqrt(max(apart @ (form.K @ apart), 0.0)))
+
+    law = partial(norms.weights_under, now.t)  # type: ignore[union-attr]
+    return resolved(solve, certified, law, distance, run.solver.accuracy, weights, n)
+
+
+def sticking(run: Run, state: State) -> NDArray[np.bool_]:
+    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
+    form = run.form
+    if form.count == 0:
+        return np.zeros(0, dtype=bool)
+    blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
+    error = state.certificate.error + state.certificate.error_floor
+    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
+
+
+def sharpened(run: Run, state: State) -> State:
+    """The state after iterative refinement against the original K."""
+    force = state.drive.force
+    y = run.condensation.recover(state.y, force)
+    y, lam, p = refined(run.condensation, run.form, force.phi, y, state.lam, state.p, sticking(run, state))
+    size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
+    lam, p = lam * np.minimum(1.0, state.walls / size)[:, None], np.maximum(p, 0.0)
+    limits, touched = run.form.limits, run.condensation.touched
+    # What was free to move may have moved a rounding error beyond its bound.
+    over = np.maximum(limits.read(y[touched]) - state.drive.reach, 0.0)
+    y[touched[limits.columns]] -= over / run.form.D.data
+    excess = limits.read(y[touched]) - state.drive.reach
+    parts = Certificate(
+        0.0,
+        norm_gaps(state.walls, lam, state.slip),
+        0.0,
+        limit_gaps(run.form.softness, p, excess, EPS * (np.abs(state.drive.reach) + np.abs(excess))),
+    )
+    certificate = full_certificate(run.condensation, force.phi, y, lam, p, parts)
+    unbalanced = run.form.rows.pull(lam.ravel()) + run.form.limits.pull(p)
+    return replace(state, y=y[touched], unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
+
+
+def completed(run: Run, state: State, given: bool) -> State:
+    """The state with all its unknowns and the certificate of the full system; one that was given has none."""
+    if state.full is not None:
+        return state
+    force = state.drive.force
+    y = run.condensation.recover(state.y, force)
+    if given:
+        return replace(state, full=y)
+    own = state.certificate
+    full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
+    if full.error > MENDED * run.solver.accuracy * state.scale and len(state.y) < run.system.n:
+        r = residual(force.phi, run.system.K, y, pulled(run.system, state.lam, state.p))
+        y = run.condensation.mend(y, r)
+        full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
+    worse = max(full.equilibrium, own.equilibrium), own.friction, max(full.floor, own.floor), own.limits
+    return replace(state, full=y, certificate=Certificate(*worse))
+
+
+def trial(run: Run, before: State, now: Drive, weights: Floats) -> Trial:
+    """Pose the step that leads from `before` to what drives the system now."""
+    g = before.unbalanced + (now.force.touched - before.drive.force.touched)
+    e = now.reach - run.form.limits.read(before.y)
+    return Trial(run, before, StepProgram(run.form, g, weights, before.drive.drag - now.drag, e), now)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One step being solved."""
+
+    run: Run
+    before: State
+    program: StepProgram
+    drive: Drive
+
+    def solve(self, share: float = 1.0) -> State:
+        """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
+
+        Parameters
+        ----------
+        share : float
+            Of the solver's accuracy: less is asked where the answer is but a part of something.
+        """
+        alpha = self.run.scaling.size(self.program)
+        if alpha == 0.0:
+            return self._still(np.zeros_like(self.before.lam), "nothing pushes")
+        if self.before.scale == 0.0 and (held := self.program.at_rest()) is not None:
+            still = self._still(held, "nothing slips")
+            # While nothing has moved at all there is no size to which an accuracy could refer.
+            if still.scale == 0.0:
+                return still
+        accuracy = share * self.run.solver.accuracy
+        size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
+        best: State | None = None
+        for _ in range(ATTEMPTS):
+            state = self._ask(alpha, 0.5 * (accuracy * size) ** 2)
+            if best is None or state.certificate.gap < best.certificate.gap:
+                best = state
+            if best.certificate.gap <= 0.5 * (accuracy * best.scale) ** 2:
+                break
+            size = 0.1 * min(size, best.scale)
+        return best  # type: ignore[return-value]
+
+    def _still(self, lam: Floats, status: str) -> State:
+        """The state where it was, exactly."""
+        nothing = np.zeros_like(self.before.y), np.zeros_like(self.before.p)
+        exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
+        return self.enter(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
+
+    def _ask(self, alpha: float, target: float) -> State:
+        scales = self.run.scaling
+        scaled = scales.scale(self.program, alpha)
+        start = scales.guess(self.before.lam, self.before.p, alpha)
+        answer = answered(self.run.prepared, scaled, scales.energy(target, alpha), *start)
+        certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
+        return self.enter(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
+
+    def reconsidered(self, state: State) -> State:
+        """A state that was found for other weights, certified for those of this program."""
+        alpha = self.run.scaling.size(self.program)
+        if alpha == 0.0:
+            return state
+        scales = self.run.scaling
+        scaled = scales.scale(self.program, alpha)
+        d = scales.shrink(state.y - self.before.y, alpha)
+        lam, p = scaled.admissible(*scales.guess(state.lam, state.p, alpha), d)
+        certificate = certify(scaled, d, lam, p).times(1.0 / scales.energy(1.0, alpha))
+        answer = scales.restore(Answer(d, lam, state.iterations, state.status, state.safeguards, p), alpha)
+        return self.enter(answer, certificate, scales.weights(scaled, alpha))
+
+    def enter(self, answer: Answer, certificate: Certificate, walls: Floats | None = None) -> State:
+        """The state that an answer leads to."""
+        walls = self.program.w if walls is None else walls
+        before, y = self.before, self.before.y + answer.d
+        slip = self.program.slip(answer.d)
+        ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
+        return State(
+            self.drive.t,
+            y,
+            self.program.g - self.run.form.K @ answer.d,
+            self.drive,
+            self.program.w,
+            walls,
+            answer.lam,
+            answer.p,
+            slip,
+            certificate,
+            ledger,
+            max(before.scale, ledger.norm),
+            answer.iterations,
+            answer.status,
+            answer.safeguards,
+            lag=self._lag(answer, slip),
+        )
+
+    def _lag(self, answer: Answer, slip: Floats) -> float:
+        """w_prev |s| - lam_prev . s, and the change of the limits' forces times their motion, what gives way aside."""
+        before, form = self.before, self.run.form
+        rubbed = float(before.walls @ np.linalg.norm(slip, axis=1)) - float(before.lam.ravel() @ slip.ravel())
+        press = answer.p - before.p
+        moved = form.limits.read(answer.d) - (self.drive.reach - before.drive.reach) - form.softness * press
+        return rubbed + float(np.abs(press * moved).sum())

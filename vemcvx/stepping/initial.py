@@ -1,0 +1,137 @@
+"""Where a march begins, and the condition (2.1) on it: a(u_0, v) + j(v) >= <l(0), v> for all v.
+
+The condition holds if and only if one step at times[0] from u_prev = u_0 returns u_0. The jump of that step,
+in the energy norm, is what a violation costs, and is measured here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.program.certificate import Certificate
+from vemcvx.real import real, shape_in_words
+from vemcvx.stepping.backward_euler import solved
+from vemcvx.stepping.ledger import Drive, Ledger, drive, energy
+from vemcvx.stepping.state import Run, State
+
+Floats = NDArray[np.float64]
+
+JUMP = 1e-6
+"""Initial states whose first step jumps by more, relative to the energy norm, violate (2.1)."""
+
+
+def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
+    """The state at the initial instant `t`.
+
+    Raises
+    ------
+    SceneError
+        `initial` is not understood, or the state violates (2.1).
+    """
+    now = drive(run.system, run.condensation, t)
+    if isinstance(initial, str) and initial == "settled":
+        return _at_rest(run, _settle(run, _state(run, now, np.zeros(run.system.n))))
+    y = _given(run, now, initial)
+    state = _state(run, now, y)
+    if run.system.damping is not None:
+        # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
+        norm = _norm(run, y)
+        return replace(state, ledger=Ledger.opening(0.5 * norm * norm, run.form.count), scale=norm, full=y)
+    settled = _settle(run, state)
+    jump = _norm(run, run.condensation.recover(settled.y, now.force) - y)
+    scale = max(state.ledger.norm, _norm(run, now.force.x))
+    if jump > JUMP * scale + settled.certificate.error:
+        raise SceneError(_violation(run, state, jump / scale))
+    # Nothing was solved for: the state is the user's, and the test above is all there is to say of it.
+    return _at_rest(run, replace(settled, y=state.y, unbalanced=state.unbalanced, certificate=state.certificate))
+
+
+def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
+    n = run.system.n
+    if initial is None:
+        return np.zeros(n)
+    if isinstance(initial, str):
+        if initial == "equilibrium":
+            if run.system.kernel is not None:
+                raise SceneError(
+                    "initial: 'equilibrium' is without friction, and nothing but friction holds the body; "
+                    "use 'settled' (one step from zero) or a given state."
+                )
+            return now.force.x
+        raise SceneError(
+            f"initial: found {initial!r}; there are None (zero), an array, 'equilibrium' (no friction) and "
+            "'settled' (one step from zero)."
+        )
+    wanted = f"{n} finite values, one an unknown"
+    y = real(initial, "initial", wanted)
+    if y.shape != (n,):
+        raise SceneError(f"initial: found {shape_in_words(y)}; wanted {wanted}.")
+    if not np.isfinite(y).all():
+        raise SceneError(
+            f"initial: found NaN or infinity in unknown {int(np.argmin(np.isfinite(y)))}; wanted {wanted}."
+        )
+    return y
+
+
+def _state(run: Run, now: Drive, y: Floats) -> State:
+    norms, form = run.system.norms, run.form
+    weights = np.zeros(0) if norms is None else norms.weights(now.t)
+    y_c = y[run.condensation.touched]
+    still = np.zeros((form.count, form.block))
+    none = np.zeros(len(form.softness))
+    ledger = Ledger.opening(energy(run.condensation, y_c, now, none), form.count)
+    return State(
+        now.t,
+        y_c,
+        now.force.touched - form.K @ y_c,
+        now,
+        weights,
+        weights,
+        still,
+        none,
+        still,
+        Certificate(0.0, np.zeros(form.count), 0.0, none),
+        ledger,
+        ledger.norm,
+        0,
+    )
+
+
+def _settle(run: Run, state: State) -> State:
+    """One step at the same instant."""
+    return solved(run, state, state.drive, state.weights, 0)
+
+
+def _at_rest(run: Run, state: State) -> State:
+    """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
+    start = energy(run.condensation, state.y, state.drive, state.p)
+    ledger = Ledger.opening(start, run.form.count)
+    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm)
+
+
+def _norm(run: Run, y: Floats) -> float:
+    return float(np.sqrt(max(y @ (run.system.K @ y), 0.0)))
+
+
+def _violation(run: Run, state: State, jump: float) -> str:
+    form, norms = run.form, run.system.norms
+    where = ""
+    if norms is not None and form.count:
+        needed = np.linalg.lstsq(form.B.T.toarray(), state.unbalanced, rcond=None)[0]
+        excess = np.linalg.norm(form.blocks(needed), axis=1) - state.weights
+        worst = int(np.argmax(excess))
+        if excess[worst] > 0:
+            where = (
+                f" The worst place is {norms.name(worst)}, where holding still takes a force of "
+                f"{excess[worst] + state.weights[worst]:.6g}, {excess[worst]:.6g} over the bound "
+                f"{state.weights[worst]:.6g}."
+            )
+    return (
+        f"initial: the state at t = {state.t:.6g} is not held by friction (condition (2.1)): one step there moves it "
+        f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}.{where} Start from initial='settled' (one step from "
+        "zero) or 'equilibrium' (no friction), from a given state, or with a load that begins at zero."
+    )

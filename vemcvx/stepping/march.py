@@ -1,0 +1,129 @@
+"""Backward Euler for a quasistatic variational inequality: one certified convex program a step, (2.34).
+
+The loop below is Problem 2.4 in a dozen lines; what one step is stands in :mod:`vemcvx.stepping.backward_euler`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.linear import LinearSolver
+from vemcvx.program.system import System
+from vemcvx.real import brief, real
+from vemcvx.solvers import Solver
+from vemcvx.stepping.backward_euler import completed, step
+from vemcvx.stepping.initial import initial_state
+from vemcvx.stepping.recorder import Recorder, stored_steps
+from vemcvx.stepping.state import prepare
+from vemcvx.stepping.storage import Memory, Storage
+from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.stepping.viscous import ViscousSteps
+
+Floats = NDArray[np.float64]
+
+
+def march(
+    system: System,
+    times: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    initial: ArrayLike | str | None = None,
+    store: str | int | Sequence[int] = "all",
+    check: bool = True,
+    condense: bool = True,
+    linear: LinearSolver | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    storage: Storage | None = None,
+) -> Trajectory:
+    """March a System through time by backward Euler.
+
+    Parameters
+    ----------
+    system : System
+    times : increasing sequence of N + 1 instants
+        times[0] is the initial one.
+    solver : Solver, optional
+        By default the smallest that accepts the program.
+    initial : None, (n,) array, "equilibrium" or "settled"
+        Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
+    store : "all", "last", int or sequence of int
+        Which states to keep: every one, the last, every so many and the last, or those of these steps and the last.
+    check : bool
+        Raise NotCertified when a step misses the solver's accuracy; otherwise go on.
+    condense : bool
+        Eliminate the unknowns that no norm term touches (default), or hand over the full program.
+    linear : LinearSolver, optional
+        SuperLU() or Multigrid(); by default by size.
+    progress : callable (step, steps), optional
+    storage : Storage, optional
+        Where rows are kept; a Folder that holds an interrupted run of the same system is gone on with.
+
+    Raises
+    ------
+    SceneError
+        The times do not increase, or the initial state violates (2.1).
+    NotAccepted
+        The solver cannot take the program.
+    NotCertified
+        A step misses the accuracy asked for.
+    """
+    _check_kinds(system, solver, linear, progress)
+    instants = checked_times(times)
+    steps = len(instants) - 1
+    kept = stored_steps(store, steps)
+    start = time.perf_counter()
+    run = prepare(system, solver, check, condense, linear)
+    prepared = time.perf_counter()
+    recorder = Recorder(run, instants, kept, storage or Memory())
+    earlier = recorder.resume()
+    if earlier is None:
+        earlier = 0, initial_state(run, instants[0], initial)
+        recorder.add(*earlier)
+    begin, state = earlier
+    advance = partial(step, run)
+    if system.damping is not None:
+        state = completed(run, state, given=True)
+        advance = ViscousSteps(run, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
+    for n in range(begin + 1, steps + 1):
+        state = advance(state, n, instants[n])
+        recorder.add(n, state)
+        if progress is not None:
+            progress(n, steps)
+    seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
+    return recorder.finish(seconds)
+
+
+def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | None, progress: object) -> None:
+    if not isinstance(system, System):
+        raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
+    if solver is not None and not isinstance(solver, Solver):
+        raise SceneError(
+            f"solver: found {brief(solver)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
+            "for the smallest that accepts the program."
+        )
+    if linear is not None and not isinstance(linear, LinearSolver):
+        raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Multigrid(), or None (chosen by size).")
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
+
+
+def checked_times(times: ArrayLike) -> Floats:
+    """The instants as an increasing array of at least one."""
+    wanted = "an increasing sequence of finite instants, such as np.linspace(0, 1, 65)"
+    t = real(times, "times", wanted)
+    if t.ndim != 1 or len(t) == 0 or not np.isfinite(t).all():
+        raise SceneError(f"times: found {brief(times)}; wanted {wanted}.")
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        n = int(back[0])
+        raise SceneError(
+            f"times: instant {n + 1} is {t[n + 1]:.17g}, which does not come after instant {n}, {t[n]:.17g}; "
+            "times must increase strictly."
+        )
+    return t

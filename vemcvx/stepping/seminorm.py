@@ -1,0 +1,113 @@
+"""Asking a solver for one step, also where K has a kernel: the proximal point method on the anchors.
+
+Solvers are asked for positive definite programs only; the theory stands in :mod:`vemcvx.program.kernel`. Each
+proximal point is judged by the gap of the program that was posed, in the seminorm of K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.program.certificate import duality_gap
+from vemcvx.program.kernel import Kernel, refuse_unheld
+from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.solvers import Prepared
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST_POINTS = 200
+PATIENCE = 6
+"""Proximal points in a row that may bring no better gap: solvers stop at their own rounding."""
+SHARP = 1e-4
+"""Points go on below the target, down to this part of it: they are cheap."""
+
+
+def answered(prepared: Prepared, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+    """The solver's answer to a step, with admissible multipliers.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        For ``program.form.regular``.
+    program : StepProgram
+    target : float
+        Duality gap that is good enough.
+    lam, p : (m, block) and (r,) arrays
+        Multipliers to start from.
+    """
+    if program.form.kernel is not None:
+        return _proximal(prepared, program, target, lam, p)
+    answer = prepared.solve(program, target, lam, p)
+    d = program.feasible(answer.d)
+    lam, p = program.admissible(answer.lam, answer.p, d)
+    return replace(answer, d=d, lam=lam, p=p)
+
+
+def refuse_unbalanced(program: StepProgram, kernel: Kernel, touched: Ints, n: int, t: float) -> None:
+    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel.
+
+    Parameters
+    ----------
+    touched : (m,) array
+        The unknowns of `kernel` that the program has.
+    """
+    form = program.form
+    motion = form.hold.unheld(program.w, form.kernel.T @ program.g)  # type: ignore[union-attr]
+    if motion is None:
+        return
+    field = form.kernel @ motion  # type: ignore[operator]
+    field /= np.abs(field).max()
+    felt = np.linalg.norm(form.blocks(form.rows.read(field)), axis=1)
+    parts = np.linalg.lstsq(kernel.modes[touched], field, rcond=None)[0]
+    refuse_unheld(kernel, parts, float(field @ program.g), float(program.w @ felt), n, t)
+
+
+def _proximal(prepared: Prepared, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+    form, d = program.form, np.zeros(len(program.g))
+    lam, p = program.admissible(lam, p, d)
+    best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
+    iterations = safeguards = 0
+    centres = _Centres(np.flatnonzero(form.anchor))  # type: ignore[arg-type]
+    for _ in range(MOST_POINTS):
+        nearby = StepProgram(form.regular, program.g + form.anchor * d, program.w, program.b, program.e)
+        answer = prepared.solve(nearby, target, lam, p)
+        iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
+        centre, d = d, program.feasible(answer.d)
+        lam, p = program.admissible(answer.lam, answer.p, d)
+        gap = duality_gap(program, d, lam, p)
+        waited = 0 if gap <= 0.5 * least else waited + 1
+        if gap < least:
+            best, least = replace(answer, d=d, lam=lam, p=p), gap
+        if least <= SHARP * target or waited >= PATIENCE:
+            break
+        d = centres.next(centre, d)
+    return replace(best, iterations=iterations, safeguards=safeguards)
+
+
+class _Centres:
+    """Where to put the next centre: Anderson's acceleration of the proximal points, in as many unknowns as anchors.
+
+    The map from centre to proximal point is piecewise affine, so that secants through its last k + 1 values find its
+    fixed point as soon as nothing changes sides any more. A centre that does worse than the one before starts anew.
+    """
+
+    def __init__(self, anchored: Ints):
+        self._at = anchored
+        self._centres: list[Floats] = []
+        self._moves: list[Floats] = []
+
+    def next(self, centre: Floats, d: Floats) -> Floats:
+        """The next centre (n,), after the proximal point d of `centre`."""
+        x, move = centre[self._at], (d - centre)[self._at]
+        if self._moves and np.linalg.norm(move) > 2 * np.linalg.norm(self._moves[-1]):
+            self._centres, self._moves = [], []
+        self._centres, self._moves = [*self._centres, x][-len(x) - 1 :], [*self._moves, move][-len(x) - 1 :]
+        ahead = d.copy()
+        if len(self._moves) > 1:
+            dx, df = np.diff(self._centres, axis=0).T, np.diff(self._moves, axis=0).T
+            ahead[self._at] = x + move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
+        return ahead

@@ -1,0 +1,92 @@
+"""What a march carries from step to step: what all steps of a run share, and everything known at an instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.linear import LinearSolver
+from vemcvx.program.certificate import Certificate
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.form import Form
+from vemcvx.program.refinement import needs_refinement
+from vemcvx.program.scaling import Scaling, scaling
+from vemcvx.program.system import System
+from vemcvx.solvers import Prepared, Solver, choose
+from vemcvx.stepping.acceptance import insist
+from vemcvx.stepping.ledger import Drive, Ledger
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What all steps share."""
+
+    system: System
+    condensation: Condensation
+    scaling: Scaling
+    solver: Solver
+    prepared: Prepared
+    check: bool
+    refines: bool
+    """whether the factors are too coarse for the accuracy, so that every step is refined"""
+
+    def insist(self, state: State, n: int) -> None:
+        """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
+        insist(self.solver, self.system.norms, state.certificate, state.scale, state.status, n, state.t)
+
+    @property
+    def form(self) -> Form:
+        """The condensed form, in the units of the system."""
+        return self.condensation.form
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything known at an instant; touched unknowns only."""
+
+    t: float
+    y: Floats
+    """(m,)"""
+    unbalanced: Floats
+    """(m,) load - K y, which the norm terms hold"""
+    drive: Drive
+    weights: Floats
+    """(m,) of the friction bounds"""
+    walls: Floats
+    """(m,) the weights, those far above every multiplier lowered"""
+    lam: Floats
+    p: Floats
+    """(r,) forces of the limits"""
+    slip: Floats
+    """(m, block) s of the step that led here"""
+    certificate: Certificate
+    ledger: Ledger
+    scale: float
+    """largest energy norm of the states so far"""
+    iterations: int
+    status: str = ""
+    """in the solver's own words"""
+    safeguards: int = 0
+    """how many of the iterations stood in for faster ones"""
+    rate: float = np.nan
+    """with which the fixed point of pressure-dependent weights contracted"""
+    lag: float = 0.0
+    """what the step may have lost to time: see :mod:`vemcvx.budget.lag`"""
+    full: Floats | None = None
+    """(n,) all unknowns, once somebody has asked for them"""
+
+
+def prepare(
+    system: System, solver: Solver | None, check: bool, condense: bool, linear: LinearSolver | None = None
+) -> Run:
+    """Factorise, condense, scale, and let the solver do what all steps share."""
+    condensation = Condensation(system, condense, linear)
+    chosen = choose(condensation.form, solver)
+    scales = scaling(condensation.form)
+    plain = condensation.form.separate and not condensation.form.softness.any()
+    refines = plain and needs_refinement(condensation, chosen.accuracy)
+    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form.regular), check, refines)

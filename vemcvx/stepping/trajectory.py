@@ -1,0 +1,111 @@
+"""What a march through time leaves: states, multipliers, the energy ledger and the certificates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The backward-Euler solution of a System; scalars for all N + 1 instants, arrays for the stored S.
+
+    Attributes
+    ----------
+    times : (N + 1,) array
+    stored : (S,) array
+        Step numbers of the rows of `state`, `multipliers` and `sticking`.
+    state : (S, n) array
+        y at the stored instants.
+    multipliers : (S, m, block) array
+        lam with K y = load - B'lam - D'p and |lam_i - c_i| <= w_i, c the bias, zero unless given.
+    pressures : (S, r) array
+        p >= 0 of the limits.
+    weights : (S, m) array
+        w of the norm terms.
+    sticking : (S, m) array of bool
+        Whether the increment B_i (y - y_prev) cannot be told from zero; true in row 0.
+    worn : (S, m) array
+        Work of each norm term since the initial instant, the cumulative sum of its w_i |s_i| over all steps, stored or
+        not; a row sums to `dissipated`, but for what damping loses.
+    stuck : (N + 1,) array of int
+        How many norm terms have such an increment, step by step.
+    energy, dissipated, work : (N + 1,) arrays
+        1/2 a(u, u); cumulative sum of w_i |s_i|; cumulative end-of-step forces times increments.
+    norm : (N + 1,) array
+        Energy norm |u_n|_a.
+    gap, floor : (N + 1,) arrays
+        Certified duality gap of each step, and what of it round-off alone may account for. Weights far above every
+        multiplier count as lowered (:mod:`vemcvx.program.scaling`), here and in `dissipated`: the minimiser is the
+        same.
+    iterations, safeguards : (N + 1,) arrays of int
+        Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
+    contraction : (N + 1,) array
+        Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
+    lag : (N + 1,) array
+        What each step may have lost to time, energy times two: see :mod:`vemcvx.budget.lag`.
+    seconds : dict
+        "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
+    solver : str
+        Name and settings of the solver that answered.
+    """
+
+    times: Floats
+    stored: Ints
+    state: Floats
+    multipliers: Floats
+    pressures: Floats
+    weights: Floats
+    sticking: Bools
+    worn: Floats
+    stuck: Ints
+    energy: Floats
+    dissipated: Floats
+    work: Floats
+    norm: Floats
+    gap: Floats
+    floor: Floats
+    iterations: Ints
+    safeguards: Ints
+    contraction: Floats
+    lag: Floats
+    seconds: dict[str, float]
+    solver: str
+
+    @property
+    def _error(self) -> Floats:
+        """sqrt(2 gap_n); 0 where nothing but rounding has moved so far and the gap is rounding too."""
+        error, floor = np.sqrt(2 * self.gap), np.sqrt(2 * self.floor)
+        return np.where(np.maximum(error, np.maximum.accumulate(self.norm)) <= 10 * floor, 0.0, error)
+
+    @property
+    def certificate(self) -> Floats:
+        """(N + 1,) certified relative energy error of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a."""
+        return relative(self._error, self.norm)
+
+    @property
+    def certificate_floor(self) -> Floats:
+        """(N + 1,) the rounding floor of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
+        return relative(np.sqrt(2 * self.floor), self.norm)
+
+    @property
+    def certificate_total(self) -> Floats:
+        """(N + 1,) certified relative error of u_n, all steps' errors accumulated.
+
+        The step map u_prev -> u_n of norms with given weights is nonexpansive in the energy norm, so
+        |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). With limits it is only if they never act; else the sum is
+        that of the steps' own errors and no bound.
+        """
+        return relative(np.cumsum(self._error), self.norm)
+
+
+def relative(error: Floats, norm: Floats) -> Floats:
+    """error_n / max over m <= n of norm_m, with 0/0 = 0."""
+    scale = np.maximum.accumulate(norm)
+    return np.divide(error, scale, out=np.where(error > 0, np.inf, 0.0), where=scale > 0)

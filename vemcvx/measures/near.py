@@ -12,7 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from vemcvx.meshes.search import search_tree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,7 +42,7 @@ def meeting_boxes(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -
         for others, other_reach in classes:
             unit = reach + other_reach
             tree, other = (
-                cKDTree((0.5 * (low[some] - origin) + 0.5 * (high[some] - origin)) / unit)
+                search_tree((0.5 * (low[some] - origin) + 0.5 * (high[some] - origin)) / unit)
                 for (low, high), some in ((first, members), (second, others))
             )
             # The radius is rounded up: a centre that is just too far to the last bit is still a candidate.

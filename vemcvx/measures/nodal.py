@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from vemcvx.errors import MeshError
 from vemcvx.measures.field import Field
 from vemcvx.measures.measured import Measured, measured
 from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes.search import search_tree
 from vemcvx.vem import elastic_matrix, strains, stresses
 from vemcvx.vem.anisotropic import softest_shear
 from vemcvx.vem.projection import vertex_values
@@ -46,7 +46,7 @@ def nested_nodes(coarse: PolygonMesh, fine: PolygonMesh) -> Ints:
     """The node of the fine mesh at every node of the coarse one, (n_nodes,)."""
     if coarse is fine:
         return np.arange(coarse.n_nodes)
-    away, node = cKDTree(fine.points).query(coarse.points)
+    away, node = search_tree(fine.points).query(coarse.points)
     worst = int(np.argmax(away))
     if away[worst] > SAME_NODE * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(

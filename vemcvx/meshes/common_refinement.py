@@ -10,7 +10,6 @@ from __future__ import annotations
 from types import MappingProxyType
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vemcvx.errors import MeshError
 from vemcvx.meshes.geometry import Floats
@@ -18,6 +17,7 @@ from vemcvx.meshes.location import cells_around, inner_points
 from vemcvx.meshes.named import check_cell_data
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.ragged import offsets_of, spans
+from vemcvx.meshes.search import search_tree
 from vemcvx.meshes.segments import Bools, beside, overlapping_boxes, rounding
 from vemcvx.meshes.topology import Ints, edge_keys, next_vertex
 
@@ -84,7 +84,7 @@ def _check_filled(mesh: PolygonMesh, other: PolygonMesh, kept: Bools, around: In
 
 def _numbers_in(a: PolygonMesh, b: PolygonMesh) -> Ints:
     """Numbers of the nodes of b among those of a, followed by those of b that a does not have."""
-    apart, nearest = cKDTree(a.points).query(b.points)
+    apart, nearest = search_tree(a.points).query(b.points)
     reach = SAME * np.minimum(_shortest_edges(a)[nearest], _shortest_edges(b)) + rounding(b.points)
     return np.where(apart <= reach, nearest, a.n_nodes + np.arange(b.n_nodes))
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from vemcvx.meshes.geometry import Floats, areas_and_centroids
+from vemcvx.meshes.search import search_tree
 from vemcvx.meshes.topology import Ints, cell_of_corner, next_corner, next_vertex
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
@@ -27,7 +27,7 @@ def merge_coincident(points: Floats, offsets: Ints, vertices: Ints, size: Floats
     """
     for side in (np.zeros(2), size):
         points = np.where(np.abs(points - side) < ROUND_OFF, side, points)
-    pairs = cKDTree(points).query_pairs(ROUND_OFF, output_type="ndarray")
+    pairs = search_tree(points).query_pairs(ROUND_OFF, output_type="ndarray")
     graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     _, label = connected_components(graph, directed=False)
     first = np.full(label.max() + 1, len(points))
@@ -48,7 +48,7 @@ def collapse_short_edges(
         edges = _short_edges(points, offsets, vertices, size, shortest)
         middles = points[edges].mean(axis=1)
         if len(refused) and len(edges):
-            edges = edges[cKDTree(refused).query(middles)[0] > ROUND_OFF]
+            edges = edges[search_tree(refused).query(middles)[0] > ROUND_OFF]
         if not len(edges):
             return points, offsets, vertices
         edges, cells = _far_apart(points, offsets, vertices, edges)

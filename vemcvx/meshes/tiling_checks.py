@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from vemcvx.errors import MeshError
 from vemcvx.meshes.geometry import Floats
+from vemcvx.meshes.search import search_tree
 from vemcvx.meshes.segments import TOLERANCE, beside, cross, crossing, overlapping_boxes, rounding
 from vemcvx.meshes.topology import Ints, cell_of_corner, next_vertex, shared_edges
 
@@ -29,7 +29,7 @@ def check_coincident(points: Floats, used: Ints) -> None:
     same = np.flatnonzero((np.diff(place[order], axis=0) == 0.0).all(axis=1))
     pairs = np.column_stack([order[same], order[same + 1]])
     if not len(pairs):
-        pairs = cKDTree(place).query_pairs(TOLERANCE * np.abs(place).max(), output_type="ndarray")
+        pairs = search_tree(place).query_pairs(TOLERANCE * np.abs(place).max(), output_type="ndarray")
         apart = np.abs(place[pairs[:, 0]] - place[pairs[:, 1]]).max(axis=1)
         pairs = pairs[apart <= rounding(place[pairs[:, 0]], place[pairs[:, 1]])]
     if len(pairs):

@@ -10,7 +10,6 @@ triangles, in the order of their directions from the seed.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import Delaunay
 
 from vemcvx.meshes.geometry import Floats, areas_and_centroids
 from vemcvx.meshes.grid import (
@@ -25,6 +24,7 @@ from vemcvx.meshes.grid import (
     check_whole,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.search import delaunay
 from vemcvx.meshes.short_edges import collapse_short_edges, merge_coincident
 from vemcvx.meshes.topology import Ints
 
@@ -126,7 +126,7 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
             image[:, axis] = 2.0 * place - image[:, axis]
             images.append(image)
     sites = np.concatenate(images)
-    triangles = Delaunay(sites).simplices
+    triangles = delaunay(sites)
     triangles = triangles[(triangles < len(seeds)).any(axis=1)]
     centres = _circumcentres(sites[triangles])
     site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)

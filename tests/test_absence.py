@@ -150,6 +150,8 @@ def test_without_says_what_is_there():
         scene.without(vx.TrescaFriction)
     with pytest.raises(vx.SceneError, match="at least one"):
         scene.without(vx.Elasticity)
+    with pytest.raises(vx.SceneError, match="Scene.without: found 'Clamp'; give the class of an effect"):
+        scene.without("Clamp")
     assert scene.without(vx.Clamp, PULLED).effects == (STEEL,)
     assert scene.effects == (STEEL, HELD, PULLED)
 

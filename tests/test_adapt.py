@@ -140,6 +140,10 @@ def test_steps_are_split_where_they_lag():
     [
         ({"target": 2.0}, r"^adapt: found target = 2\.0; it is a relative error, between 0 and 1"),
         ({"target": "fine"}, r"^adapt: found target = 'fine'"),
+        ({"target": True}, r"^adapt: found target = True; it is a relative error"),
+        ({"most_unknowns": -5}, r"^adapt: found most_unknowns = -5; it is a number of unknowns"),
+        ({"progress": True}, r"^adapt: found progress = True; it is a function that is told of each Pass"),
+        ({"solver": "newton"}, r"^solver: found 'newton'; wanted a solver with its settings"),
         ({"theta": 0.0}, r"^adapt: found theta = 0\.0; it is a part"),
         ({"initial": np.zeros((9, 2))}, r"^adapt: found an initial displacement, which belongs to one mesh"),
     ],
@@ -147,6 +151,20 @@ def test_steps_are_split_where_they_lag():
 def test_mistakes(options, says):
     with pytest.raises(vx.SceneError, match=says):
         vx.adapt(paper_scene(), vx.meshes.squares(2), [0.0, 1.0], **options)
+
+
+def test_what_is_no_scene_or_mesh_is_refused():
+    with pytest.raises(vx.SceneError, match="simulate: found 8 where the mesh goes"):
+        vx.adapt(paper_scene(), 8, [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="^adapt: there is no estimate for scenes with Viscosity"):
+        vx.adapt(paper_scene().with_(vx.Viscosity(shear=1.0)), vx.meshes.squares(2), [0.0, 1.0])
+
+
+def test_every_instant_that_was_asked_for_is_stored():
+    wanted = np.linspace(0.0, 1.0, 18)
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), wanted, 0.15)
+    assert np.array_equal(found.history.times, wanted)
+    assert len(found.budget.steps) <= 8
 
 
 def test_one_instant_is_no_history():

@@ -52,7 +52,7 @@ def test_run_writes_what_it_says(tmp_path):
     pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png"]
     files = ["history.npz", "history.pvd", "step_0000.vtu", "step_0004.vtu", "step_0008.vtu", "summary.json"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(pictures + files)
-    assert f"files       {tmp_path / 'out'}: history.pvd with 3 steps, summary.json, history.npz" in done.output
+    assert f"files       {tmp_path / 'out'}: history.pvd with 3 instants, summary.json, history.npz" in done.output
     assert f"pictures    {tmp_path / 'out'}: deformed_mesh.png" in done.output
 
 
@@ -221,6 +221,14 @@ def test_show_says_the_scene_in_words(tmp_path):
     assert "Direct, Newton, OSQP, Clarabel; the smallest is Direct" in loose
     assert "Direct (no" not in loose
     assert "mesh           its own, n = 3: 9 cells" in loose
+
+
+def test_resuming_needs_something_to_resume(tmp_path):
+    nothing = invoke("run", PROBLEM, "--resume", tmp_path / "typo")
+    assert nothing.exit_code == 2
+    assert "typo holds no interrupted run; begin one with --out" in nothing.output.replace("\n", " ")
+    both = invoke("run", PROBLEM, "--resume", tmp_path, "--out", tmp_path)
+    assert "--resume: a run goes on in the folder that holds it" in both.output
 
 
 def test_a_target_chooses_mesh_and_instants(tmp_path):

@@ -190,6 +190,14 @@ def poked():
     return vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
 
 
+@pytest.mark.parametrize("steps", [[], "last", [0.5], [[1]]])
+def test_steps_are_numbers(steps):
+    history = vx.simulate(paper_scene(), vx.meshes.squares(2), [0.0, 1.0])
+    with pytest.raises(vx.HistoryError, match=r"^error_budget: found steps = .*; wanted numbers of stored steps"):
+        error_budget(history, steps)
+    assert error_budget(history, -1).steps.tolist() == [1]
+
+
 def test_a_history_from_files_has_no_scene(tmp_path):
     vx.simulate(paper_scene(), vx.meshes.squares(2), [0.0, 1.0]).write(tmp_path)
     with pytest.raises(vx.HistoryError, match="read from files"):

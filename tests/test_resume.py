@@ -52,6 +52,15 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, sol
     assert np.array_equal(whole.contact.sticking, resumed.contact.sticking)
 
 
+@pytest.mark.parametrize("other", [paper_scene(cyclic, bound=2.0), paper_scene(lambda t: 0.5 * cyclic(t))])
+def test_a_run_of_other_data_is_not_gone_on_with(tmp_path, other):
+    mesh = small("squares", 4)
+    with pytest.raises(Interrupted):
+        vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path, progress=stop_at(13))
+    with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store"):
+        vx.simulate(other, mesh, TIMES, stream=tmp_path, resume=True)
+
+
 def test_a_finished_run_resumes_to_itself(tmp_path):
     scene, mesh = paper_scene(), small("squares", 4)
     first = vx.simulate(scene, mesh, TIMES, stream=tmp_path)

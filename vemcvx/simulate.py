@@ -89,7 +89,7 @@ def simulate(
     Backward Euler for (3.9), Problem 3.9 of the paper: first order in the step and the mesh size,
     Theorem 3.10. The certificate concerns the algebra of each step; it does not measure h or k.
     """
-    _check_kinds(scene, mesh)
+    check_kinds(scene, mesh)
     instants = checked_times(times)
     start = time.perf_counter()
     storage = _storage(stream, resume)
@@ -123,7 +123,8 @@ def _storage(stream: str | Path | None, resume: bool) -> Storage:
     return folder
 
 
-def _check_kinds(scene: Scene, mesh: PolygonMesh) -> None:
+def check_kinds(scene: object, mesh: object) -> None:
+    """Raise SceneError unless these are a scene and a mesh, in this order."""
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: found {brief(scene)} where the scene goes; give a Scene(...), then a mesh.")
     if not isinstance(mesh, PolygonMesh):

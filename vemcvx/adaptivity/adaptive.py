@@ -12,13 +12,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.adaptivity.instants import follow_load
 from vemcvx.adaptivity.marking import cells_to_refine, steps_to_split
-from vemcvx.budget import ErrorBudget, budget_of
+from vemcvx.budget import ErrorBudget, budget_of, check_estimable
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.history.outputs import record
@@ -27,6 +28,7 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.real import brief
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import Posed, pose
+from vemcvx.simulate import check_kinds
 from vemcvx.solvers import Solver
 from vemcvx.stepping.march import checked_times, march
 from vemcvx.stepping.storage import Memory
@@ -119,7 +121,7 @@ def adapt(
     mesh : PolygonMesh
         To begin with, coarse; it must have the boundaries that the scene names.
     times : increasing sequence of instants
-        The first, the last, and those at which the answer is wanted; others are put between.
+        The first, the last, and those at which the answer is wanted, which the history stores; others are put between.
     target : float
         Relative energy error: :class:`vemcvx.budget.ErrorBudget`, the largest over the instants looked at.
     solver : Solver, optional
@@ -140,7 +142,8 @@ def adapt(
     NotCertified
         A step misses the accuracy.
     """
-    _check(target, theta, initial)
+    check_kinds(scene, mesh)
+    _check(target, theta, initial, most_unknowns, progress)
     wanted = checked_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
@@ -148,10 +151,12 @@ def adapt(
     while True:
         start = time.perf_counter()
         posed = pose(scene, mesh, instants)
+        check_estimable(posed, "adapt")
         if not passes:
             instants, missed = _begin(posed, instants, target)
         looked_at = _looked_at(instants, wanted)
-        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=looked_at)
+        kept = np.searchsorted(instants, wanted)
+        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
         history = record(posed, trajectory, time.perf_counter() - start - sum(trajectory.seconds.values()), Memory())
         # Known from the first pass, and no more since: steps were but split.
         known = np.append(missed, np.zeros(len(instants) - 2))
@@ -181,13 +186,17 @@ def _next(budget: ErrorBudget, worst: dict[str, float], target: float, theta: fl
     return marked, np.concatenate([instants[:1], *pieces])
 
 
-def _check(target: float, theta: float, initial: object) -> None:
-    if not (isinstance(target, (int, float)) and 0 < target < 1):
+def _check(target: object, theta: object, initial: object, most: object, progress: object) -> None:
+    if not (isinstance(target, Real) and not isinstance(target, bool) and 0 < target < 1):
         raise SceneError(
             f"adapt: found target = {brief(target)}; it is a relative error, between 0 and 1, such as 0.02."
         )
-    if not (isinstance(theta, (int, float)) and 0 < theta < 1):
+    if not (isinstance(theta, Real) and 0 < theta < 1):
         raise SceneError(f"adapt: found theta = {brief(theta)}; it is a part, between 0 and 1, such as 0.6.")
+    if not (isinstance(most, Real) and most >= 1):
+        raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
+    if not (progress is None or callable(progress)):
+        raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")
     if not (initial is None or isinstance(initial, str)):
         raise SceneError(
             "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
@@ -207,8 +216,8 @@ def _begin(posed: Posed, instants: Floats, target: float) -> tuple[Floats, float
 
 
 def _lenient(solver: Solver | None, target: float) -> Solver | None:
-    """Algebra well below the error of the mesh is enough."""
-    if solver is None or solver.accuracy >= ALGEBRA_SHARE * target:
+    """Algebra well below the error of the mesh is enough; what is no solver is refused by the march."""
+    if not isinstance(solver, Solver) or solver.accuracy >= ALGEBRA_SHARE * target:
         return solver
     return replace(solver, accuracy=ALGEBRA_SHARE * target)
 

@@ -73,13 +73,13 @@ class ErrorBudget:
         return {name: float(getattr(self, name)[worst]) for name in ("algebra", "space", "time", "total")}
 
 
-def error_budget(history: History, steps: Sequence[int] | None = None) -> ErrorBudget:
+def error_budget(history: History, steps: int | Sequence[int] | None = None) -> ErrorBudget:
     """Estimate where the error of a run comes from.
 
     Parameters
     ----------
     history : History
-    steps : sequence of int, optional
+    steps : int or sequence of int, optional
         Stored steps to look at; by default all but the initial instant.
 
     Raises
@@ -97,13 +97,16 @@ def error_budget(history: History, steps: Sequence[int] | None = None) -> ErrorB
         )
     posed = pose(history.scene, history.mesh, history.trajectory.times)
     after = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
-    rows = [history.row(int(n)) for n in (after if steps is None else steps)]
+    wanted = after if steps is None else np.atleast_1d(steps)
+    if wanted.ndim != 1 or len(wanted) == 0 or wanted.dtype.kind not in "iu":
+        raise HistoryError(f"error_budget: found steps = {brief(steps)}; wanted numbers of stored steps, such as [-1].")
+    rows = [history.row(int(n)) for n in wanted]
     return budget_of(posed, history, rows)
 
 
 def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Floats | None = None) -> ErrorBudget:
     """The budget of a run whose posed scene is at hand, at rows of its arrays; `missed` (N,) if that is known."""
-    _check_estimable(posed)
+    check_estimable(posed, "error_budget")
     run, edges = history.trajectory, skeleton(posed)
     scale = float(run.norm.max())
     unit = scale if scale > 0 else 1.0
@@ -129,12 +132,15 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Float
     )
 
 
-def _check_estimable(posed: Posed) -> None:
+def check_estimable(posed: Posed, subject: str) -> None:
+    """Raise SceneError where there is no estimate."""
     if posed.system.damping is not None:
-        raise SceneError("error_budget: there is no estimate for scenes with Viscosity; leave it out by scene.without.")
+        raise SceneError(
+            f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
+        )
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:
             raise SceneError(
-                f"error_budget: there is no estimate for {load.subject}: a force on a point does infinite work on an "
+                f"{subject}: there is no estimate for {load.subject}: a force on a point does infinite work on an "
                 "elastic body, and no mesh comes near that energy. Spread it over a part of the boundary by Traction."
             )

@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from vemcvx import __version__
-from vemcvx.errors import NotCertified, VemcvxError
+from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 
 INVALID, NOT_CERTIFIED = 2, 3
 
@@ -78,6 +78,8 @@ def run(
         from vemcvx.cli.problem_file import read_problem
         from vemcvx.cli.simulation import Run, simulate_problem
 
+        if resume is not None and out is not None:
+            raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
         folder, going_on = (out, False) if resume is None else (resume, True)
         usual = 64 if target is None else 8
         sizes = n or usual, steps or usual

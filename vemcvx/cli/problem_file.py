@@ -106,6 +106,8 @@ def read_problem(file: str | Path) -> Problem:
         raise ProblemError(f"{path}: a problem file is Python and ends in .py.")
     module = importlib.util.module_from_spec(spec)
     with _neighbours(path):
+        # Dataclasses look their module up by name.
+        sys.modules[spec.name] = module
         _own(path, "executing it", lambda: spec.loader.exec_module(module))
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
     if missing:

@@ -97,7 +97,9 @@ def _adapted(problem: Problem, asked: Run) -> tuple[History, list[str]]:
 
 
 def _refuse_early(asked: Run, drawings: Path) -> None:
-    """What could not be written or drawn in the end is not worth simulating for."""
+    """What could not be gone on with, written or drawn is not worth simulating for."""
+    if asked.resume and not (asked.out / ROWS).is_dir():  # type: ignore[operator]
+        raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
     if asked.plot:
         from vemcvx.canvas import new_figure
 
@@ -111,7 +113,7 @@ def _written(history: History, asked: Run, origin: Origin) -> list[str]:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
     folder = write_history(history, asked.out, origin)
     Folder(asked.out / ROWS).remove()
-    return [f"files       {folder}: {SERIES} with {len(history.stored)} steps, {SUMMARY}, {ARCHIVE}"]
+    return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}"]
 
 
 def _drawn(history: History, folder: Path) -> list[str]:

@@ -1,8 +1,9 @@
 """The stored steps for ParaView and PyVista: one VTU file a step, and a PVD file that lists them in time.
 
-At nodes: displacement, slip, traction, bound, pressure, sticking, closed and wear (zero away from contact). On cells:
-stress (xx, yy, xy), principal_stresses, stress_across (zz), von_mises and strain_energy, the density 1/2 eps : C eps,
-all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.)
+At nodes: displacement, slip, traction, bound, backward, pressure, sticking, closed and wear (zero away from contact).
+On cells: stress (xx, yy, xy), principal_stresses, stress_across (zz), von_mises and strain_energy, the density 1/2
+eps : C eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is
+left out.)
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def at_nodes(history: History, row: int) -> Fields:
     """Displacement, and contact as fields of the whole body."""
     contact, u = history.contact, history.displacement[row]
     fields = {"displacement": u}
-    for name in ("slip", "traction", "bound", "pressure", "sticking", "closed", "wear"):
+    for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"):
         values = getattr(contact, name)[row]
         fields[name] = np.zeros((len(u), *values.shape[1:]))
         fields[name][contact.nodes] = values

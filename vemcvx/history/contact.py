@@ -36,8 +36,9 @@ class Contact:
         Tangential displacement.
     traction : (S, m, dim)
         Friction force per length on the body: minus the multiplier over int phi_i.
-    bound : (S, m)
-        Friction bound per length: w_i over int phi_i; 0 without friction.
+    bound, backward : (S, m)
+        Friction bounds per length against slip forward (along the boundary with the body on the left) and backward:
+        w_i over int phi_i, equal unless a scene says otherwise; 0 without friction.
     pressure : (S, m)
         Normal force per length, compression positive; of either sign where contact is bilateral.
     sticking : (S, m) bool
@@ -57,6 +58,7 @@ class Contact:
     slip: Floats
     traction: Floats
     bound: Floats
+    backward: Floats
     pressure: Floats
     sticking: Bools
     wear: Floats
@@ -100,41 +102,44 @@ def contact_history(posed: Posed, trajectory: Trajectory, u: Floats, forces: Flo
     place = np.full(len(points), -1)
     place[nodes] = np.arange(len(nodes))
     at = place[posed.terms.nodes]
-    traction, bound, friction = _friction(posed, trajectory, at, len(nodes))
+    traction, friction = _friction(posed, trajectory, at, len(nodes))
+    bounds = _bounds(posed, trajectory, at, len(nodes))
     pressure = -np.einsum("smd,md->sm", forces[:, nodes] + friction, normals) / lengths
     along = np.einsum("smd,md->sm", u[:, nodes], normals)
     slip = u[:, nodes] - along[:, :, None] * normals
     sticking = _sticking(trajectory, slip, at)
     wear, rubbed = _wear(posed, trajectory, at, len(nodes))
     closed = _closed(posed, trajectory, u, place, len(nodes))
-    fields = slip, traction, bound, pressure, sticking, wear, closed
+    fields = slip, traction, *bounds, pressure, sticking, wear, closed
     return Contact(nodes, points[nodes], normals, *fields, lengths, rubbed)
 
 
-def _friction(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats, Floats]:
-    """Friction traction (S, m, dim), its bound (S, m), and the forces B'lam (S, m, dim) of the terms."""
+def _friction(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats]:
+    """Friction traction (S, m, dim), and the forces B'lam (S, m, dim) of the terms."""
     terms, lam = posed.terms, trajectory.multipliers
     rows, dim = len(lam), posed.space.mesh.points.shape[1]
-    traction, bound, force = np.zeros((rows, m, dim)), np.zeros((rows, m)), np.zeros((rows, m, dim))
+    traction, force = np.zeros((rows, m, dim)), np.zeros((rows, m, dim))
     if len(terms.nodes) == 0:
-        return traction, bound, force
+        return traction, force
     tangents = terms.rows.data.reshape(len(terms.nodes), -1, dim)
     pulled = np.einsum("smb,mbd->smd", lam, tangents)
-    ahead = _ahead(posed, trajectory)
     for row in range(rows):
         np.add.at(traction[row], at, -pulled[row] / terms.lengths[:, None])
-        np.add.at(bound[row], at, (trajectory.weights[row] + ahead[row]) / terms.lengths)
         np.add.at(force[row], at, pulled[row])
-    return traction, bound, force
+    return traction, force
 
 
-def _ahead(posed: Posed, trajectory: Trajectory) -> Floats:
-    """(S, m) what a bias adds to the bound in the direction of the friction that there is."""
-    bias = posed.terms.bias
-    if bias is None:
-        return np.zeros(trajectory.weights.shape)
-    tilts = np.array([bias(float(t)) for t in trajectory.times[trajectory.stored]])
-    return tilts * np.sign(trajectory.multipliers[:, :, 0])
+def _bounds(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats]:
+    """Bounds per length (S, m) of slip forward and backward."""
+    terms, weights = posed.terms, trajectory.weights
+    tilt = np.zeros_like(weights)
+    if terms.bias is not None:
+        tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])
+    bounds = np.zeros((2, len(weights), m))
+    for one, values in zip(bounds, (weights + tilt, weights - tilt), strict=True):
+        for row in range(len(weights)):
+            np.add.at(one[row], at, values[row] / terms.lengths)
+    return bounds[0], bounds[1]
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:

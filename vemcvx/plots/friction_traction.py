@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.canvas import new_figure
 from vemcvx.history import History
-from vemcvx.plots.contact_line import contact_line
+from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import GRID, SLIP, STICK
 
 if TYPE_CHECKING:
@@ -26,21 +27,21 @@ def friction_traction(history: History, step: int = -1) -> Figure:
     row = history.row(step)
     line = contact_line(history, "friction_traction")
     traction = line.along(history.contact.traction[row])
-    bound = history.contact.bound[row, line.order]
+    low, high = _range(history, row, line)
     sticks = history.contact.sticking[row, line.order]
     figure = new_figure(6.4, 3.6)
     ax = figure.add_subplot()
     for chosen, colour in ((sticks, STICK), (~sticks, SLIP)):
-        for low, high in line.spans(chosen):
-            ax.axvspan(low, high, color=colour, alpha=0.13, linewidth=0)
-    for sign, label in ((1, "bound $\\pm g$"), (-1, None)):
-        ax.plot(*line.broken(sign * bound), color="black", linestyle="--", linewidth=1.2, label=label)
+        for start, stop in line.spans(chosen):
+            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0)
+    for bound, label in ((high, "bound $\\pm g$"), (low, None)):
+        ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=label)
     ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
     style = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
     for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (~sticks, SLIP, "s", "slip")):
         if chosen.any():
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
-    top = 1.2 * max(float(bound.max()), float(np.abs(traction).max())) or 1.0
+    top = 1.2 * max(float(high.max()), float(-low.min()), float(np.abs(traction).max())) or 1.0
     ax.set(
         xlim=(line.limits.min(), line.limits.max()),
         ylim=(-top, top),
@@ -52,3 +53,12 @@ def friction_traction(history: History, step: int = -1) -> Figure:
     ax.set_axisbelow(True)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
+
+
+def _range(history: History, row: int, line: ContactLine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The least and the largest friction along the line: against slip forward, and against slip backward."""
+    contact = history.contact
+    tangents = np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])
+    onward = line.along(tangents) > 0
+    forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
+    return -np.where(onward, forward, backward), np.where(onward, backward, forward)

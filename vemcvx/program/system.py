@@ -42,7 +42,7 @@ class Norms:
     law : callable (t, p) -> (m,), optional
         Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
         then the weights without limits acting.
-    bias : callable t -> (m * block,), optional
+    bias : (m * block,) array, or callable t -> (m * block,), optional
         c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
         as a force -B'c, whose work is friction's.
     """
@@ -52,7 +52,7 @@ class Norms:
     block: int = 1
     places: Callable[[int], str] | None = None
     law: Callable[[float, Floats], Floats] | None = None
-    bias: Callable[[float], ArrayLike] | None = None
+    bias: ArrayLike | Callable[[float], ArrayLike] | None = None
 
     def __post_init__(self) -> None:
         B = checked_matrix(self.B, "Norms: B")
@@ -94,7 +94,8 @@ class Norms:
         if self.bias is None:
             return np.zeros(rows)
         wanted = f"({rows},) forces, one a row of B"
-        c = real(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted)
+        raw = at_instant(self.bias, t, "Norms: bias") if callable(self.bias) else self.bias
+        c = real(raw, "Norms: bias", wanted)
         if c.shape != (rows,):
             raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
         finite(c, "Norms: bias")

@@ -68,6 +68,11 @@ class Scene:
             The scene has no such effect, or is left without a material.
         """
         for kind in kinds:
+            if not (isinstance(kind, Effect) or (isinstance(kind, type) and issubclass(kind, Effect))):
+                raise SceneError(
+                    f"Scene.without: found {brief(kind)}; give the class of an effect, such as "
+                    "vemcvx.TrescaFriction, or an effect of the scene."
+                )
             if not any(_is(effect, kind) for effect in self._effects):
                 there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self._effects))
                 name = kind.__name__ if isinstance(kind, type) else brief(kind)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.errors import HistoryError
+from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.system import System
 from vemcvx.stepping.ledger import Ledger, drive
 from vemcvx.stepping.state import Run, State
 from vemcvx.stepping.storage import Arrays
@@ -18,9 +19,35 @@ Floats = NDArray[np.float64]
 
 
 def fingerprint(run: Run, times: Floats, kept: NDArray[Any]) -> NDArray[np.int64]:
-    """Numbers that two runs share only if one may go on where the other stopped."""
-    parts = (run.system.K.data, times, np.asarray(kept, dtype=np.int64))
-    return np.array([run.system.n, run.form.count, *(zlib.crc32(np.ascontiguousarray(p)) for p in parts)])
+    """Numbers that two runs share only if one may go on where the other stopped.
+
+    Data are looked at at the first, the middle and the last instant.
+    """
+    system = run.system
+    fixed = [
+        system.K.data,
+        run.form.B.data,
+        run.form.D.data,
+        run.form.softness,
+        times,
+        np.asarray(kept, dtype=np.int64),
+    ]
+    varying = [_driven(system, float(t)) for t in times[[0, len(times) // 2, -1]]]
+    return np.array([system.n, run.form.count, *(zlib.crc32(np.ascontiguousarray(p)) for p in fixed + varying)])
+
+
+def _driven(system: System, t: float) -> Floats:
+    """What drives a system at an instant, one after the other; nothing where its data fail, as their step will say."""
+    norms, motion = system.norms, system.motion
+    try:
+        parts = [system.force(t), system.reach(t)]
+        if norms is not None:
+            parts += [norms.weights_under(t, np.ones(len(parts[1]))), norms.tilt(t)]
+        if motion is not None:
+            parts += [motion.stretch(t), motion.drag(t)]
+    except VemcvxError:
+        return np.zeros(0)
+    return np.concatenate(parts)
 
 
 def to_arrays(n: int, state: State, whole: bool) -> Arrays:

@@ -11,7 +11,7 @@ from vemcvx.errors import SceneError
 from vemcvx.stepping.backward_euler import completed, sticking
 from vemcvx.stepping.checkpoint import check_same, fingerprint, from_arrays, to_arrays
 from vemcvx.stepping.state import Run, State
-from vemcvx.stepping.storage import Storage
+from vemcvx.stepping.storage import Memory, Storage
 from vemcvx.stepping.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,8 @@ class Recorder:
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
         form, rows = run.form, len(kept)
-        self._mark = fingerprint(run, times, kept)
+        # Data are not evaluated for a run that nobody can resume.
+        self._mark = np.zeros(0) if isinstance(storage, Memory) else fingerprint(run, times, kept)
         self._state = storage.array("state", (rows, run.system.n))
         self._multipliers = storage.array("multipliers", (rows, form.count, form.block))
         self._pressures = storage.array("pressures", (rows, len(form.softness)))

@@ -75,8 +75,11 @@ class Adapted:
     history : History
         The last pass; `history.errors` names the three parts of its error, which files keep.
     budget : ErrorBudget
+        Of the last pass.
     passes : tuple of Pass
+        From the coarse mesh to the last.
     target : float
+        The relative energy error that was asked for.
     """
 
     history: History
@@ -129,7 +132,8 @@ def adapt(
     initial : None, "equilibrium" or "settled"
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        No pass is begun with more; the result then says that the target was not met.
+        No pass is begun that is expected to have more (the first one aside); the result then says that the target was
+        not met.
     theta : float
         Part of the squared error that is refined in a pass, in (0, 1).
     progress : callable, optional

@@ -42,13 +42,13 @@ class ErrorBudget:
     parts : mapping of str to (S,)
         The shares of space: "volume", "jumps", "boundary" and "stabilisation"; space^2 is the sum of their squares.
     cells : (n_cells,)
-        The largest eta_K of each cell over the steps looked at.
+        The largest eta_K (:mod:`vemcvx.budget.residual`) of each cell over the steps looked at.
     lags : (N,)
-        What each step adds to the square of the lag.
+        What each step adds to the square of the lag, in squares of `scale`.
     missed : (N,)
         What each step misses of the load.
     scale : float
-        The energy norm to which all are relative.
+        The energy norm to which all are relative, the root of force times length.
     """
 
     steps: Ints

@@ -1,5 +1,7 @@
 """Tresca's law with a given bound g on Gamma_C, (3.6): j(v) = int_{Gamma_C} g |v_tau| ds.
 
+Where the bounds of the two directions differ, j(v) = int g+ (v_tau)+ + g- (v_tau)- ds: the norm term of their mean, and
+half their difference as a bias that acts along v_tau.
 The nodal weights are those of the trapezoidal rule, w_i = g(x_i) int phi_i ds, or w_i = int g phi_i ds.
 With linear traces both integrate |v_tau| by its nodal interpolant, an upper bound of j on every edge.
 """
@@ -34,7 +36,8 @@ class TrescaFriction(Effect):
         w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     backward : number, or callable f(x, t) -> (m,), optional
         Where slip one way is held back more than the other (scales, ratchets, brushed fibres): `bound` is then that of
-        slip forward, along the boundary with the body on the left, and this that of slip backward.
+        slip forward, along the boundary with the body on the left (on a floor, to the right), and this that of slip
+        backward; >= 0, force per length.
     """
 
     bound: data.Datum

@@ -231,7 +231,7 @@ class PolygonMesh:
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> PolygonMesh:
-        """Return this mesh with cells split (numbers, or one bool a cell; None: all), as `meshes.refinement` does."""
+        """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         from vemcvx.meshes.refine import refinement  # imports this module
 
         return refinement(self, cells, balance=balance).mesh

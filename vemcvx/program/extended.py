@@ -12,10 +12,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-UNIT = float(np.finfo(np.longdouble).eps)
-"""Rounding unit of the sums below: 1.1e-19 on x86."""
-
-
 # Rows at a time: their products, 16 bytes each, then stay in a second-level cache, which halves the time.
 CHUNK = 2048
 

@@ -62,6 +62,10 @@ class Scene:
     def without(self, *kinds: type[Effect] | Effect) -> Scene:
         """The scene without all effects of these classes, or without these very effects.
 
+        Parameters
+        ----------
+        *kinds : subclass of Effect, or Effect
+
         Raises
         ------
         SceneError

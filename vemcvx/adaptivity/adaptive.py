@@ -216,7 +216,7 @@ def _begin(posed: Posed, instants: Floats, target: float) -> tuple[Floats, float
     solve = Condensation(posed.system, condense=False).solve
     sizes = [float(f @ solve(f)) for f in (posed.system.force(float(t)) for t in instants)]
     times, missed = follow_load(posed, instants, LOAD_SHARE * target * float(np.sqrt(max(sizes))), solve)
-    return times, float(missed.sum())
+    return times, float(np.linalg.norm(missed))
 
 
 def _lenient(solver: Solver | None, target: float) -> Solver | None:

@@ -25,7 +25,7 @@ ROUNDS = 40
 def follow_load(
     posed: Posed, times: Floats, allowed: float, respond: Callable[[Floats], Floats]
 ) -> tuple[Floats, Floats]:
-    """Instants between `times` so that what steps miss of the load adds up to no more than `allowed`.
+    """Instants between `times` so that what steps miss of the load is together no more than `allowed`.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def follow_load(
             if ends not in missed:
                 missed[ends] = missed_by(posed, *ends, respond)
         found = np.array([missed[ends][0] for ends in pairwise(times)])
-        coarse = found > allowed / len(found)
-        if found.sum() <= allowed or not coarse.any():
+        coarse = found > allowed / np.sqrt(len(found))
+        if np.linalg.norm(found) <= allowed or not coarse.any():
             break
         bends = [
             _bend(posed, times[n], times[n + 1], missed[times[n], times[n + 1]][1]) for n in np.flatnonzero(coarse)

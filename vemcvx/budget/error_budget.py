@@ -117,7 +117,7 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Float
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
     lags = lagged(run)
     missed = missed_loads(posed, run.times) if missed is None else missed
-    behind = np.sqrt(np.append(0.0, np.cumsum(lags))) + np.append(0.0, np.cumsum(missed))
+    behind = np.sqrt(np.append(0.0, np.cumsum(lags))) + np.sqrt(np.append(0.0, np.cumsum(missed**2)))
     parts = {name: np.sqrt([part[name].sum() for part in squares]) / unit for name in squares[0]}
     return ErrorBudget(
         steps,

@@ -2,7 +2,9 @@
 
 The load between, less the straight line between the ends, g(t) = l(t) - (linear), moves the answer by no more than its
 variation in the dual norm (Theorem 2.5 of the paper): twice its largest value, if it rises and falls once. Loads in
-proportion to time, or made of straight pieces whose bends are instants, are missed by nothing.
+proportion to time, or made of straight pieces whose bends are instants, are missed by nothing. What several steps miss
+is put together as squares, like independent errors; the plain sum would be a bound, and for curved loads one of order k
+for an error of order k^2.
 """
 
 from __future__ import annotations

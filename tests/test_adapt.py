@@ -129,6 +129,8 @@ def test_marked_cells_carry_their_part_and_no_more():
 
 def test_steps_are_split_where_they_lag():
     assert steps_to_split(np.array([1.0, 2.0]), 4.0).tolist() == [1, 1]
+    # Rounding down must not mean that nothing is done.
+    assert (np.full(4, 0.45) / steps_to_split(np.full(4, 0.45), 1.0) ** 2).sum() <= 1.0
     parts = steps_to_split(np.array([8.0, 1.0, 0.0]), 0.5)
     assert parts[0] == pytest.approx(2 * parts[1], abs=1)
     assert parts[2] == 1
@@ -158,6 +160,32 @@ def test_what_is_no_scene_or_mesh_is_refused():
         vx.adapt(paper_scene(), 8, [0.0, 1.0])
     with pytest.raises(vx.SceneError, match="^adapt: there is no estimate for scenes with Viscosity"):
         vx.adapt(paper_scene().with_(vx.Viscosity(shear=1.0)), vx.meshes.squares(2), [0.0, 1.0])
+
+
+def cycle(t):
+    """A whole cycle, zero but for rounding at both ends."""
+    return np.sin(2 * np.pi * t)
+
+
+def pulse(t):
+    """On between t = .25 and .75 only."""
+    return max(0.0, 2 - abs(8 * t - 4))
+
+
+@pytest.mark.parametrize("course", [cycle, pulse])
+def test_loads_that_vanish_at_the_instants_asked_for_are_seen(course):
+    found = vx.adapt(paper_scene(course), vx.meshes.squares(3), [0.0, 1.0], 0.3)
+    assert found.history.void == ()
+    assert found.history.steps > 4
+    assert found.history.trajectory.norm.max() > 0.1
+
+
+def test_data_are_not_asked_for_outside_the_run():
+    def late(t):
+        assert 0.0 <= t <= 1.0
+        return np.sqrt(min(t, 0.001))
+
+    assert vx.adapt(paper_scene(late), vx.meshes.squares(2), [0.0, 1.0], 0.3).passes
 
 
 def test_every_instant_that_was_asked_for_is_stored():

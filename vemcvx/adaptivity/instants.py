@@ -19,7 +19,8 @@ Floats = NDArray[np.float64]
 
 NEAR = 1e-3
 """The search knows a bend to 1e-8 of the step; lines through two points on either side meet there to round-off."""
-ROUNDS = 40
+ROUNDS, MOST = 40, 4000
+"""Beyond so many instants a load is not followed further: it jumps, or the accuracy asked of it is rounding."""
 
 
 def follow_load(
@@ -45,7 +46,7 @@ def follow_load(
                 missed[ends] = missed_by(posed, *ends, respond)
         found = np.array([missed[ends][0] for ends in pairwise(times)])
         coarse = found > allowed / np.sqrt(len(found))
-        if np.linalg.norm(found) <= allowed or not coarse.any():
+        if np.linalg.norm(found) <= allowed or not coarse.any() or len(times) + coarse.sum() > MOST:
             break
         bends = [
             _bend(posed, times[n], times[n + 1], missed[times[n], times[n + 1]][1]) for n in np.flatnonzero(coarse)
@@ -64,9 +65,11 @@ def _bend(posed: Posed, a: float, b: float, response: Floats) -> float:
         return -abs(float(posed.system.force(a + s * (b - a)) @ response) - ((1 - s) * start + s * stop))
 
     peak = float(minimize_scalar(off, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).x)
-    far_left, left, right, far_right = (off(peak + k * NEAR) for k in (-2, -1, 1, 2))
-    rise, fall = (left - far_left) / NEAR, (far_right - right) / NEAR
+    # Data need not exist outside the step.
+    near = min(NEAR, 0.4 * peak, 0.4 * (1.0 - peak))
+    far_left, left, right, far_right = (off(peak + k * near) for k in (-2, -1, 1, 2))
+    rise, fall = (left - far_left) / near, (far_right - right) / near
     meet = peak
     if abs(rise - fall) > 0:
-        meet += (right - left - NEAR * (rise + fall)) / (rise - fall)
-    return float(a + (meet if abs(meet - peak) < NEAR else peak) * (b - a))
+        meet += (right - left - near * (rise + fall)) / (rise - fall)
+    return float(a + (meet if abs(meet - peak) < near else peak) * (b - a))

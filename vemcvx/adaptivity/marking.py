@@ -49,6 +49,8 @@ def steps_to_split(lags: Floats, goal: float) -> Ints:
         return np.ones(len(lags), dtype=np.int64)
     root = np.cbrt(lags)
     parts = np.round(root * np.sqrt(root.sum() / wanted))
+    if (lags / np.maximum(parts, 1.0) ** 2).sum() > goal:
+        parts = np.ceil(root * np.sqrt(root.sum() / wanted))
     return np.clip(parts, 1, MOST_PARTS).astype(np.int64)
 
 

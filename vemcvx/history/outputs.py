@@ -44,7 +44,7 @@ def _untouched(posed: Posed, trajectory: Trajectory) -> tuple[str, ...]:
     if trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
         return ()
     subjects = ", ".join(posed.obstacles.subjects)
-    return (f"{subjects}: nothing touched it at the stored instants",)
+    return (f"{subjects}: nothing pressed on it at the stored instants",)
 
 
 def _prestress(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:

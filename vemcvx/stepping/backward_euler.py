@@ -45,7 +45,7 @@ def step(run: Run, before: State, n: int, t: float) -> State:
     attempt = trial(run, before, now, weights)
     if now.still_as(before.drive) and np.array_equal(weights, before.weights):
         guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
-        state = attempt.enter(guess, before.certificate)
+        state = attempt.enter(guess, before.certificate, before.walls)
     else:
         state = solved(run, before, now, weights, n)
     if run.refines:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from vemcvx.errors import MeshError
 from vemcvx.measures.clipping import clip
-from vemcvx.measures.near import meeting_boxes
 from vemcvx.measures.pieces import Pieces, convex_pieces, doubled_areas, fans, inside
 from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes.segments import overlapping_boxes
 from vemcvx.vem import Space
 
 Floats = NDArray[np.float64]
@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 
 # Pairs of pieces in one go: temporaries of a few tens of megabytes.
 CHUNK = 2**14
+# Boxes that share less than this part of the smaller one's width or height only touch.
+TOUCH = 1e-12
 # A cell of which more than this part lies outside the other mesh is not covered by it; the rounding of the boundary
 # of both comes on top, a strip of this times the coordinates along the cell.
 UNCOVERED, STRIP = 1e-8, 1e-15
@@ -79,7 +81,7 @@ def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, sub
 
 def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[tuple[Floats, ...]]:
     """Owners, weights and points of the overlaps, a few thousand pairs of pieces at a time."""
-    i, j = meeting_boxes(_boxes(a), _boxes(b))
+    i, j = _meeting(_boxes(a), _boxes(b))
     a_in_b, b_in_a = _contained(a, b, i, j), _contained(b, a, j, i)
     whole_a, whole_b = a_in_b, b_in_a & ~a_in_b
     settled_a, settled_b = np.zeros(len(a.owner), dtype=bool), np.zeros(len(b.owner), dtype=bool)
@@ -94,6 +96,15 @@ def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[tuple[Floats, ...]]:
             if kind == "cut" and len(mine):
                 polygons = clip(polygons, a.corners[mine])
             yield _on(polygons, a.owner[mine], b.owner[other], degree)
+
+
+def _meeting(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tuple[Ints, Ints]:
+    """The pairs of boxes that share more than a side."""
+    i, j = overlapping_boxes(*first, *second)
+    shared = np.minimum(first[1][i], second[1][j]) - np.maximum(first[0][i], second[0][j])
+    smaller = np.minimum((first[1] - first[0])[i], (second[1] - second[0])[j])
+    meet = (shared > TOUCH * smaller).all(axis=1)
+    return i[meet], j[meet]
 
 
 def _boxes(pieces: Pieces) -> tuple[Floats, Floats]:

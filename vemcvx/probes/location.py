@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.measures.near import meeting_boxes
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.ragged import spans
+from vemcvx.meshes.segments import overlapping_boxes
 from vemcvx.meshes.topology import next_vertex
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
     starts, ends, along = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))
     found = [np.zeros((2, 0), dtype=np.int64)]
     for chunk in np.split(near, range(CHUNK, len(near), CHUNK)) if len(near) else []:
-        i, cells = meeting_boxes((points[chunk] - reach, points[chunk] + reach), (low, high))
+        i, cells = overlapping_boxes(points[chunk] - reach, points[chunk] + reach, low, high)
         order = np.lexsort([cells, i])
         i, cells = chunk[i[order]], cells[order]
         if len(i):

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import copyreg
+from typing import Any
+
 
 class VemcvxError(Exception):
     """Base of every error raised on purpose by this package."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As message and attributes: calling the class again would ask for keywords, and hang a pool of processes."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__
 
 
 class MeshError(VemcvxError):

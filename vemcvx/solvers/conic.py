@@ -10,10 +10,7 @@ limit is a bound, v >= (z)_+ where it is soft. The multiplier lam_i = dt_i-part 
 
 from __future__ import annotations
 
-import contextlib
-import io
-import logging
-import warnings
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -41,8 +38,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-log = logging.getLogger("vemcvx")
-
+COMPILING = threading.Lock()
+"""cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
 
 LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
 """What fits a quadratic program with linear constraints."""
@@ -188,16 +185,18 @@ class _PreparedConic:
         if not sp.issparse(form.K) and len(form.K):
             import cvxpy as cp
 
-            self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
-            self._b, self._e = cp.Parameter(form.count * form.block), cp.Parameter(len(form.softness))
-            self._posed = pose(form, self._g, self._w, self._b, self._e, cones)
+            with COMPILING:
+                self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
+                self._b, self._e = cp.Parameter(form.count * form.block), cp.Parameter(len(form.softness))
+                self._posed = pose(form, self._g, self._w, self._b, self._e, cones)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         if len(program.g) == 0:
             return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
         posed = self._posed
         if posed is None:
-            posed = pose(self._form, program.g, program.w, program.b, program.e, self._cones)
+            with COMPILING:
+                posed = pose(self._form, program.g, program.w, program.b, program.e, self._cones)
         else:
             self._g.value, self._w.value = program.g, program.w
             self._b.value, self._e.value = program.b, program.e
@@ -209,13 +208,12 @@ class _PreparedConic:
         return polished(program, answer) if self._settings.polish else answer
 
     def _ask(self, posed: Posed, program: StepProgram, target: float, more: dict[str, Any]) -> Answer:
-        status = _run(posed, self._settings, {**self._settings.tolerances(target), **more})
+        status, iterations = _run(posed, self._settings, {**self._settings.tolerances(target), **more})
         if posed.d.value is None:
             still = np.zeros((program.form.count, program.form.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
-        iterations = posed.problem.solver_stats.num_iters or 0
         # Interior points stop a rounding error short of their bounds, or beyond them.
-        return Answer(program.feasible(posed.d.value), posed.lam(), int(iterations), status, p=posed.p())
+        return Answer(program.feasible(posed.d.value), posed.lam(), iterations, status, p=posed.p())
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
@@ -230,24 +228,28 @@ def polished(program: StepProgram, answer: Answer) -> Answer:
     return Answer(d, pair[0], answer.iterations + 1, answer.status + ", polished", p=pair[1])
 
 
-def _run(posed: Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> str:
-    import cvxpy as cp
+def _run(posed: Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
+    """Solve in cvxpy's own steps: its `solve` would warn of what the certificate measures. Status and iterations."""
+    from cvxpy.error import SolverError
+    from cvxpy.settings import SOLUTION_PRESENT
 
-    said = io.StringIO()
-    # What cvxpy warns of (an inaccurate answer) the certificate measures; what solvers print is for the log.
-    with warnings.catch_warnings(), contextlib.redirect_stdout(said):
-        warnings.simplefilter("ignore")
-        try:
-            posed.problem.solve(solver=settings.solver, **{**options, **settings.options})
-        except cp.error.SolverError as error:
-            return f"failed: {error}"
-        except (TypeError, ValueError, AttributeError) as error:
-            if not settings.options:
-                raise
-            raise NotAccepted(
-                f"solver {settings.name}: refused the options {dict(settings.options)}: {error}. "
-                "They must be its own, by the names that cvxpy passes on."
-            ) from error
-    if said.getvalue():
-        log.debug("%s: %s", settings.name, said.getvalue().strip())
-    return str(posed.problem.status)
+    problem, options = posed.problem, {**options, **settings.options}
+    verbose = bool(options.pop("verbose", False))
+    posed.d.save_value(None)
+    try:
+        with COMPILING:
+            data, chain, inverse = problem.get_problem_data(settings.solver, solver_opts=options)
+        raw = chain.solve_via_data(problem, data, warm_start=True, verbose=verbose, solver_opts=options)
+        solution = chain.invert(raw, inverse)
+    except SolverError as error:
+        return f"failed: {error}", 0
+    except (TypeError, ValueError, AttributeError) as error:
+        if not settings.options:
+            raise
+        raise NotAccepted(
+            f"solver {settings.name}: refused the options {dict(settings.options)}: {error}. "
+            "They must be its own, by the names that cvxpy passes on."
+        ) from error
+    if solution.status in SOLUTION_PRESENT:
+        problem.unpack(solution)
+    return str(solution.status), int(solution.attr.get("num_iters") or 0)

@@ -161,6 +161,32 @@ def test_without_dashpots_nothing_changes():
     assert viscous.dissipated == pytest.approx(elastic.dissipated, rel=1e-9)
 
 
+GRIPS = {
+    "nothing": (),
+    "bound": (vx.BilateralContact("bottom"), vx.TrescaFriction(0.05, "bottom")),
+    "floor": (vx.UnilateralContact("bottom"), vx.TrescaFriction(0.05, "bottom")),
+    "give": (vx.NormalCompliance(40.0, "bottom"), vx.TrescaFriction(0.05, "bottom")),
+}
+
+
+@pytest.mark.parametrize("whole", [{"condense": False}, {"linear": vx.Multigrid()}], ids=["all unknowns", "multigrid"])
+@pytest.mark.parametrize("grip", GRIPS.values(), ids=GRIPS)
+def test_programs_of_all_unknowns(grip, whole):
+    """Each answer is certified within 1e-8 a step: the eight steps of two runs lie within 2e-7."""
+    if "linear" in whole:
+        pytest.importorskip("pyamg")
+
+    def load(x, t):
+        return np.tile([0.3 * np.sin(3 * t), -0.1 * t], (len(x), 1))
+
+    scene = vx.Scene(*solid(), vx.Clamp(on="left"), vx.Traction(load, on="right"), *grip)
+    condensed = vx.simulate(scene, mesh_of("hexagons", 4), UNEVEN)
+    history = vx.simulate(scene, mesh_of("hexagons", 4), UNEVEN, **whole)
+    apart = vx.measures.energy_distance(condensed, history, kind="nodal").absolute
+    assert apart < 2e-7 * np.sqrt(2 * condensed.energy.max())
+    assert history.work == pytest.approx(condensed.work, abs=1e-6 * condensed.work.max())
+
+
 @pytest.mark.parametrize(
     ("mistake", "message"),
     [

@@ -121,7 +121,7 @@ class ViscousSteps:
 def _rest(run: Run, before: State, now: Drive) -> State:
     """Nothing has moved yet: where the increment begins."""
     form = run.form
-    none, nothing = np.zeros(len(form.K)), np.zeros((form.count, form.block))
+    none, nothing = np.zeros(len(run.condensation.touched)), np.zeros((form.count, form.block))
     zero = now.force - now.force
     drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.shut, now.bias)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))

@@ -142,6 +142,35 @@ def test_parts_and_cells_add_up():
     assert np.sqrt((budget.cells**2).sum()) == pytest.approx(budget.space[0])
 
 
+MATERIALS = [
+    (vx.Elasticity(young=200.0, poisson=0.3),),
+    (vx.Elasticity(young=200.0, poisson=0.3, stabilisation="unit"),),
+    # At 45 degrees the shear entry of the elastic matrix is that of the fibres.
+    (vx.Orthotropic(young=(1000.0, 10.0), poisson=0.3, shear=2.0, angle=np.pi / 4),),
+    (
+        vx.Elasticity(young=200.0, poisson=0.3, plane="stress", stabilisation="unit", on="one"),
+        vx.Orthotropic(young=(1000.0, 10.0), poisson=0.3, shear=2.0, angle=0.3, on="other"),
+    ),
+]
+
+
+@pytest.mark.parametrize("materials", MATERIALS)
+def test_the_stabilisation_is_that_of_the_stiffness(materials):
+    """Of u'Au, what the projected strains do not store."""
+    from vemcvx.budget.residual import stabilised
+    from vemcvx.scene.pose import pose
+    from vemcvx.vem import strains, stresses
+
+    mesh = vx.meshes.voronoi(4)
+    one = (mesh.centroids[:, 0] < 0.5).astype(float)
+    mesh = mesh.with_cell_data("one", one).with_cell_data("other", 1.0 - one)
+    posed = pose(vx.Scene(*materials, vx.Clamp(on="left")), mesh)
+    u = np.random.default_rng(0).normal(size=mesh.points.shape)
+    strain = strains(posed.space, u)
+    projected = np.sum(mesh.areas[:, None] * strain * stresses(posed.material.moduli, strain))
+    assert projected + stabilised(posed, u).sum() == pytest.approx(u.ravel() @ (posed.A @ u.ravel()), rel=1e-12)
+
+
 def test_an_affine_field_has_no_residual():
     """Pulled uniformly: exact on every mesh, in every part."""
     for family in FAMILIES:

@@ -3,7 +3,7 @@
     eta_K^2 = c^2 (  h_K^2 / (10 mu) |f|^2_K                                         what the body force leaves
                    + sum over inner edges     h_e / (4 mu) |[sigma n]|^2_e / 2       jumps, half to each neighbour
                    + sum over boundary edges  h_e / (2 mu) |t - sigma n|^2_e         loads, friction, contact, springs
-                   + 2 mu |(I - Pi) u|^2 at the vertices )                           the stabilisation
+                   + tau |(I - Pi) u|^2 at the vertices )                            the stabilisation, as in K
 
 with sigma = C eps(Pi u) + sigma_0, h_K = |K|^{1/2}, h_e the mean over the neighbours, and boundary residuals only in
 the directions that supports leave free. In the order of Verfurth, *A Posteriori Error Estimation Techniques for Finite
@@ -48,7 +48,7 @@ def indicators(posed: Posed, edges: Skeleton, t: float, u: Floats, lam: Floats, 
         "volume": VOLUME * _volume(posed, edges, t),
         "jumps": _jumps(edges, sigma),
         "boundary": _boundary(edges, sigma, surface_forces(posed, edges, t, u, lam, p)),
-        "stabilisation": _stabilisation(posed, edges, u),
+        "stabilisation": stabilised(posed, u),
     }
     return {name: CONSTANT**2 * squares for name, squares in parts.items()}
 
@@ -87,12 +87,14 @@ def _traction(sigma: Floats, normals: Floats) -> Floats:
     return np.column_stack([xx * x + xy * y, xy * x + yy * y])
 
 
-def _stabilisation(posed: Posed, edges: Skeleton, u: Floats) -> Floats:
-    result = np.empty(len(edges.sizes))
+def stabilised(posed: Posed, u: Floats) -> Floats:
+    """tau |(I - Pi) u|^2 (n_cells,), which the energy u'A u includes."""
+    tau = posed.material.tau
+    result = np.empty(len(tau))
     for group in posed.space.groups:
         for chunk in group.chunks(2**20):
             v = u[chunk.nodes]
             v = v - v[:, :1]
             rest = v - vertex_values(chunk.corners) @ v
-            result[chunk.cells] = 2.0 * edges.shear[chunk.cells] * np.einsum("cia,cia->c", rest, rest)
+            result[chunk.cells] = tau[chunk.cells] * np.einsum("cia,cia->c", rest, rest)
     return result

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.effects import data
+from vemcvx.vem import elastic_matrix, softest_shear
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -127,6 +128,13 @@ class Material:
     across: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit swelling
     there, with a minus sign; zero in plane stress, None where the law does not say"""
+    stabilisation: Floats | None = None
+    """(n_cells,) tau, by which the stiffness weighs what Pi misses; None means :func:`vemcvx.vem.softest_shear`"""
+
+    @property
+    def tau(self) -> Floats:
+        """(n_cells,) the factor of the stabilisation."""
+        return softest_shear(elastic_matrix(self.moduli)) if self.stabilisation is None else self.stabilisation
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from vemcvx.effects.contribution import Contribution, Floats, Material
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.vem import Space, stiffness
+from vemcvx.vem import Space, stabilisation_factor, stiffness
 
 STABILISATIONS = ("shear", "unit")
 # Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds
@@ -66,7 +66,8 @@ class Elasticity(MaterialLaw):
         swelling = np.column_stack([volume, volume, np.zeros_like(volume)])
         across = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self.plane == "strain")
         subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
-        return Contribution(K, Material(subject, np.stack([lam, mu]), swelling, self.plane, cells, across))
+        tau = stabilisation_factor(mu, self.stabilisation)
+        return Contribution(K, Material(subject, np.stack([lam, mu]), swelling, self.plane, cells, across, tau))
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"

@@ -50,7 +50,8 @@ def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
     swelling = np.sum([m.swelling for m in materials], axis=0)
     known = [m.across for m in materials if m.across is not None]
     across = np.sum(known, axis=0) if len(known) == len(materials) else None
-    return Material("materials", np.sum(moduli, axis=0), swelling, materials[0].plane, across=across)
+    tau = np.sum([m.tau for m in materials], axis=0)
+    return Material("materials", np.sum(moduli, axis=0), swelling, materials[0].plane, None, across, tau)
 
 
 def _check_cover(materials: Sequence[Material], mesh: PolygonMesh) -> None:

@@ -1,13 +1,13 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
-from vemcvx.vem.anisotropic import anisotropic_stiffness
+from vemcvx.vem.anisotropic import anisotropic_stiffness, softest_shear
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows
 from vemcvx.vem.hooke import elastic_matrix, stresses, upper_triangle
 from vemcvx.vem.invariants import equivalent, principal
 from vemcvx.vem.loads import cell_load, edge_load, stress_load
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.space import CellGroup, Space
-from vemcvx.vem.stiffness import stiffness
+from vemcvx.vem.stiffness import stabilisation_factor, stiffness
 from vemcvx.vem.strain import rigid_modes, strains
 
 __all__ = [
@@ -23,6 +23,8 @@ __all__ = [
     "equivalent",
     "principal",
     "rigid_modes",
+    "softest_shear",
+    "stabilisation_factor",
     "stiffness",
     "strains",
     "stress_load",

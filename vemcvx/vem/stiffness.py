@@ -48,14 +48,25 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     Scaling all coordinates by a power of two changes no bit; scaling moduli by one scales the matrix exactly
     (with "unit", its consistent part). Entries that happen to vanish are stored.
     """
-    if stabilisation not in ("shear", "unit"):
-        raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
-    tau = 2.0 * mu if stabilisation == "shear" else np.sign(mu)
+    tau = stabilisation_factor(mu, stabilisation)
 
     def local(cells: CellGroup) -> Floats:
         return local_blocks(cells.corners, lam[cells.cells], mu[cells.cells], tau[cells.cells])
 
     return assemble_cells(space, local)
+
+
+def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:
+    """tau (n_cells,) of an isotropic material; zero on cells that another material fills.
+
+    Raises
+    ------
+    SceneError
+        `stabilisation` is neither "shear" nor "unit".
+    """
+    if stabilisation not in ("shear", "unit"):
+        raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
+    return 2.0 * mu if stabilisation == "shear" else np.sign(mu)
 
 
 def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Floats:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from conftest import FAMILIES
 
 import vemcvx as vx
-from vemcvx.effects import Contribution
+from vemcvx.effects import Contribution, Given
 from vemcvx.vem import Space
 
 TIMES = np.array([0.0, 0.4, 1.0])
@@ -273,6 +273,13 @@ def answer(*effects, on=None):
 
 def content(thing):
     """Everything that a contribution says, as comparable plain data; functions of time by their values."""
+    if isinstance(thing, Given):
+        return (
+            thing.kind,
+            content(thing.edges),
+            content(thing.cells),
+            tuple(content(at_places(thing, t)) for t in TIMES),
+        )
     if dataclasses.is_dataclass(thing):
         return {f.name: content(getattr(thing, f.name)) for f in dataclasses.fields(thing) if f.name != "value"} | {
             "at": at_times(thing)
@@ -288,6 +295,19 @@ def content(thing):
     if callable(thing):
         return tuple(content(thing(t)) for t in TIMES)
     return thing
+
+
+def at_places(given, t):
+    """A datum as a function of place, at points of the first cell."""
+    x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, 2)), np.zeros(5, dtype=np.int64)
+    more = {
+        "bound": (t, np.ones(5)),
+        "spring": (t, np.ones(5)),
+        "foundation": (),
+        "moduli": (cells,),
+        "swelling": (cells, t),
+    }
+    return given.value(x, *more.get(given.kind, (t,)))
 
 
 def at_times(thing):

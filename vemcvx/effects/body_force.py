@@ -26,7 +26,8 @@ class BodyForce(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         points, matrix, cells = cell_load(space)
-        return Contribution(loads=(Load("BodyForce", points, matrix, self.force, cells),))
+        load = Load("BodyForce", points, matrix, self.force, cells)
+        return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:
         return f"BodyForce: {amount(self.force)} in the body"

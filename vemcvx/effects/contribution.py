@@ -35,18 +35,27 @@ class Load:
     edges: Ints | None = None
     """(q, 2) of a load on the boundary: the edge of each point"""
 
+    def at(self, x: Floats, t: float) -> Floats:
+        """The datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
+        read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
+        return read(self.value, x, t, self.subject)
+
+    @property
+    def given(self) -> tuple[Given, ...]:
+        """The datum as a function of place, if it is one."""
+        edges = None if self.edges is None else np.unique(self.edges, axis=0)
+        return (Given(self.subject, "force", self.at, edges, self),) if callable(self.value) else ()
+
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
-        read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
-        return self.matrix @ read(self.value, self.points, t, self.subject).ravel()
+        return self.matrix @ self.at(self.points, t).ravel()
 
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
         dim = self.points.shape[1]
         # Basis functions sum to one, so the rows of one component do to its total.
         scalar = self.matrix.shape[1] == len(self.points)
-        read = data.scalar if scalar else data.vector
-        value = read(self.value, self.points, t, self.subject).ravel()
+        value = self.at(self.points, t).ravel()
         nodes = np.ones(self.matrix.shape[0] // dim)
         total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
         return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)
@@ -156,6 +165,33 @@ class InitialStress:
 
 
 @dataclass(frozen=True)
+class Given:
+    """A datum as the scene gives it, of which the assembled problem has read some points: an error estimate reads more.
+
+    What `value` takes and gives goes with the kind; x (k, dim) are points of the edges, or of the cells numbered (k,):
+
+        "force"         (x, t) -> (k, dim), or (k,) of a pressure; `load` says what was assembled
+        "bound"         (x, t, pressure (k,)) -> (j, k) bounds of friction, force per length
+        "gap"           (x, t) -> (k,)
+        "spring"        (x, t, u . n (k,)) -> (k,) pressure, and stiffness (k,)
+        "foundation"    (x) -> (2, k) springs along the normal and the tangent
+        "displacement"  (x, t) -> (k,) or (k, dim)
+        "moduli"        (x, cells) -> (6, k) upper triangle of the elastic matrix, and (k, 3) as `Material.swelling`
+        "swelling"      (x, cells, t) -> (k,)
+        "stress"        (x, t) -> (k, 3)
+    """
+
+    subject: str
+    kind: str
+    value: Callable[..., Floats]
+    edges: Ints | None = None
+    """(m, 2) of a datum on the boundary"""
+    load: Load | None = None
+    cells: NDArray[np.bool_] | None = None
+    """(n_cells,) which cells have these moduli; None means all"""
+
+
+@dataclass(frozen=True)
 class Contribution:
     """The sum of what an effect adds; every field may be absent."""
 
@@ -171,3 +207,5 @@ class Contribution:
     initial_stresses: tuple[InitialStress, ...] = ()
     viscosity: sp.csr_matrix | None = None
     """matrix of b^h, stress in proportion to the rate of strain"""
+    given: tuple[Given, ...] = ()
+    """data that vary in space"""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction
+from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction, Given
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space
@@ -40,27 +41,32 @@ class CoulombFriction(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"CoulombFriction on {where(self.on)}"
-        rows = space.part(self.on, "CoulombFriction").corners
+        part = space.part(self.on, "CoulombFriction")
+        rows = part.corners
         points = space.mesh.points[rows.nodes]
 
-        def positive(value: data.Datum, t: float, name: str) -> Floats:
-            found = data.scalar(value, points, t, f"{subject}: {name}")
+        def positive(value: data.Datum, x: Floats, t: float, name: str) -> Floats:
+            found = data.scalar(value, x, t, f"{subject}: {name}")
             if (found < 0).any():
                 worst = int(np.argmin(found))
                 raise SceneError(
-                    f"{subject}: found the {name} {found[worst]:.6g} at {points[worst]} and t = {t:.6g}; "
-                    "it must be >= 0."
+                    f"{subject}: found the {name} {found[worst]:.6g} at {x[worst]} and t = {t:.6g}; it must be >= 0."
                 )
             return found
 
         def law(t: float, forces: Floats) -> Floats:
-            bound = positive(self.coefficient, t, "coefficient") * np.maximum(forces, 0.0)
-            return bound if self.cap is None else np.minimum(bound, positive(self.cap, t, "cap") * rows.lengths)
+            bound = positive(self.coefficient, points, t, "coefficient") * np.maximum(forces, 0.0)
+            return bound if self.cap is None else np.minimum(bound, positive(self.cap, points, t, "cap") * rows.lengths)
+
+        def under(x: Floats, t: float, pressure: Floats) -> Floats:
+            bound = positive(self.coefficient, x, t, "coefficient") * np.maximum(pressure, 0.0)
+            return (bound if self.cap is None else np.minimum(bound, positive(self.cap, x, t, "cap")))[None]
 
         none = np.zeros(len(rows.nodes))
         return Contribution(
             frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, lambda t: none, law),),
             surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+            given=(Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else (),
         )
 
     def describe(self) -> str:

@@ -7,12 +7,14 @@ signature is one clear :class:`~vemcvx.errors.SceneError` and never a numpy trac
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
+from vemcvx.meshes import PolygonMesh
 from vemcvx.real import real, shape_in_words
 
 Datum = ArrayLike | Callable[..., ArrayLike]
@@ -58,6 +60,39 @@ def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floa
         raw = _call(value, (x,), "x", subject)
     wanted = f"a number, or ({len(x)},) values, one a cell"
     return _shaped(raw, (len(x),), subject, wanted, "in cell {}".format)
+
+
+def varies(*values: Datum | str | None) -> bool:
+    """Whether one of the data is a function, of place or of time."""
+    return any(callable(value) for value in values)
+
+
+@dataclass(frozen=True, eq=False)
+class InCells:
+    """Points of cells at which material constants are read: the centroids, or others.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh
+    x : (k, dim) array
+    cells : (k,) array of int
+        The cell of each point.
+    """
+
+    mesh: PolygonMesh
+    x: Floats
+    cells: NDArray[np.int64]
+
+    @classmethod
+    def centroids(cls, mesh: PolygonMesh) -> InCells:
+        """One point a cell."""
+        return cls(mesh, mesh.centroids, np.arange(mesh.n_cells))
+
+    def read(self, value: Datum | str, subject: str) -> Floats:
+        """Values (k,) of a material constant."""
+        if callable(value):
+            return modulus(value, self.x, self.mesh.cell_data, subject)
+        return modulus(value, self.mesh.centroids, self.mesh.cell_data, subject)[self.cells]
 
 
 def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) -> Any:

@@ -17,7 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats
+from vemcvx.effects.contribution import Contribution, Floats, Given
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryPart, Space
@@ -59,7 +60,13 @@ class ElasticFoundation(Effect):
             # The product above rounds (i, j) and (j, i) differently.
             mass = 0.5 * (mass + mass.transpose(0, 2, 1))
             blocks += mass[:, :, None, :, None] * direction[:, None, :, None, :]
-        return Contribution(stiffness=_assembled(blocks, part, space.n_unknowns))
+
+        def at(x: Floats) -> Floats:
+            return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])
+
+        subject = f"ElasticFoundation on {where(self.on)}"
+        given = (Given(subject, "foundation", at, part.edges),) if varies(self.normal, self.tangential) else ()
+        return Contribution(stiffness=_assembled(blocks, part, space.n_unknowns), given=given)
 
     def describe(self) -> str:
         return (

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Material
+from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Material
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.vem import Space, stabilisation_factor, stiffness
+from vemcvx.vem import Space, elastic_matrix, stabilisation_factor, stiffness, upper_triangle
 
 STABILISATIONS = ("shear", "unit")
 # Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds
@@ -58,16 +59,24 @@ class Elasticity(MaterialLaw):
         if self.stabilisation not in STABILISATIONS:
             raise SceneError(f"Elasticity: found stabilisation {self.stabilisation!r}; there are 'shear' and 'unit'.")
         cells = region(space, self.on, "Elasticity")
-        lam, mu = self._lame(space, cells)
+        lam, mu = self._lame(data.InCells.centroids(space.mesh), cells)
+        if self.plane == "strain":
+            self._warn_of_locking(lam, mu, space)
         if cells is not None:
             lam, mu = lam * cells, mu * cells
         K = stiffness(space, lam, mu, stabilisation=self.stabilisation)
-        volume = 3 * lam + 2 * mu if self.plane == "strain" else 2 * (lam + mu)
-        swelling = np.column_stack([volume, volume, np.zeros_like(volume)])
+        volume, swelling = self._blocked(lam, mu)
         across = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self.plane == "strain")
         subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
         tau = stabilisation_factor(mu, self.stabilisation)
-        return Contribution(K, Material(subject, np.stack([lam, mu]), swelling, self.plane, cells, across, tau))
+        material = Material(subject, np.stack([lam, mu]), swelling, self.plane, cells, across, tau)
+
+        def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
+            lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
+            return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu)[1]
+
+        given = (Given(subject, "moduli", at, cells=cells),) if varies(self.young, self.poisson) else ()
+        return Contribution(K, material, given=given)
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
@@ -76,10 +85,23 @@ class Elasticity(MaterialLaw):
             f"{self.stabilisation} stabilisation{place}"
         )
 
-    def _lame(self, space: Space, cells: NDArray[np.bool_] | None) -> tuple[Floats, Floats]:
-        mesh = space.mesh
-        E = data.modulus(self.young, mesh.centroids, mesh.cell_data, "Elasticity: young")
-        nu = data.modulus(self.poisson, mesh.centroids, mesh.cell_data, "Elasticity: poisson")
+    def _warn_of_locking(self, lam: Floats, mu: Floats, space: Space) -> None:
+        largest = float((0.5 * lam / (lam + mu)).max())
+        if largest > LOCKING_POISSON and np.mean(np.diff(space.mesh.offsets) == 3) > 0.5:
+            warnings.warn(
+                f"Elasticity: poisson = {largest:.9g} on a mesh of triangles, which lock near 1/2; "
+                "polygons (squares, voronoi, hexagons) do not.",
+                SceneWarning,
+                stacklevel=3,
+            )
+
+    def _blocked(self, lam: Floats, mu: Floats) -> tuple[Floats, Floats]:
+        """What a blocked unit swelling costs, and the stresses (k, 3) of it."""
+        volume = 3 * lam + 2 * mu if self.plane == "strain" else 2 * (lam + mu)
+        return volume, np.column_stack([volume, volume, np.zeros_like(volume)])
+
+    def _lame(self, at: data.InCells, cells: NDArray[np.bool_] | None) -> tuple[Floats, Floats]:
+        E, nu = at.read(self.young, "Elasticity: young"), at.read(self.poisson, "Elasticity: poisson")
         if cells is not None:
             E, nu = np.where(cells, E, 1.0), np.where(cells, nu, 0.0)
         check_plane(self.plane, "Elasticity")
@@ -94,11 +116,4 @@ class Elasticity(MaterialLaw):
         mu = E / (2 * (1 + nu))
         if self.plane == "stress":
             return E * nu / ((1 + nu) * (1 - nu)), mu
-        if nu.max() > LOCKING_POISSON and np.mean(np.diff(mesh.offsets) == 3) > 0.5:
-            warnings.warn(
-                f"Elasticity: poisson = {nu.max():.9g} on a mesh of triangles, which lock near 1/2; "
-                "polygons (squares, voronoi, hexagons) do not.",
-                SceneWarning,
-                stacklevel=2,
-            )
         return E * nu / ((1 + nu) * (1 - 2 * nu)), mu

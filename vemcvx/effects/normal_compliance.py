@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution
+from vemcvx.effects.contribution import Contribution, Floats, Given
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.effects.unilateral_contact import obstacle
+from vemcvx.effects.unilateral_contact import distance, obstacle
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space
 
@@ -40,16 +41,27 @@ class NormalCompliance(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"NormalCompliance on {where(self.on)}"
-        rows = space.part(self.on, "NormalCompliance").corners
-        points = space.mesh.points[rows.nodes]
-        stiffness = data.scalar(self.stiffness, points, 0.0, f"{subject}: stiffness")
-        if (stiffness <= 0).any():
-            worst = int(np.argmin(stiffness))
-            raise SceneError(
-                f"{subject}: found the stiffness {stiffness[worst]:.6g} at {points[worst]}; it must be > 0. "
-                "UnilateralContact is the rigid obstacle; leave the effect out for none."
-            )
-        return obstacle(space, rows, subject, self.gap, 1.0 / (stiffness * rows.lengths))
+        part = space.part(self.on, "NormalCompliance")
+        rows = part.corners
+
+        def stiffness(x: Floats) -> Floats:
+            found = data.scalar(self.stiffness, x, 0.0, f"{subject}: stiffness")
+            if (found <= 0).any():
+                worst = int(np.argmin(found))
+                raise SceneError(
+                    f"{subject}: found the stiffness {found[worst]:.6g} at {x[worst]}; it must be > 0. "
+                    "UnilateralContact is the rigid obstacle; leave the effect out for none."
+                )
+            return found
+
+        def spring(x: Floats, t: float, outward: Floats) -> Floats:
+            k = stiffness(x)
+            return np.stack([k * np.maximum(outward - distance(self.gap, subject, x, t), 0.0), k])
+
+        softness = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
+        made = obstacle(space, rows, subject, self.gap, softness)
+        given = Given(subject, "spring", spring, part.edges)
+        return replace(made, given=(given,) if varies(self.stiffness, self.gap) else ())
 
     def describe(self) -> str:
         return (

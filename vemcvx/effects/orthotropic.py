@@ -19,14 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Material
+from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Material
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError
 from vemcvx.real import brief
 from vemcvx.vem import Space, anisotropic_stiffness, upper_triangle
 
-Given = data.Datum | str
+Constant = data.Datum | str
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Orthotropic(MaterialLaw):
         The cells of this material, as for Elasticity.
     """
 
-    young: Sequence[Given]
-    poisson: Given | Sequence[Given]
-    shear: Given
-    angle: Given = 0.0
+    young: Sequence[Constant]
+    poisson: Constant | Sequence[Constant]
+    shear: Constant
+    angle: Constant = 0.0
     plane: str = "stress"
     on: str | Sequence[str] | None = None
 
@@ -61,8 +61,23 @@ class Orthotropic(MaterialLaw):
         check_plane(self.plane, "Orthotropic")
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        S = self._compliance(space, inside > 0)
-        G, angle = self._read(space, self.shear, "shear"), self._read(space, self.angle, "angle")
+        C, swelling, across = self._law(data.InCells.centroids(space.mesh), inside)
+        subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
+        material = Material(subject, upper_triangle(C), swelling, self.plane, cells, across)
+
+        def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
+            C, swelling, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
+            return upper_triangle(C), swelling
+
+        several = self.poisson if self.plane == "strain" else [self.poisson]
+        constants = (*self.young, *several, self.shear, self.angle)  # type: ignore[misc]
+        given = (Given(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
+        return Contribution(anisotropic_stiffness(space, C), material, given=given)
+
+    def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
+        """C (k, 3, 3), and as in Material swelling (k, 3) and across (k, 4); zero where not `inside` (k,)."""
+        S = self._compliance(at, inside > 0)
+        G, angle = self._read(at, self.shear, "shear"), self._read(at, self.angle, "angle")
         self._insist(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")
         C = np.zeros_like(S)
         inverse = np.linalg.inv(S)
@@ -74,13 +89,11 @@ class Orthotropic(MaterialLaw):
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
         swelling = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
-        subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
         across = np.zeros((len(S), 4))
         if self.plane == "strain":
             across[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
             across[:, 3] = inverse[:, 2].sum(axis=1)
-        material = Material(subject, upper_triangle(C), swelling, self.plane, cells, across * inside[:, None])
-        return Contribution(anisotropic_stiffness(space, C), material)
+        return C, swelling, across * inside[:, None]
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
@@ -90,9 +103,9 @@ class Orthotropic(MaterialLaw):
             f"plane {self.plane}{place}"
         )
 
-    def _compliance(self, space: Space, inside: np.ndarray) -> Floats:
+    def _compliance(self, at: data.InCells, inside: np.ndarray) -> Floats:
         """S (n_cells, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
-        E, nu = self._several(space, "young", 2), self._several(space, "poisson", 1)
+        E, nu = self._several(at, "young", 2), self._several(at, "poisson", 1)
         E, nu = np.where(inside, E, 1.0), np.where(inside, nu, 0.0)
         for i, values in enumerate(E):
             self._insist(values > 0, values, f"young ({i + 1})", "must be > 0")
@@ -109,16 +122,16 @@ class Orthotropic(MaterialLaw):
         self._insist(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
         return S
 
-    def _several(self, space: Space, name: str, in_stress: int) -> Floats:
+    def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
         given, count = getattr(self, name), in_stress if self.plane == "stress" else 3
         parts = [given] if count == 1 else given
         if isinstance(parts, str) or not hasattr(parts, "__len__") or len(parts) != count:
             wanted = {1: "nu12", 2: "(E1, E2)"}.get(count, "(E1, E2, E3)" if name == "young" else "(nu12, nu13, nu23)")
             raise SceneError(f"Orthotropic: found {name} = {brief(given)}; plane {self.plane} takes {wanted}.")
-        return np.stack([self._read(space, part, name) for part in parts])
+        return np.stack([self._read(at, part, name) for part in parts])
 
-    def _read(self, space: Space, value: Given, name: str) -> Floats:
-        return data.modulus(value, space.mesh.centroids, space.mesh.cell_data, f"Orthotropic: {name}")
+    def _read(self, at: data.InCells, value: Constant, name: str) -> Floats:
+        return at.read(value, f"Orthotropic: {name}")
 
     def _insist(self, holds: np.ndarray, values: Floats, name: str, rule: str) -> None:
         if not holds.all():

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Ints, Support
+from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Support
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.real import brief, real
@@ -39,14 +40,22 @@ class PrescribedDisplacement(Effect):
         subject = f"PrescribedDisplacement on {where(self.on)}"
         part = space.part(self.on, "PrescribedDisplacement")
         if self.direction is None:
-            return Contribution(supports=(self._whole(part.nodes, space.mesh.points[part.nodes], subject),))
+            whole = self._whole(part.nodes, space.mesh.points[part.nodes], subject)
+            return Contribution(supports=(whole,), given=self._given(part, data.vector, subject))
         nodes, directions = self._rows(part, subject)
         points = space.mesh.points[nodes]
 
         def value(t: float) -> Floats:
             return data.scalar(self.value, points, t, subject)
 
-        return Contribution(supports=(Support(subject, nodes, directions, points, value),))
+        support = Support(subject, nodes, directions, points, value)
+        return Contribution(supports=(support,), given=self._given(part, data.scalar, subject))
+
+    def _given(self, part: BoundaryPart, read: Callable[..., Floats], subject: str) -> tuple[Given, ...]:
+        def at(x: Floats, t: float) -> Floats:
+            return read(self.value, x, t, subject)
+
+        return (Given(subject, "displacement", at, part.edges),) if varies(self.value) else ()
 
     def describe(self) -> str:
         held = "" if self.direction is None else f" along {self.direction}"

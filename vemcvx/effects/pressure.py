@@ -39,7 +39,8 @@ class Pressure(Effect):
         edges, normals = (np.repeat(values, q // len(part.edges), axis=0) for values in (part.edges, part.normals))
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
         subject = f"Pressure on {where(self.on)}"
-        return Contribution(loads=(Load(subject, points, matrix @ inward, self.value, edges=edges),))
+        load = Load(subject, points, matrix @ inward, self.value, edges=edges)
+        return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:
         return f"Pressure: {amount(self.value)} on {where(self.on)}"

@@ -6,9 +6,11 @@ It enters the principle of virtual work as the load -int sigma_0 : eps(v), on ce
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, InitialStress
+from vemcvx.effects.contribution import Contribution, Floats, Given, InitialStress
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space
 
@@ -33,10 +35,11 @@ class Prestress(Effect):
     def contribute(self, space: Space) -> Contribution:
         centroids = space.mesh.centroids
 
-        def stress(t: float) -> Floats:
-            return data.tensor(self.stress, centroids, t, "Prestress")
+        def at(x: Floats, t: float) -> Floats:
+            return data.tensor(self.stress, x, t, "Prestress")
 
-        return Contribution(initial_stresses=(InitialStress("Prestress", stress),))
+        given = (Given("Prestress", "stress", at),) if varies(self.stress) else ()
+        return Contribution(initial_stresses=(InitialStress("Prestress", partial(at, centroids)),), given=given)
 
     def describe(self) -> str:
         return f"Prestress: {amount(self.stress)} in the body"

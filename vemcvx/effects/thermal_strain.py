@@ -16,7 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Swelling
+from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Swelling
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space
 
@@ -43,13 +44,18 @@ class ThermalStrain(Effect):
     temperature: data.Datum
 
     def contribute(self, space: Space) -> Contribution:
-        mesh = space.mesh
-        alpha = data.modulus(self.expansion, mesh.centroids, mesh.cell_data, "ThermalStrain: expansion")
+        middle = data.InCells.centroids(space.mesh)
+        alpha = middle.read(self.expansion, "ThermalStrain: expansion")
 
         def strain(t: float) -> Floats:
-            return alpha * data.scalar(self.temperature, mesh.centroids, t, "ThermalStrain: temperature")
+            return alpha * data.scalar(self.temperature, middle.x, t, "ThermalStrain: temperature")
 
-        return Contribution(swellings=(Swelling("ThermalStrain", strain),))
+        def at(x: Floats, cells: Ints, t: float) -> Floats:
+            there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
+            return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
+
+        given = (Given("ThermalStrain", "swelling", at),) if varies(self.expansion, self.temperature) else ()
+        return Contribution(swellings=(Swelling("ThermalStrain", strain),), given=given)
 
     def describe(self) -> str:
         return f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"

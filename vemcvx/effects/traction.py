@@ -32,7 +32,8 @@ class Traction(Effect):
         part = space.part(self.on, "Traction")
         points, matrix = edge_load(space, part)
         edges = np.repeat(part.edges, len(points) // len(part.edges), axis=0)
-        return Contribution(loads=(Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=edges),))
+        load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=edges)
+        return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:
         return f"Traction: {amount(self.force)} on {where(self.on)}"

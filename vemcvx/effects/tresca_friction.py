@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction
+from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction, Given
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space
@@ -49,7 +50,8 @@ class TrescaFriction(Effect):
         subject = f"TrescaFriction on {where(self.on)}"
         if self.quadrature not in QUADRATURES:
             raise SceneError(f"{subject}: found quadrature {self.quadrature!r}; there are 'nodes' and 'integral'.")
-        rows = space.part(self.on, "TrescaFriction").corners
+        part = space.part(self.on, "TrescaFriction")
+        rows = part.corners
         points = space.mesh.points[rows.nodes]
 
         def bound(value: data.Datum, x: Floats, t: float, name: str) -> Floats:
@@ -74,10 +76,15 @@ class TrescaFriction(Effect):
         def bias(t: float) -> Floats:
             return weights(self.bound, t, "bound") - mean(t)
 
+        def both(x: Floats, t: float, pressure: Floats) -> Floats:
+            forward = bound(self.bound, x, t, "bound")
+            return np.stack([forward, forward if self.backward is None else bound(self.backward, x, t, "backward")])
+
         tilted = None if self.backward is None else bias
         return Contribution(
             frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, mean, bias=tilted),),
             surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+            given=(Given(subject, "bound", both, part.edges),) if varies(self.bound, self.backward) else (),
         )
 
     def describe(self) -> str:

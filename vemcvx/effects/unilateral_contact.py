@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Obstacle
+from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Given, Obstacle
+from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
@@ -34,8 +36,11 @@ class UnilateralContact(Effect):
     gap: data.Datum = 0.0
 
     def contribute(self, space: Space) -> Contribution:
-        rows = space.part(self.on, "UnilateralContact").corners
-        return obstacle(space, rows, f"UnilateralContact on {where(self.on)}", self.gap, np.zeros(len(rows.nodes)))
+        part = space.part(self.on, "UnilateralContact")
+        rows, subject = part.corners, f"UnilateralContact on {where(self.on)}"
+        made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
+        given = Given(subject, "gap", partial(distance, self.gap, subject), part.edges)
+        return replace(made, given=(given,) if varies(self.gap) else ())
 
     def describe(self) -> str:
         return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
@@ -45,17 +50,20 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, so
     """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
     points = space.mesh.points[rows.nodes]
 
-    def distance(t: float) -> Floats:
-        g = data.scalar(gap, points, t, f"{subject}: gap")
-        if (g < 0).any():
-            worst = int(np.argmin(g))
-            raise SceneError(
-                f"{subject}: found the gap {g[worst]:.6g} at {points[worst]} and t = {t:.6g}; a gap is a distance and "
-                "must be >= 0."
-            )
-        return g
-
+    at_nodes = partial(distance, gap, subject, points)
     return Contribution(
-        obstacles=(Obstacle(subject, rows.nodes, rows.normals, rows.lengths, distance, softness),),
+        obstacles=(Obstacle(subject, rows.nodes, rows.normals, rows.lengths, at_nodes, softness),),
         surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
     )
+
+
+def distance(gap: data.Datum, subject: str, x: Floats, t: float) -> Floats:
+    """The gap (k,) at points x (k, dim) and the instant `t`, checked."""
+    g = data.scalar(gap, x, t, f"{subject}: gap")
+    if (g < 0).any():
+        worst = int(np.argmin(g))
+        raise SceneError(
+            f"{subject}: found the gap {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; a gap is a distance and must be "
+            ">= 0."
+        )
+    return g

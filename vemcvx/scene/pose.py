@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
+from vemcvx.effects import ContactSurface, Contribution, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.kernel import Kernel
@@ -57,6 +57,8 @@ class Posed:
     """stiffness of springs to the ground, also in A; None if there are none"""
     void: tuple[str, ...] = ()
     """sentences: effects that do nothing in this scene, and so were left out"""
+    given: tuple[Given, ...] = ()
+    """data that vary in space, those of what was left out among them: it may be zero where it was looked at only"""
 
     @property
     def contact(self) -> tuple[Ints, Floats, Floats]:
@@ -116,7 +118,8 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     )
     surfaces = _chain(p.surfaces for p in parts)
     return Posed(
-        scene, space, system, supports, A, loads, terms, surfaces, material, prestress, obstacles, springs, tuple(void)
+        *(scene, space, system, supports, A, loads, terms, surfaces, material, prestress, obstacles, springs),
+        *(tuple(void), _chain(p.given for p in parts)),
     )
 
 

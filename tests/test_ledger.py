@@ -75,3 +75,91 @@ def test_contact_tractions_add_up_to_the_reaction(family):
     force = contact.traction - contact.pressure[:, :, None] * contact.normals
     nodal = history.forces[:, contact.nodes]
     assert np.abs(force * lengths[:, None] - nodal).max() < 1e-11 * np.abs(nodal).max()
+
+
+def rising(x, t):
+    """A floor that comes up, unevenly, goes down beyond reach, and comes again."""
+    return 0.03 * (1.02 + np.sin(9 * t + 1.5)) * (1 + 0.3 * x[:, 0])
+
+
+def on_a_moving_floor(obstacle, *more):
+    """A block that hangs from its top and is pushed up from below, also while the top moves."""
+    return vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.01 * t, -0.02 * t], (len(x), 1)), on="top"),
+        vx.Traction(lambda x, t: np.tile([2.0 * t, 0.0], (len(x), 1)), on="left"),
+        obstacle,
+        *more,
+    )
+
+
+FLOORS = {
+    "rigid": (vx.UnilateralContact(on="bottom", gap=rising),),
+    "soft": (vx.NormalCompliance(3000.0, on="bottom", gap=rising),),
+    "with friction": (vx.UnilateralContact(on="bottom", gap=rising), vx.TrescaFriction(1.0, on="bottom")),
+    "with Coulomb's friction": (vx.UnilateralContact(on="bottom", gap=rising), vx.CoulombFriction(0.3, on="bottom")),
+    "viscous": (vx.UnilateralContact(on="bottom", gap=rising), vx.Viscosity(shear=3.0, volume=1.0)),
+}
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_ledger_closes_while_obstacles_move(family, floor):
+    """work - dE - loss = 1/2 a(du, du) + p . dz with z = u . n - gap, and what soft limits store taken off p . dz."""
+    history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
+    posed, p = pose(history.scene, history.mesh, TIMES), history.trajectory.pressures
+    increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
+    gaps = np.array([posed.obstacles.gap(t) for t in TIMES])
+    closing = increments @ posed.obstacles.rows.T.toarray() - np.diff(gaps, axis=0)
+    spring = 0.5 * np.einsum("nj,j->n", p**2, posed.obstacles.softness)
+    square = np.einsum("ni,ni->n", increments, (posed.A @ increments.T).T)
+    rest = 0.5 * square + np.einsum("nj,nj->n", p[1:], closing)
+    rest = np.append(0.0, np.cumsum(rest)) - spring
+    remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
+    size = np.abs(history.work).max() + history.energy.max()
+    # The identity is that of balanced answers: what is left of the balance, at most the certified error, does work too.
+    slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
+    assert slack <= 1e-7 * size
+    assert np.abs(remainder - rest).max() < 1e-12 * size + slack
+    assert (np.diff(rest) >= -1e-14 * size).all()
+    # The floor pushes, leaves and comes again, and what it does counts.
+    pushed = (p > 0).any(axis=1)
+    assert len(np.flatnonzero(np.diff(pushed))) >= 3
+    assert np.abs(np.einsum("nj,nj->n", p[1:], np.diff(gaps, axis=0))).max() > 1e-2 * size
+
+
+@pytest.mark.parametrize("stiffness", [None, 500.0])
+@pytest.mark.parametrize("damped", [False, True])
+def test_work_of_a_floor_that_rises(family, stiffness, damped):
+    """Nothing else moves: all the work is the floor's, pressure times way, of uniaxial strain."""
+    H, L, way = 0.5, 2.0, 0.05
+    mesh = vx.meshes.FAMILIES[family](4, box=((0, L), (0, H)))
+
+    def gap(x, t):
+        return np.full(len(x), way * (1 - t))
+
+    touch = (
+        vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
+    )
+    young, poisson, tau = 10.0, 0.25, 0.1 * damped
+    mu = young / (2 * (1 + poisson))
+    modulus, lam = 3 * mu, mu  # at this Poisson ratio
+    scene = vx.Scene(
+        vx.Elasticity(young, poisson),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -way], (len(x), 1)), on="top"),
+        vx.PrescribedDisplacement(0.0, on=["left", "right"], direction="normal"),
+        touch,
+        *([vx.Viscosity(shear=tau * mu, volume=tau * lam)] if damped else []),
+    )
+    start = np.tile([0.0, -way], (mesh.n_nodes, 1))
+    times = np.linspace(0, 1, 9)
+    history = vx.simulate(scene, mesh, times, initial=start, solver=vx.Newton())
+    give, strain = 0.0 if stiffness is None else 1.0 / (stiffness * H), np.zeros(9)
+    rate = tau * 8
+    for n in range(1, 9):
+        # modulus (strain + rate (strain - before)) = pressure, and the floor's own yield is give * pressure.
+        strain[n] = (way * times[n] / H + give * modulus * rate * strain[n - 1]) / (1 + give * modulus * (1 + rate))
+    pressure = modulus * (strain + rate * np.diff(strain, prepend=0.0))
+    work = np.append(0.0, np.cumsum(pressure[1:] * L * way / 8))
+    assert history.work == pytest.approx(work, abs=1e-9 * work[-1])
+    stored = 0.5 * modulus * strain**2 * L * H + 0.5 * give * pressure**2 * L * H
+    assert history.energy == pytest.approx(stored, abs=1e-9 * work[-1])

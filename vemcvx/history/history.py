@@ -106,7 +106,11 @@ class History:
 
     @property
     def work(self) -> Floats:
-        """(S,) sum of end-of-step forces and reactions times increments since the initial instant."""
+        """(S,) sum of end-of-step forces and reactions times increments since the initial instant.
+
+        Obstacles whose gap changes work, too. What is left of it after `energy` and `dissipated` is never negative:
+        1/2 a^h(du, du) of every step, and pressures times the gaps that they closed.
+        """
         return self.trajectory.work[self.stored]
 
     @property

@@ -39,8 +39,11 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     state = _state(run, now, y)
     if run.system.damping is not None:
         # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
-        norm = _norm(run, y)
-        return replace(state, ledger=Ledger.opening(0.5 * norm * norm, run.form.count), scale=norm, full=y)
+        own = 0.5 * float(y @ (run.system.K @ y))
+        if now.stretch is not None:
+            own += float(y @ now.stretch.phi) + 0.5 * now.stored
+        ledger = Ledger.opening(own, run.form.count)
+        return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
     jump = _norm(run, run.condensation.recover(settled.y, now.force) - y)
     scale = max(state.ledger.norm, _norm(run, now.force.x))

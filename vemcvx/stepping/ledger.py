@@ -1,12 +1,13 @@
 """The energy ledger of backward Euler, kept on the touched unknowns.
 
 energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D;  soft limits add c p^2 / 2
-work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc + p . dD^u_D
-           (forces and reactions at the end of the step; this load is without the stretch of the supports)
+work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc + p . (dD^u_D - de)
+           (forces and reactions at the end of the step; this load is without the stretch of the supports; the last is
+           of supports that move towards limits, and of limits e that move themselves: obstacles push)
 loss     = lam . s = sum_i w_i |s_i| + c_i . s_i, kept term by term, too: friction work, which wears what rubs
            (Archard 1953)
-identity   work - dE - loss = 1/2 a(du, du) + p . D du  step by step, for every balanced answer; the last, of bounds, is
-           >= 0 while they stand still, that of soft limits is 1/2 dz^2 / c and more
+identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
+           bounds, is -p . z_prev >= 0, that of soft limits, less what they store, c (dp)^2 / 2 and more
 """
 
 from __future__ import annotations
@@ -39,8 +40,6 @@ class Drive:
     stored: float
     reach: Floats
     """(r,) what the limits leave free"""
-    shut: Floats
-    """(r,) how much of that the supports took"""
     bias: Floats
     """(m * block,) of the norm terms, minus B' of which is part of the force"""
 
@@ -83,11 +82,10 @@ def drive(system: System, condensation: Condensation, t: float) -> Drive:
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
     reach = system.reach(t)
     if system.motion is None:
-        return Drive(t, force, None, np.zeros_like(bias), 0.0, reach, np.zeros_like(reach), bias)
+        return Drive(t, force, None, np.zeros_like(bias), 0.0, reach, bias)
     motion = system.motion
-    shut = np.zeros_like(reach) if motion.reach is None else motion.reach(t)
     stretch = condensation.reduce(motion.stretch(t))
-    return Drive(t, force, stretch, motion.drag(t), motion.stored(t, t), reach, shut, bias)
+    return Drive(t, force, stretch, motion.drag(t), motion.stored(t, t), reach, bias)
 
 
 def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> float:
@@ -103,14 +101,13 @@ def advance(
 ) -> Ledger:
     """The ledger after a step."""
     change = now.force - before.drive.force
-    work = condensation.work(now.force, answer.d, change)
+    work = condensation.work(now.force, answer.d, change) - float(answer.p @ (now.reach - before.drive.reach))
     if now.stretch is not None and before.drive.stretch is not None:
         work += condensation.work(now.stretch, answer.d, change)
         work += condensation.work(now.stretch - before.drive.stretch, y, now.force)
         motion = condensation.system.motion
         work += now.stored - motion.stored(before.drive.t, now.t)  # type: ignore[union-attr]
         work += float(answer.lam.ravel() @ (now.drag - before.drive.drag))
-        work += float(answer.p @ (now.shut - before.drive.shut))
     # The bias is a force in the balance, and friction in the ledger.
     tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
     work += float(tilt.sum())

@@ -91,13 +91,13 @@ class ViscousSteps:
         if system.limits is not None:
             reach = reach - system.limits.D @ y
         bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
-        return Drive(t, run.condensation.reduce(phi), None, drag, 0.0, reach, np.zeros_like(reach), bias)
+        return Drive(t, run.condensation.reduce(phi), None, drag, 0.0, reach, bias)
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t
         K, C, ahead = system.K, system.damping.C, y + d  # type: ignore[union-attr]
         lost = float(d @ (C @ d)) / k
-        work = float(system.force(t) @ d)
+        work = float(system.force(t) @ d) - float(stepped.p @ (system.reach(t) - system.reach(s)))
         energy = float(ahead @ (K @ ahead)) + float(stepped.p @ (self._run.form.softness * stepped.p))
         motion = system.motion
         if motion is not None:
@@ -105,8 +105,6 @@ class ViscousSteps:
             energy += 2 * float(ahead @ motion.stretch(t)) + motion.stored(t, t)
             work += float(motion.stretch(t) @ d + ahead @ change) + motion.stored(t, t) - motion.stored(s, t)
             work += float(stepped.lam.ravel() @ (motion.drag(t) - motion.drag(s)))
-            if motion.reach is not None:
-                work += float(stepped.p @ (motion.reach(t) - motion.reach(s)))
         moved = system.damping.motion  # type: ignore[union-attr]
         if moved is not None:
             across = float(d @ (moved.stretch(t) - moved.stretch(s))) / k
@@ -123,7 +121,7 @@ def _rest(run: Run, before: State, now: Drive) -> State:
     form = run.form
     none, nothing = np.zeros(len(run.condensation.touched)), np.zeros((form.count, form.block))
     zero = now.force - now.force
-    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.shut, now.bias)
+    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.bias)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
     return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0)

@@ -137,9 +137,7 @@ def test_work_of_a_floor_that_rises(family, stiffness, damped):
     def gap(x, t):
         return np.full(len(x), way * (1 - t))
 
-    touch = (
-        vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
-    )
+    touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
     young, poisson, tau = 10.0, 0.25, 0.1 * damped
     mu = young / (2 * (1 + poisson))
     modulus, lam = 3 * mu, mu  # at this Poisson ratio

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from vemcvx.scene.pose import pose
 
 YOUNG, POISSON, H, LENGTH = 10.0, 0.25, 0.5, 2.0
 MU = YOUNG / (2 * (1 + POISSON))
@@ -198,3 +199,42 @@ def test_mistakes(mistake, message):
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp("left"), mistake())
     with pytest.raises(vx.SceneError, match=message):
         vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
+
+
+@pytest.mark.parametrize("store", ["all", 3])
+def test_dashpots_push_on_supports_and_floors(family, store):
+    """Whatever share of a steady pull dashpots still bear, supports bear all of it; and so does a floor of pressure."""
+    scene = vx.Scene(
+        *solid(),
+        vx.PrescribedDisplacement(0.0, on="left", direction="normal"),
+        vx.BilateralContact(on="bottom"),
+        vx.Traction((0.3, 0.0), on="right"),
+        vx.Traction((0.0, -0.2), on="top"),
+    )
+    history = vx.simulate(scene, mesh_of(family), UNEVEN, store=store)
+    later = slice(1, None)
+    assert history.reaction("left")[later, 0] == pytest.approx(-0.3 * H, rel=1e-10)
+    assert history.contact.pressure[later] == pytest.approx(0.2, rel=1e-9)
+    assert np.abs(history.forces.sum(axis=1)[later] - [-0.3 * H, 0.2 * LENGTH]).max() < 1e-10
+
+
+def test_everything_balances_while_supports_move_and_friction_rubs(family):
+    """Forces and moments, at every instant and however few are stored."""
+    scene = vx.Scene(
+        *solid(0.2),
+        vx.PrescribedDisplacement(lambda x, t: 0.1 * np.sin(t) * x + [0.05 * t, -0.1 * t], on="top"),
+        vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.02 * (2 + np.cos(5 * t)) + 0 * x[:, 0]),
+        vx.TrescaFriction(0.05, on="bottom"),
+        vx.BodyForce((0.3, -1.0)),
+    )
+    mesh = mesh_of(family)
+    for store in ("all", 3):
+        history = vx.simulate(scene, mesh, UNEVEN, store=store, solver=vx.Newton())
+        load = np.array([pose(scene, mesh).force(t) for t in history.times[1:]]).reshape(-1, *mesh.points.shape)
+        forces = history.forces[1:]
+        scale = np.abs(forces).sum()
+        assert np.abs((forces + load).sum(axis=1)).max() < 1e-12 * scale
+        assert np.abs(np.einsum("ia,sia->s", mesh.points @ [[0, 1], [-1, 0]], forces + load)).max() < 1e-12 * scale
+        # Where nothing holds a node, nothing is exerted on it.
+        free = np.setdiff1d(np.arange(mesh.n_nodes), np.union1d(mesh.boundaries["top"], mesh.boundaries["bottom"]))
+        assert np.abs(forces[:, free]).max(initial=0.0) < 1e-10 * np.abs(forces).max()

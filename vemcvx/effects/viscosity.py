@@ -21,7 +21,8 @@ class Viscosity(Effect):
     Steps then depend on their length; nothing else does. Han and Sofonea, *Quasistatic Contact Problems in
     Viscoelasticity and Viscoplasticity* (2002), chapter 6.
 
-    The energy of a history stays 1/2 a^h(u, u), its `dissipated` includes what dashpots lose, and its `stress` is the
+    The energy of a history stays 1/2 a^h(u, u), its `dissipated` includes what dashpots lose, its forces (`forces`,
+    `reaction`, `contact.pressure`) what they exert, at the rate of the step that led there, and its `stress` is the
     elastic part. Without elastic equilibrium to obey at once, a state need not satisfy condition (2.1) at times[0].
 
     Parameters

@@ -42,7 +42,8 @@ class History:
         The scene in words.
     displacement : (S, n_nodes, dim)
     forces : (S, n_nodes, dim)
-        Nodal forces that supports, contact and friction exert on the body, A u - f.
+        Nodal forces that supports, contact and friction exert on the body, A u - f, and with viscosity A u + A_1 u' - f
+        at the rates of the step; no step leads to row 0, whose forces are those of the elastic part.
     contact : Contact
     moduli : (2, n_cells) or (6, n_cells)
         Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic

@@ -21,7 +21,8 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
     for row, n in enumerate(trajectory.stored):
         t = float(trajectory.times[n])
         u[row] = posed.displacement(trajectory.state[row], t).reshape(shape[1:])
-        forces[row] = (posed.A @ u[row].ravel() - posed.force(t)).reshape(shape[1:])
+        stressed = posed.A @ u[row].ravel() + _damped(posed, trajectory, row)
+        forces[row] = (stressed - posed.force(t)).reshape(shape[1:])
     return History(
         mesh=posed.space.mesh,
         scene=posed.scene,
@@ -37,6 +38,18 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
         prestress_across=_prestress_across(posed, trajectory, storage),
         void=posed.void + _untouched(posed, trajectory),
     )
+
+
+def _damped(posed: Posed, trajectory: Trajectory, row: int) -> Floats | float:
+    """What dashpots exert on the nodes (n_u,), at the rates of the step that led to a row; 0 where there are none."""
+    n = int(trajectory.stored[row])
+    if posed.viscosity is None or trajectory.velocity is None or n == 0:
+        return 0.0
+    v = posed.supports.P @ trajectory.velocity[row]
+    if not posed.supports.still:
+        s, t = (float(instant) for instant in trajectory.times[n - 1 : n + 1])
+        v = v + (posed.supports.motion(t) - posed.supports.motion(s)) / (t - s)
+    return posed.viscosity @ v
 
 
 def _untouched(posed: Posed, trajectory: Trajectory) -> tuple[str, ...]:

@@ -60,6 +60,9 @@ class Posed:
     given: tuple[Given, ...] = ()
     """data that vary in space, those of what was left out among them: it may be zero where it was looked at only"""
 
+    viscosity: sp.csr_matrix | None = None
+    """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
+
     @property
     def contact(self) -> tuple[Ints, Floats, Floats]:
         """Contact nodes not held otherwise, their normals and lengths: see :func:`contact_surface`."""
@@ -87,6 +90,7 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     void: list[str] = []
     parts = [without_void(effect, effect.contribute(space), times, void) for effect in scene.canonical]
     rates = [p.viscosity for p in parts if p.viscosity is not None]
+    viscosity = _sum(rates) if rates else None
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
@@ -114,12 +118,12 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
         supports.P.T @ rigid_modes(mesh.points),
         kernel,
         _limits(obstacles, supports, mesh.points),
-        _damping(rates, supports),
+        _damping(viscosity, supports),
     )
     surfaces = _chain(p.surfaces for p in parts)
     return Posed(
         *(scene, space, system, supports, A, loads, terms, surfaces, material, prestress, obstacles, springs),
-        *(tuple(void), _chain(p.given for p in parts)),
+        *(tuple(void), _chain(p.given for p in parts), viscosity),
     )
 
 
@@ -196,10 +200,9 @@ def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
     return (*_chain(p.frictions for p in parts), *_chain(p.obstacles for p in parts))
 
 
-def _damping(rates: Sequence[sp.csr_matrix], supports: Supports) -> Damping | None:
-    if not rates:
+def _damping(A: sp.csr_matrix | None, supports: Supports) -> Damping | None:
+    if A is None:
         return None
-    A = _sum(rates)
     nothing = sp.csr_matrix((0, A.shape[0]))
     return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing))
 

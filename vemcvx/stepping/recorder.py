@@ -70,6 +70,8 @@ class Recorder:
         self._weights = storage.array("weights", (rows, form.count))
         self._sticks = storage.array("sticking", (rows, form.count), bool)
         self._worn = storage.array("worn", (rows, form.count))
+        damped = run.system.damping is not None
+        self._velocity = storage.array("velocity", (rows, run.system.n)) if damped else None
         self._scalars = storage.array("scalars", (len(times), len(SCALARS)))
 
     def resume(self) -> tuple[int, State] | None:
@@ -102,6 +104,8 @@ class Recorder:
             self._state[row], self._multipliers[row] = state.full, state.lam + state.drive.bias.reshape(state.lam.shape)
             self._pressures[row], self._weights[row] = state.p, state.weights
             self._worn[row] = state.ledger.worn
+            if self._velocity is not None and state.velocity is not None:
+                self._velocity[row] = state.velocity
         c, ledger = state.certificate, state.ledger
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
         self._scalars[n] = (
@@ -124,6 +128,7 @@ class Recorder:
             weights=self._weights,
             sticking=self._sticks,
             worn=self._worn,
+            velocity=self._velocity,
             **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),

@@ -78,6 +78,8 @@ class State:
     """what the step may have lost to time: see :mod:`vemcvx.budget.lag`"""
     full: Floats | None = None
     """(n,) all unknowns, once somebody has asked for them"""
+    velocity: Floats | None = None
+    """(n,) their increments over the length of the step, where rates cost"""
 
 
 def prepare(

@@ -54,6 +54,8 @@ class Trajectory:
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
         Name and settings of the solver that answered.
+    velocity : (S, n) array or None
+        (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
     """
 
     times: Floats
@@ -77,6 +79,7 @@ class Trajectory:
     lag: Floats
     seconds: dict[str, float]
     solver: str
+    velocity: Floats | None = None
 
     @property
     def _error(self) -> Floats:

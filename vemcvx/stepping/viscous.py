@@ -61,6 +61,7 @@ class ViscousSteps:
             full=y + d,
             ledger=ledger,
             scale=max(before.scale, ledger.norm),
+            velocity=d / k,
         )
         if self._run.check:
             self._run.insist(state, n)

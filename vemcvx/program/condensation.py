@@ -44,6 +44,9 @@ class Reduced:
     x: Floats
     touched: Floats
 
+    def __add__(self, other: Reduced) -> Reduced:
+        return Reduced(self.phi + other.phi, self.x + other.x, self.touched + other.touched)
+
     def __sub__(self, other: Reduced) -> Reduced:
         return Reduced(self.phi - other.phi, self.x - other.x, self.touched - other.touched)
 

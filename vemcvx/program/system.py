@@ -125,7 +125,8 @@ class Norms:
 class Motion:
     """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
 
-    a(u, u) = y'Ky + 2 y'stretch + stored, and the norm terms measure B (y - y_prev) + (drag - drag_prev).
+    a(u, u) = y'Ky + 2 y'stretch + stored, and the norm terms measure B (y - y_prev) + (drag - drag_prev). Where the
+    supports move far, and strain little, these sums cancel; `frame` and `pair` give the same without.
     """
 
     stretch: Callable[[float], Floats]
@@ -134,6 +135,10 @@ class Motion:
     """t -> (m * block,), what u_D adds to the argument of the norms"""
     stored: Callable[[float, float], float]
     """(s, t) -> u_D(s)'A u_D(t)"""
+    frame: Callable[[float, Floats], Floats]
+    """(t, y) -> (n_u,), u seen from the body: less a motion that strains nothing"""
+    pair: Callable[[Floats, Floats], float]
+    """a of two such fields"""
     reach: Callable[[float], Floats] | None = None
     """t -> (r,), what u_D takes from the limits"""
 

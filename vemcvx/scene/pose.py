@@ -25,7 +25,7 @@ from vemcvx.program.ordering import nested_dissection
 from vemcvx.program.system import Damping, Motion, Norms, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.obstacles import Obstacles, gathered, pressing
-from vemcvx.scene.rigid import loose_motions
+from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.terms import Terms, contact_surface, friction_terms, on_free, warn_of_loose_normals
@@ -109,16 +109,18 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     warn_of_loose_normals(frictions, supports, np.union1d(obstacles.nodes, sprung), mesh.points)
     if kernel is not None:
         _say_unsupported(kernel)
+    # Springs to the ground feel rigid motions, too.
+    seen = seen_from_bodies(space) if springs is None else _as_it_is
     system = System(
         _restrict(A, supports),
         _load(loads, A, supports),
         _norms(terms, obstacles, supports, mesh.points),
-        None if supports.still else _motion(A, supports, terms.rows, obstacles.rows),
+        None if supports.still else _motion(A, supports, terms.rows, obstacles.rows, seen),
         _order(A, supports, mesh.points),
         supports.P.T @ rigid_modes(mesh.points),
         kernel,
         _limits(obstacles, supports, mesh.points),
-        _damping(viscosity, supports),
+        _damping(viscosity, supports, seen),
     )
     surfaces = _chain(p.surfaces for p in parts)
     return Posed(
@@ -179,7 +181,17 @@ def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports:
     return load
 
 
-def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix, normal: sp.csr_matrix) -> Motion:
+def _as_it_is(u: Floats) -> Floats:
+    return u
+
+
+def _motion(
+    A: sp.csr_matrix,
+    supports: Supports,
+    tangential: sp.csr_matrix,
+    normal: sp.csr_matrix,
+    seen: Callable[[Floats], Floats],
+) -> Motion:
     def stretch(t: float) -> Floats:
         return supports.gather(A @ supports.motion(t))
 
@@ -192,7 +204,13 @@ def _motion(A: sp.csr_matrix, supports: Supports, tangential: sp.csr_matrix, nor
     def reach(t: float) -> Floats:
         return normal @ supports.motion(t)
 
-    return Motion(stretch, drag, stored, reach)
+    def frame(t: float, y: Floats) -> Floats:
+        return seen(supports.P @ y + supports.motion(t))
+
+    def pair(v: Floats, w: Floats) -> float:
+        return float(v @ (A @ w))
+
+    return Motion(stretch, drag, stored, frame, pair, reach)
 
 
 def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
@@ -200,11 +218,11 @@ def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
     return (*_chain(p.frictions for p in parts), *_chain(p.obstacles for p in parts))
 
 
-def _damping(A: sp.csr_matrix | None, supports: Supports) -> Damping | None:
+def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
     nothing = sp.csr_matrix((0, A.shape[0]))
-    return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing))
+    return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing, seen))
 
 
 def _limits(obstacles: Obstacles, supports: Supports, points: Floats) -> Limits | None:

@@ -12,6 +12,7 @@ Springs to the ground of matrix F hold what they feel: of the fields v with vani
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -81,6 +82,23 @@ def loose_motions(
         names += [f"{_motion(_forward(column), hinges)} of {which}" for column in loose.T]
         motions += [(which, hinges, column) for column in (loose / size).T]
     return Kernel(np.hstack(fields_of), tuple(names), partial(_combined, motions)) if names else None
+
+
+def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
+    """Take from a field u (n_u,) its rigid part, body by body: the orthogonal projection on the rigid motions of each.
+
+    What is left has the same strains, and is small where they are, however far the bodies have moved.
+    """
+    mesh = space.mesh
+    cell = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.offsets))
+    graph = sp.csr_matrix((np.ones(len(cell)), (mesh.vertices, cell)), shape=(mesh.n_nodes, mesh.n_cells))
+    label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
+    R = _motions(label, np.arange(mesh.n_nodes), mesh.points)
+
+    def seen(u: Floats) -> Floats:
+        return u - R @ (R.T @ u)
+
+    return seen
 
 
 def _combined(motions: list[tuple[str, list[int], Floats]], c: Floats) -> str:

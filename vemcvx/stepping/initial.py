@@ -15,7 +15,7 @@ from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.real import real, shape_in_words
 from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.ledger import Drive, Ledger, drive, energy
+from vemcvx.stepping.ledger import Drive, Ledger, drive, energy, strain_energy
 from vemcvx.stepping.state import Run, State
 
 Floats = NDArray[np.float64]
@@ -39,10 +39,7 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     state = _state(run, now, y)
     if run.system.damping is not None:
         # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
-        own = 0.5 * float(y @ (run.system.K @ y))
-        if now.stretch is not None:
-            own += float(y @ now.stretch.phi) + 0.5 * now.stored
-        ledger = Ledger.opening(own, run.form.count)
+        ledger = Ledger.opening(strain_energy(run.system, y, t), run.form.count)
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
     jump = _norm(run, run.condensation.recover(settled.y, now.force) - y)

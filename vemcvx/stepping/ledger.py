@@ -1,13 +1,23 @@
 """The energy ledger of backward Euler, kept on the touched unknowns.
 
-energy E = 1/2 a(u, u) = 1/2 (y'Ky + 2 y'm + stored),   u = P y + u_D(t),   m = P'A u_D;  soft limits add c p^2 / 2
-work     = load_n . dy + y_n . dm + u_D'A du_D + lam . dc + p . (dD^u_D - de)
+energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
+work     = load_n . dy + a(u_n, du_D) + lam . dc + p . (dD^u_D - de)
            (forces and reactions at the end of the step; this load is without the stretch of the supports; the last is
            of supports that move towards limits, and of limits e that move themselves: obstacles push)
 loss     = lam . s = sum_i w_i |s_i| + c_i . s_i, kept term by term, too: friction work, which wears what rubs
            (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
            bounds, is -p . z_prev >= 0, that of soft limits, less what they store, c (dp)^2 / 2 and more
+
+Supports that carry a body far, and strain it little, would leave the energy to the cancellation of 1/2 y'Ky + y'm +
+1/2 a(u_D, u_D), m = P'A u_D. So a state is split, u = u_m + P z, into what the supports alone bring about,
+
+    u_m = P x_m + u_D,   K x_m = -m,   and the rest   K z = load + [0; rho]:     a(u_m, Pv) = 0 for all v,
+
+    E = 1/2 a(u_m, u_m) + 1/2 z'Kz,    a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
+
+with held = B'lam + D'p, and a(u_m, .) of fields seen from the body (:class:`vemcvx.program.system.Motion`). Where K has
+a kernel x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m.
 """
 
 from __future__ import annotations
@@ -37,7 +47,8 @@ class Drive:
     """load minus stretch"""
     stretch: Reduced | None
     drag: Floats
-    stored: float
+    carried: Floats | None
+    """(n_u,) u_m, what the supports alone bring about, seen from the body"""
     reach: Floats
     """(r,) what the limits leave free"""
     bias: Floats
@@ -82,32 +93,56 @@ def drive(system: System, condensation: Condensation, t: float) -> Drive:
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
     reach = system.reach(t)
     if system.motion is None:
-        return Drive(t, force, None, np.zeros_like(bias), 0.0, reach, bias)
+        return Drive(t, force, None, np.zeros_like(bias), None, reach, bias)
     motion = system.motion
     stretch = condensation.reduce(motion.stretch(t))
-    return Drive(t, force, stretch, motion.drag(t), motion.stored(t, t), reach, bias)
+    return Drive(t, force, stretch, motion.drag(t), motion.frame(t, -stretch.x), reach, bias)
 
 
 def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> float:
     """1/2 a(u, u), and what soft limits store."""
-    square = condensation.square(y, now.force) + float(p @ (condensation.form.softness * p))
+    pressed = float(p @ (condensation.form.softness * p))
     if now.stretch is None:
-        return 0.5 * square
-    return 0.5 * (square + 2.0 * condensation.work(now.stretch, y, now.force) + now.stored)
+        return 0.5 * (condensation.square(y, now.force) + pressed)
+    c = condensation.touched
+    z, load = y + now.stretch.x[c], now.force + now.stretch
+    carried = condensation.system.motion.pair(now.carried, now.carried)  # type: ignore[union-attr]
+    crossed = _crossed(condensation, now.stretch, z)
+    return 0.5 * (condensation.square(z, load) + carried + pressed) + crossed
+
+
+def strain_energy(system: System, y: Floats, t: float) -> float:
+    """1/2 a(u, u) of all unknowns y (n,)."""
+    if system.motion is None:
+        return 0.5 * float(y @ (system.K @ y))
+    seen = system.motion.frame(t, y)
+    return 0.5 * system.motion.pair(seen, seen)
+
+
+def _crossed(condensation: Condensation, stretch: Reduced, z: Floats) -> float:
+    """a(u_m, Pz), the anchors' work; zero without."""
+    anchor = condensation.form.anchor
+    return 0.0 if anchor is None else float(z @ (anchor * stretch.x[condensation.touched]))
 
 
 def advance(
     condensation: Condensation, before: State, now: Drive, y: Floats, answer: Answer, slip: Floats, w: Floats
 ) -> Ledger:
     """The ledger after a step."""
-    change = now.force - before.drive.force
-    work = condensation.work(now.force, answer.d, change) - float(answer.p @ (now.reach - before.drive.reach))
-    if now.stretch is not None and before.drive.stretch is not None:
-        work += condensation.work(now.stretch, answer.d, change)
-        work += condensation.work(now.stretch - before.drive.stretch, y, now.force)
-        motion = condensation.system.motion
-        work += now.stored - motion.stored(before.drive.t, now.t)  # type: ignore[union-attr]
-        work += float(answer.lam.ravel() @ (now.drag - before.drive.drag))
+    last = before.drive
+    change = now.force - last.force
+    work = -float(answer.p @ (now.reach - last.reach))
+    if now.stretch is None or last.stretch is None:
+        work += condensation.work(now.force, answer.d, change)
+    else:
+        c, motion = condensation.touched, condensation.system.motion
+        moved = now.stretch - last.stretch
+        work += condensation.work(now.force + now.stretch, answer.d + moved.x[c], change + moved)
+        work += motion.pair(now.carried, now.carried - last.carried)  # type: ignore[union-attr, operator, arg-type]
+        work += _crossed(condensation, moved, y + now.stretch.x[c])
+        held = condensation.form.rows.pull(answer.lam.ravel()) + condensation.form.limits.pull(answer.p)
+        work -= float(held @ moved.x[c])
+        work += float(answer.lam.ravel() @ (now.drag - last.drag))
     # The bias is a force in the balance, and friction in the ledger.
     tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
     work += float(tilt.sum())

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.system import System
 from vemcvx.stepping.backward_euler import completed, solved
-from vemcvx.stepping.ledger import Drive, Ledger
+from vemcvx.stepping.ledger import Drive, Ledger, strain_energy
 from vemcvx.stepping.state import Run, State
 
 Floats = NDArray[np.float64]
@@ -92,18 +92,16 @@ class ViscousSteps:
         if system.limits is not None:
             reach = reach - system.limits.D @ y
         bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
-        return Drive(t, run.condensation.reduce(phi), None, drag, 0.0, reach, bias)
+        return Drive(t, run.condensation.reduce(phi), None, drag, None, reach, bias)
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t
-        K, C, ahead = system.K, system.damping.C, y + d  # type: ignore[union-attr]
+        C, ahead = system.damping.C, y + d  # type: ignore[union-attr]
         lost = float(d @ (C @ d)) / k
         work = float(system.force(t) @ d) - float(stepped.p @ (system.reach(t) - system.reach(s)))
-        energy = float(ahead @ (K @ ahead)) + float(stepped.p @ (self._run.form.softness * stepped.p))
         motion = system.motion
         if motion is not None:
             change = motion.stretch(t) - motion.stretch(s)
-            energy += 2 * float(ahead @ motion.stretch(t)) + motion.stored(t, t)
             work += float(motion.stretch(t) @ d + ahead @ change) + motion.stored(t, t) - motion.stored(s, t)
             work += float(stepped.lam.ravel() @ (motion.drag(t) - motion.drag(s)))
         moved = system.damping.motion  # type: ignore[union-attr]
@@ -114,7 +112,8 @@ class ViscousSteps:
         work += float(stepped.drive.bias @ stepped.slip.ravel())
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
-        return Ledger(0.5 * energy, lost, past.work + work, past.worn + rubbed.worn)
+        energy = strain_energy(system, ahead, t) + 0.5 * float(stepped.p @ (self._run.form.softness * stepped.p))
+        return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn)
 
 
 def _rest(run: Run, before: State, now: Drive) -> State:
@@ -122,7 +121,7 @@ def _rest(run: Run, before: State, now: Drive) -> State:
     form = run.form
     none, nothing = np.zeros(len(run.condensation.touched)), np.zeros((form.count, form.block))
     zero = now.force - now.force
-    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), 0.0, np.zeros_like(now.reach), now.bias)
+    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), None, np.zeros_like(now.reach), now.bias)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
     return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0)

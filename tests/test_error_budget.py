@@ -137,7 +137,7 @@ def test_the_algebra_is_certified():
 
 def test_parts_and_cells_add_up():
     budget = error_budget(vx.simulate(paper_scene(), vx.meshes.voronoi(4), [0.0, 1.0]))
-    assert set(budget.parts) == {"volume", "jumps", "boundary", "stabilisation"}
+    assert set(budget.parts) == {"volume", "jumps", "boundary", "stabilisation", "data"}
     assert np.sqrt(sum(part[0] ** 2 for part in budget.parts.values())) == pytest.approx(budget.space[0])
     assert np.sqrt((budget.cells**2).sum()) == pytest.approx(budget.space[0])
 

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from vemcvx.budget.lag import lagged
 from vemcvx.budget.missed import missed_loads
+from vemcvx.budget.oscillation import Closer
 from vemcvx.budget.residual import indicators
 from vemcvx.budget.skeleton import skeleton
+from vemcvx.budget.surface import instant
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.history import History
 from vemcvx.real import brief
@@ -40,7 +42,8 @@ class ErrorBudget:
     algebra, space, time : (S,)
         Certified, estimated and estimated: see :mod:`vemcvx.budget.error_budget`.
     parts : mapping of str to (S,)
-        The shares of space: "volume", "jumps", "boundary" and "stabilisation"; space^2 is the sum of their squares.
+        The shares of space: "volume", "jumps", "boundary", "stabilisation" and "data"; space^2 is the sum of their
+        squares.
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.budget.residual`) of each cell over the steps looked at.
     lags : (N,)
@@ -109,11 +112,10 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Float
     check_estimable(posed, "error_budget")
     run, edges = history.trajectory, skeleton(posed)
     scale = float(run.norm.max())
-    unit = scale if scale > 0 else 1.0
-    squares = [
-        indicators(posed, edges, float(history.times[k]), history.displacement[k], run.multipliers[k], run.pressures[k])
-        for k in rows
-    ]
+    closer = Closer(posed, edges)
+    squares = [indicators(posed, edges, closer, instant(history, k)) for k in rows]
+    # Where nothing has moved, and something should have, all is missing.
+    unit = scale or float(np.sqrt(max(sum(part.sum() for part in parts.values()) for parts in squares))) or 1.0
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
     lags = lagged(run)
     missed = missed_loads(posed, run.times) if missed is None else missed

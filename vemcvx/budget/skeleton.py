@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vemcvx.meshes.topology import cell_of_corner, next_vertex, shared_edges
 from vemcvx.scene.pose import Posed
-from vemcvx.vem import elastic_matrix, softest_shear
+from vemcvx.vem import elastic_matrix, mean_shear
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,7 +28,7 @@ class Skeleton:
     sizes : (n_cells,)
         |K|^{1/2}.
     shear : (n_cells,)
-        mu: half the modulus of the softest shear.
+        mu; half the harmonic mean of the two moduli of shear, at most twice the softer, where they differ.
     inside : (e, 2) int
         The two cells of each inner edge.
     inside_normals : (e, 2)
@@ -65,7 +65,7 @@ def skeleton(posed: Posed) -> Skeleton:
     edges = np.column_stack([mesh.vertices[outer], ends[outer]])
     return Skeleton(
         np.sqrt(mesh.areas),
-        0.5 * softest_shear(elastic_matrix(posed.material.moduli)),
+        0.5 * mean_shear(elastic_matrix(posed.material.moduli)),
         pairs,
         _normals(mesh.points, mesh.vertices[inner], ends[inner]),
         owner[outer],

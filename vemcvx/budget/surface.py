@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.budget.skeleton import Skeleton
+from vemcvx.history import History
 from vemcvx.meshes.topology import edge_keys
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import Posed
+from vemcvx.scene.terms import Terms
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -17,21 +21,63 @@ ALONG = 1e-6
 """Normals of an edge and of a term at one of its ends that agree to this are those of one side."""
 
 
-def surface_forces(posed: Posed, edges: Skeleton, t: float, u: Floats, lam: Floats, p: Floats) -> Floats:
-    """Force (b, 2) on each boundary edge of the skeleton, in the state u with multipliers lam (m, block) and p (r,)."""
-    total = _loads(posed, edges, t)
+@dataclass(frozen=True)
+class Instant:
+    """The state at an instant.
+
+    Attributes
+    ----------
+    t : float
+    u : (n_nodes, 2) array
+    lam, p : (m, block) and (r,) arrays
+        Multipliers of norm terms and limits.
+    weights, worn : (m,) arrays
+        Of the norm terms: bounds, and work since the initial instant.
+    """
+
+    t: float
+    u: Floats
+    lam: Floats
+    p: Floats
+    weights: Floats
+    worn: Floats
+
+
+def instant(history: History, row: int) -> Instant:
+    """The state of a row of a history's arrays."""
+    run = history.trajectory
+    parts = run.multipliers[row], run.pressures[row], run.weights[row], run.worn[row]
+    return Instant(float(history.times[row]), history.displacement[row], *parts)
+
+
+def surface_forces(posed: Posed, edges: Skeleton, now: Instant) -> Floats:
+    """Force (b, 2) on each boundary edge of the skeleton."""
+    total = _loads(posed, edges, now.t)
     terms, obstacles = posed.terms, posed.obstacles
     if len(terms.nodes):
         tangents = terms.rows.data.reshape(len(terms.nodes), -1, 2)
-        traction = -np.einsum("mb,mbd->md", lam, tangents) / terms.lengths[:, None]
-        normals = np.column_stack([tangents[:, 0, 1], -tangents[:, 0, 0]])
-        total += _spread(edges, terms.nodes, normals, traction)
+        traction = -np.einsum("mb,mbd->md", now.lam, tangents) / terms.lengths[:, None]
+        total += _spread(edges, terms.nodes, normals_of(terms), traction)
     if obstacles is not None and len(obstacles.nodes):
-        traction = -(p / obstacles.lengths)[:, None] * obstacles.normals
+        traction = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
         total += _spread(edges, obstacles.nodes, obstacles.normals, traction)
     if posed.springs is not None:
-        total += _springs(posed, edges, u)
+        total += _springs(posed, edges, now.u)
     return total
+
+
+def normals_of(terms: Terms) -> Floats:
+    """The normals (m, 2) of norm terms, of either sign."""
+    tangents = terms.rows.data.reshape(len(terms.nodes), -1, 2)
+    return np.column_stack([tangents[:, 0, 1], -tangents[:, 0, 0]])
+
+
+def pressures_at_ends(posed: Posed, edges: Skeleton, now: Instant) -> Floats:
+    """Pressure of obstacles (b, 2) at the two ends of each boundary edge, force per length."""
+    obstacles = posed.obstacles
+    if obstacles is None or len(obstacles.nodes) == 0:
+        return np.zeros((len(edges.outer), 2))
+    return at_ends(edges, obstacles.nodes, obstacles.normals, (now.p / obstacles.lengths)[:, None])[..., 0]
 
 
 def _loads(posed: Posed, edges: Skeleton, t: float) -> Floats:
@@ -49,10 +95,16 @@ def _loads(posed: Posed, edges: Skeleton, t: float) -> Floats:
 
 def _spread(edges: Skeleton, nodes: Ints, normals: Floats, traction: Floats) -> Floats:
     """Integrals over edges of tractions given at nodes and sides, linear between them."""
+    length = np.linalg.norm(edges.outer_normals, axis=1)
+    return 0.5 * length[:, None] * at_ends(edges, nodes, normals, traction).sum(axis=1)
+
+
+def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Floats:
+    """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none."""
     size = edges.outer_edges.max() + 1
     near = nodes < size
     length = np.linalg.norm(edges.outer_normals, axis=1)
-    total = np.zeros(edges.outer_normals.shape)
+    found = np.zeros((len(edges.outer), 2, values.shape[1]))
     order = np.argsort(nodes, kind="stable")
     order = order[near[order]]
     for side in range(2):
@@ -63,8 +115,8 @@ def _spread(edges: Skeleton, nodes: Ints, normals: Floats, traction: Floats) -> 
             row = order[start[has] + k]
             cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / length[has]
             same = np.abs(cosine) > 1 - ALONG
-            total[has[same]] += 0.5 * length[has[same], None] * traction[row[same]]
-    return total
+            found[has[same], side] += values[row[same]]
+    return found
 
 
 def _springs(posed: Posed, edges: Skeleton, u: Floats) -> Floats:

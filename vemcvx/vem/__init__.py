@@ -1,6 +1,6 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
-from vemcvx.vem.anisotropic import anisotropic_stiffness, softest_shear
+from vemcvx.vem.anisotropic import anisotropic_stiffness, mean_shear, softest_shear
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows
 from vemcvx.vem.hooke import elastic_matrix, stresses, upper_triangle
 from vemcvx.vem.invariants import equivalent, principal
@@ -21,6 +21,7 @@ __all__ = [
     "edge_load",
     "elastic_matrix",
     "equivalent",
+    "mean_shear",
     "principal",
     "rigid_modes",
     "softest_shear",

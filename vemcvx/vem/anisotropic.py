@@ -45,12 +45,21 @@ def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
 
 def softest_shear(C: Floats) -> Floats:
     """The smallest Kelvin modulus of deviatoric strains, (n_cells,); 2 mu where C is isotropic."""
-    p = 0.5 * (C[:, 0, 0] + C[:, 1, 1]) - C[:, 0, 1]
-    q = 2.0 * C[:, 2, 2]
-    r = C[:, 0, 2] - C[:, 1, 2]
+    p, q, r = _deviatoric(C)
     larger = 0.5 * (p + q) + np.hypot(0.5 * (p - q), r)
     # The product of the two is the determinant: their difference would cancel where fibres are stiff.
     return np.divide(p * q - r * r, larger, out=np.zeros_like(p), where=larger > 0)
+
+
+def mean_shear(C: Floats) -> Floats:
+    """The harmonic mean (n_cells,) of the two Kelvin moduli of deviatoric strains; 2 mu where C is isotropic."""
+    p, q, r = _deviatoric(C)
+    return np.divide(2.0 * (p * q - r * r), p + q, out=np.zeros_like(p), where=p + q > 0)
+
+
+def _deviatoric(C: Floats) -> tuple[Floats, Floats, Floats]:
+    """p, q, r of the Kelvin matrix [[p, r], [r, q]] on the deviatoric plane."""
+    return 0.5 * (C[:, 0, 0] + C[:, 1, 1]) - C[:, 0, 1], 2.0 * C[:, 2, 2], C[:, 0, 2] - C[:, 1, 2]
 
 
 def general_blocks(corners: Floats, C: Floats, tau: Floats) -> Floats:

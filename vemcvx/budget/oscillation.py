@@ -1,0 +1,228 @@
+"""What the assembled problem does not see of the data: what they are at finer places, less what was assembled.
+
+A datum that is not what was assembled does work r(v) on test functions that the residual of the answer does not know:
+
+    tractions       int (t - t_e) . v                    square  h_e / (2 mu) |t - t_e|^2_e
+    body forces     int (f - f_K) . v                            h_K^2 / (10 mu) |f - f_K|^2_K
+    bounds          int (g - g_h) |v_tau|                        h_e / (2 mu) |g - g_h|^2_e, or |t_h| - g in stick
+    springs         int (k d - p_h) v_n                          |k d - p_h|^2_e / (2 mu / h_e + k)
+    gaps, motions   u is to move by d where it does not          2 mu max |d|^2
+    moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
+
+with t_e, f_K the means that were assembled, and g_h linear between its nodal values. The weights are those of the
+residuals (:mod:`vemcvx.budget.residual`). A bump of the height d anywhere in an edge costs mu d^2 by itself: the
+half norm of a trace does not change with its width. The last is no residual but the work itself, in its dual norm:
+with it the divergence of thermal stresses inside cells is accounted for. Bounds count where friction is at its bound,
+or something has slipped before; elsewhere only where they are less than what holds there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.budget.places import Places, in_cells, on_edges
+from vemcvx.budget.skeleton import Skeleton
+from vemcvx.budget.surface import Instant, at_ends, normals_of, pressures_at_ends
+from vemcvx.effects import Given
+from vemcvx.scene.pose import Posed
+from vemcvx.vem import elastic_matrix
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+AT_BOUND = 0.99
+"""Friction of this part of its bound counts as being at it."""
+
+
+@dataclass(frozen=True)
+class Closer:
+    """Data of a posed scene, and the places where they are looked at."""
+
+    posed: Posed
+    edges: Skeleton
+    on: tuple[tuple[Given, Places], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        points, given = self.posed.space.mesh.points, self.posed.given
+        on = tuple((one, on_edges(self.edges, points, one.edges)) for one in given if one.edges is not None)
+        object.__setattr__(self, "on", on)
+
+    @cached_property
+    def inside(self) -> Places:
+        """Places in the cells."""
+        return in_cells(self.posed.space)
+
+    def squares(self, now: Instant, strain: Floats, volume: float) -> tuple[Floats, Floats]:
+        """Squares (n_cells,) of what is to be weighed as residuals are, and of what is work by itself."""
+        n, edges = len(self.edges.sizes), self.edges
+        residual, work = np.zeros(n), np.zeros(n)
+        for given, places in self.on:
+            residual += np.bincount(edges.outer, ON_EDGES[given.kind](self, given, places, now), minlength=n)
+        for given in self.posed.given:
+            if given.kind == "force" and given.edges is None:
+                residual += volume * self._body(given, now.t)
+        if any(given.kind in ("moduli", "swelling", "stress") for given in self.posed.given):
+            work += self._stress(now.t, strain)
+        return residual, work
+
+    def _sum(self, places: Places, values: Floats) -> Floats:
+        return np.bincount(places.owner, places.weights * values, minlength=len(self.edges.outer))
+
+    def _weight(self) -> Floats:
+        """h_e / (2 mu) of the boundary edges."""
+        return self.edges.sizes[self.edges.outer] / (2.0 * self.edges.shear[self.edges.outer])
+
+    def _body(self, given: Given, t: float) -> Floats:
+        """h^2 / mu |f - f_K|^2_K."""
+        places, areas = self.inside, self.posed.space.mesh.areas
+        f = given.value(places.x, t)
+        mean = np.zeros((len(areas), f.shape[1]))
+        np.add.at(mean, given.load.cells, given.load.forces(t))  # type: ignore[union-attr]
+        apart = f - (mean / areas[:, None])[places.owner]
+        squares = np.bincount(places.owner, places.weights * np.sum(apart**2, axis=1), minlength=len(areas))
+        return areas / self.edges.shear * squares
+
+    def _stress(self, t: float, strain: Floats) -> Floats:
+        """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
+        places, material, mesh = self.inside, self.posed.material, self.posed.space.mesh
+        owner = places.owner
+        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.swelling[owner]
+        C, blocked, apart = C_K.copy(), blocked_K.copy(), np.zeros((len(owner), 3))
+        cells = np.arange(mesh.n_cells)
+        for given in self.posed.given:
+            if given.kind == "moduli":
+                here = slice(None) if given.cells is None else given.cells[owner]
+                moduli, blocked[here] = given.value(places.x[here], owner[here])
+                C[here] = elastic_matrix(moduli)
+        for given in self.posed.given:
+            if given.kind == "swelling":
+                middle = given.value(mesh.centroids, cells, t)[owner]
+                apart += blocked_K * middle[:, None] - blocked * given.value(places.x, owner, t)[:, None]
+            if given.kind == "stress":
+                apart += given.value(places.x, t) - given.value(mesh.centroids, t)[owner]
+        apart += np.einsum("qij,qj->qi", C - C_K, strain[owner])
+        squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[:, :, None])[:, :, 0])
+        return np.bincount(owner, places.weights * squares, minlength=mesh.n_cells)
+
+    def _traction(self, given: Given, places: Places, now: Instant) -> Floats:
+        value, load = given.value(places.x, now.t), given.load
+        value = value.reshape(len(value), -1)
+        point = np.unique(load.edges, axis=0, return_inverse=True)[1].ravel()  # type: ignore[union-attr]
+        assembled = given.value(load.points, now.t).reshape(len(point), -1)  # type: ignore[union-attr]
+        mean = np.stack([np.bincount(point, one) for one in assembled.T], axis=1) / np.bincount(point)[:, None]
+        edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
+        return self._weight() * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
+
+    def _bound(self, given: Given, places: Places, now: Instant) -> Floats:
+        lam, bound, slipped = self._friction(now)
+        pressure = pressures_at_ends(self.posed, self.edges, now)
+        ends = self.posed.space.mesh.points[self.edges.outer_edges]
+        along, owner = places.along, places.owner
+        read = np.unique(owner)
+        nodal = np.zeros((2, len(self.edges.outer), 2))
+        for side in range(2):
+            g = given.value(ends[read, side], now.t, pressure[read, side])
+            nodal[:, read, side] = g
+        g = given.value(places.x, now.t, _between(pressure, owner, along))
+        assembled = np.stack([_between(one, owner, along) for one in nodal])[: len(g)]
+        active = (slipped | (lam >= AT_BOUND * bound)).any(axis=1)[owner]
+        differs = np.abs(g - assembled).max(axis=0)
+        exceeds = np.maximum(_between(lam, owner, along) - g.min(axis=0), 0.0)
+        apart = np.where(active, differs, np.minimum(exceeds, differs))
+        return self._weight() * self._sum(places, np.where(self._slides()[owner], apart, 0.0) ** 2)
+
+    def _friction(self, now: Instant) -> tuple[Floats, Floats, Floats]:
+        """Size of friction and its bound, force per length, and whether it has slipped, at the ends of edges (b, 2)."""
+        terms = self.posed.terms
+        if len(terms.nodes) == 0:
+            none = np.zeros((len(self.edges.outer), 2))
+            return none, none, none > 0
+        size = np.linalg.norm(now.lam, axis=1)
+        values = np.column_stack([size, now.weights, (now.worn > 0) * terms.lengths]) / terms.lengths[:, None]
+        found = at_ends(self.edges, terms.nodes, normals_of(terms), values)
+        return found[..., 0], found[..., 1], found[..., 2] > 0
+
+    def _slides(self) -> Floats:
+        """Whether an edge (b,) may move along itself."""
+        along = self.edges.outer_normals[:, ::-1] * [-1.0, 1.0]
+        return self._freedom(along) > 0.5
+
+    def _freedom(self, direction: Floats) -> Floats:
+        unit = direction / np.linalg.norm(direction, axis=1)[:, None]
+        return np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
+
+    def _gap(self, given: Given, places: Places, now: Instant) -> Floats:
+        gap, assembled, outward = self._gaps(given, places, now)
+        pressed = (pressures_at_ends(self.posed, self.edges, now) > 0).all(axis=1)[places.owner]
+        # Beyond the obstacle, or held away from it by both ends.
+        beyond, away = np.minimum(outward - gap, assembled - gap), np.where(pressed, gap - assembled, 0.0)
+        apart = np.maximum(np.maximum(beyond, away), 0.0)
+        apart = np.where(self._freedom(self.edges.outer_normals)[places.owner] > 0.5, apart, 0.0)
+        return self._bump(places, apart)
+
+    def _gaps(self, given: Given, places: Places, now: Instant) -> tuple[Floats, Floats, Floats]:
+        """The gap, what was assembled of it, and the displacement outward, at the places."""
+        points, owner = self.posed.space.mesh.points, places.owner
+        nodes = self.edges.outer_edges
+        read = np.unique(owner)
+        nodal = np.zeros((len(nodes), 2))
+        for side in range(2):
+            nodal[read, side] = given.value(points[nodes[read, side]], now.t)
+        normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
+        outward = np.einsum("bsd,bd->bs", now.u[nodes], normal)
+        return (
+            given.value(places.x, now.t),
+            _between(nodal, owner, places.along),
+            _between(outward, owner, places.along),
+        )
+
+    def _bump(self, places: Places, apart: Floats) -> Floats:
+        highest = np.zeros(len(self.edges.outer))
+        np.maximum.at(highest, places.owner, apart**2)
+        return 2.0 * self.edges.shear[self.edges.outer] * highest
+
+    def _spring(self, given: Given, places: Places, now: Instant) -> Floats:
+        owner, nodes = places.owner, self.edges.outer_edges
+        normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
+        outward = _between(np.einsum("bsd,bd->bs", now.u[nodes], normal), owner, places.along)
+        pressure, k = given.value(places.x, now.t, outward)
+        apart = pressure - _between(pressures_at_ends(self.posed, self.edges, now), owner, places.along)
+        return self._sum(places, apart**2 / (1.0 / self._weight()[owner] + k))
+
+    def _foundation(self, given: Given, places: Places, now: Instant) -> Floats:
+        owner, nodes = places.owner, self.edges.outer_edges
+        k = given.value(places.x)
+        count = np.bincount(owner, minlength=len(self.edges.outer))
+        mean = np.stack([np.bincount(owner, one, minlength=len(count)) for one in k]) / np.maximum(count, 1)
+        normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
+        frame = np.stack([normal, normal[:, ::-1] * [-1.0, 1.0]])
+        moved = np.einsum("bsd,kbd->kbs", now.u[nodes], frame)
+        moved = np.stack([_between(one, owner, places.along) for one in moved])
+        apart = (k - mean[:, owner]) * moved
+        return self._sum(places, np.sum(apart**2 / (1.0 / self._weight()[owner] + k), axis=0))
+
+    def _displacement(self, given: Given, places: Places, now: Instant) -> Floats:
+        points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
+        value = given.value(places.x, now.t).reshape(len(owner), -1)
+        start, stop = (given.value(points[nodes[owner, side]], now.t).reshape(value.shape) for side in range(2))
+        apart = value - start - places.along[:, None] * (stop - start)
+        return self._bump(places, np.linalg.norm(apart, axis=1))
+
+
+ON_EDGES = {
+    "force": Closer._traction,
+    "bound": Closer._bound,
+    "gap": Closer._gap,
+    "spring": Closer._spring,
+    "foundation": Closer._foundation,
+    "displacement": Closer._displacement,
+}
+
+
+def _between(values: Floats, owner: Ints, along: Floats) -> Floats:
+    """Linear between the values (b, 2) at the ends of edges."""
+    return (1.0 - along) * values[owner, 0] + along * values[owner, 1]

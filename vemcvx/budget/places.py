@@ -1,0 +1,91 @@
+"""Points at which an estimate looks at data: closer together than nodes and quadrature points, by a declared number.
+
+On the boundary 1/512 of the size of the body apart and at least four an edge, inside 1/128 and at least four a
+triangle. What is narrower than that, and between these points, is not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.budget.skeleton import Skeleton
+from vemcvx.measures.pieces import convex_pieces, doubled_areas, fans
+from vemcvx.meshes.topology import edge_keys
+from vemcvx.vem import Space
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ON_BOUNDARY, INSIDE = 512, 128
+LEAST = 4
+
+
+@dataclass(frozen=True)
+class Places:
+    """Points with the weights of a midpoint rule.
+
+    Attributes
+    ----------
+    x : (q, 2) array
+    weights : (q,) array
+        Lengths, or areas.
+    owner : (q,) array of int
+        The boundary edge of the skeleton, or the cell.
+    along : (q,) array
+        In (0, 1), from the first end of the edge to the second; empty inside.
+    """
+
+    x: Floats
+    weights: Floats
+    owner: Ints
+    along: Floats
+
+
+def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
+    """Places on boundary edges that are given by their nodes (m, 2)."""
+    n = len(points)
+    keys = edge_keys(*edges.outer_edges.T, n)
+    order = np.argsort(keys)
+    which = order[np.searchsorted(keys, edge_keys(*chosen.T, n), sorter=order)]
+    length = np.linalg.norm(edges.outer_normals[which], axis=1)
+    size = np.ptp(points, axis=0).max()
+    counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), LEAST)
+    row = np.repeat(np.arange(len(which)), counts)
+    place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    along = (place + 0.5) / counts[row]
+    start, stop = (points[edges.outer_edges[which, side]][row] for side in range(2))
+    return Places(start + along[:, None] * (stop - start), (length / counts)[row], which[row], along)
+
+
+def in_cells(space: Space) -> Places:
+    """Places in all cells: centroids of the triangles into which those of a cell are cut, in halves."""
+    pieces = convex_pieces(space)
+    triangles = fans(pieces.corners)
+    owner = np.repeat(pieces.owner[:, None], triangles.shape[1], axis=1)
+    areas = 0.5 * doubled_areas(triangles)
+    kept = areas > 0.0
+    triangles, owner, areas = triangles[kept], owner[kept], areas[kept]
+    spacing = np.ptp(space.mesh.points, axis=0).max() / INSIDE
+    halved = np.maximum(np.ceil(0.5 * np.log2(2.0 * areas / spacing**2)), 1).astype(np.int64)
+    parts = []
+    for times in np.unique(halved):
+        these = np.flatnonzero(halved == times)
+        about = _centroids(int(times))
+        x = triangles[these, :1] + np.matmul(about, triangles[these] - triangles[these, :1])
+        count = len(about)
+        parts.append((x.reshape(-1, 2), np.repeat(areas[these] / count, count), np.repeat(owner[these], count)))
+    x, weights, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Places(x, weights, cells, np.zeros(0))
+
+
+def _centroids(times: int) -> Floats:
+    """Barycentric coordinates (4^times, 3) of the centroids of a triangle that was cut in four so many times."""
+    corners = np.eye(3)[None]
+    for _ in range(times):
+        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+        tips = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
+        corners = np.concatenate([*tips, middles])
+    return corners.mean(axis=1)

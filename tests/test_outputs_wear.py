@@ -114,9 +114,9 @@ def test_a_checkpoint_without_wear_is_refused(tmp_path):
     scene, mesh = SCENES["tresca"], small("squares", 4)
     vx.simulate(scene, mesh, TIMES, stream=tmp_path)
     with np.load(tmp_path / "checkpoint.npz") as file:
-        arrays = {name: file[name] for name in file.files if name != "worn"}
+        arrays = {name: file[name] for name in file.files if name != "ledger.worn"}
     np.savez(tmp_path / "checkpoint.npz", **arrays)
-    with pytest.raises(vx.HistoryError, match="checkpoint: incomplete: 'worn'.*Remove the folder and run again"):
+    with pytest.raises(vx.HistoryError, match="checkpoint: incomplete, or changed.*Remove the folder and run again"):
         vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True)
 
 

@@ -28,6 +28,7 @@ LAYERS = [
     ["scene/void"],
     ["scene/pose"],
     ["solvers"],
+    ["stepping/lock"],
     ["stepping/storage", "stepping/seminorm", "stepping/ledger", "stepping/acceptance", "stepping/fixed_point"],
     ["stepping/state"],
     ["stepping/backward_euler"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,7 @@ def simulate(
     condense: bool = True,
     linear: LinearSolver | None = None,
     progress: bool | Callable[[int, int], None] = False,
-    stream: str | Path | None = None,
+    stream: str | Path | Folder | None = None,
     resume: bool = False,
 ) -> History:
     """Simulate a scene on a mesh by backward Euler, every step certified.
@@ -67,9 +68,11 @@ def simulate(
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
         A folder where rows are kept as files mapped into memory, so that neither the size of a history nor a
-        crash limits a run; it holds a checkpoint of the last stored step.
+        crash limits a run. It holds a checkpoint of the last stored step, or of a later one: steps that are not stored
+        have one a second. One run at a time writes there, and to no file that a run did not make.
     resume : bool
-        Go on with the run that `stream` holds; without it, what the folder holds is begun anew.
+        Go on with the run that `stream` holds, if it holds one; the history is then that of a run which was never
+        interrupted, `seconds` aside. Without it, what the folder holds is begun anew.
 
     Returns
     -------
@@ -83,6 +86,8 @@ def simulate(
         The solver cannot take the scene's program.
     NotCertified
         A step misses the accuracy.
+    HistoryError
+        `stream` is no folder to write to, another run writes there, or it holds a run of something else.
 
     Notes
     -----
@@ -92,35 +97,33 @@ def simulate(
     check_kinds(scene, mesh)
     instants = checked_times(times)
     start = time.perf_counter()
-    storage = _storage(stream, resume)
     posed = pose(scene, mesh, instants)
     for words in posed.void:
         logging.getLogger("vemcvx").info("left out: %s", words)
     assembled = time.perf_counter() - start
-    trajectory = march(
-        posed.system,
-        instants,
-        solver=solver,
-        initial=_free(initial, posed, float(instants[0])),
-        store=store,
-        check=check,
-        condense=condense,
-        linear=linear,
-        progress=_log if progress is True else progress or None,
-        storage=storage,
-    )
-    return record(posed, trajectory, assembled, storage)
+    with _storage(stream, resume) as storage:
+        trajectory = march(
+            posed.system,
+            instants,
+            solver=solver,
+            initial=_free(initial, posed, float(instants[0])),
+            store=store,
+            check=check,
+            condense=condense,
+            linear=linear,
+            progress=_log if progress is True else progress or None,
+            storage=storage,
+        )
+        return record(posed, trajectory, assembled, storage)
 
 
-def _storage(stream: str | Path | None, resume: bool) -> Storage:
+def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:
+    """Where rows go; a folder that is held already stays so."""
     if stream is None:
         if resume:
             raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")
-        return Memory()
-    folder = Folder(stream)
-    if not resume:
-        folder.clear()
-    return folder
+        return nullcontext(Memory())
+    return nullcontext(stream) if isinstance(stream, Folder) else Folder(stream, resume)
 
 
 def check_kinds(scene: object, mesh: object) -> None:

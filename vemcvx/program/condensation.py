@@ -96,9 +96,9 @@ class Condensation:
             self.form = _unanchored(self.form, anchor[self.touched], system.kernel.modes[self.touched])
         self._fields = _Fields(n)
 
-    def reduce(self, phi: Floats) -> Reduced:
-        """The response to a force; a combination of forces seen before costs no solve."""
-        x = self._respond(phi)
+    def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
+        """The response to a force; if they are remembered, a combination of forces seen before costs no solve."""
+        x = self._respond(phi) if remembered else self._factor.solve(phi)
         return Reduced(phi, x, self._S @ x[self.touched])
 
     def solve(self, phi: Floats) -> Floats:

@@ -1,113 +1,175 @@
-"""A state as arrays, and back: what a run needs to go on after it was interrupted."""
+"""What a run needs to go on after it was interrupted: its state, field by field, and marks of what it was made from.
+
+The state is one record, gone through by its fields, so that none can be forgotten; what drives the system is evaluated
+anew. Two marks tell whether a run may go on where another stopped: of all that is fixed in time, the system gone
+through by its fields, too; and one for every instant of the data there, which is compared for the steps already made
+(those to come use the data as they are).
+"""
 
 from __future__ import annotations
 
-import zlib
-from typing import Any
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from types import MappingProxyType
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import HistoryError, VemcvxError
-from vemcvx.program.certificate import Certificate
+from vemcvx.errors import HistoryError
 from vemcvx.program.system import System
-from vemcvx.stepping.ledger import Ledger, drive
+from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.state import Run, State
 from vemcvx.stepping.storage import Arrays
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+DRIVE = "drive"
+"""The one field of a state that is not kept."""
+ABSENT, SEAL = "absent", "seal"
+PRESSURES = (0.0, 1e-150, 1.0, 1e150)
+"""At which laws of friction are looked at: one nodal force of each size shows cohesion, coefficient and cap."""
 
 
-def fingerprint(run: Run, times: Floats, kept: NDArray[Any]) -> NDArray[np.int64]:
-    """Numbers that two runs share only if one may go on where the other stopped.
-
-    Data are looked at at the first, the middle and the last instant.
-    """
-    system = run.system
-    fixed = [
-        system.K.data,
-        run.form.B.data,
-        run.form.D.data,
-        run.form.softness,
-        times,
-        np.asarray(kept, dtype=np.int64),
-    ]
-    varying = [_driven(system, float(t)) for t in times[[0, len(times) // 2, -1]]]
-    return np.array([system.n, run.form.count, *(zlib.crc32(np.ascontiguousarray(p)) for p in fixed + varying)])
-
-
-def _driven(system: System, t: float) -> Floats:
-    """What drives a system at an instant, one after the other; nothing where its data fail, as their step will say."""
-    norms, motion = system.norms, system.motion
-    try:
-        parts = [system.force(t), system.reach(t)]
-        if norms is not None:
-            parts += [norms.weights_under(t, np.ones(len(parts[1]))), norms.tilt(t)]
-        if motion is not None:
-            parts += [motion.stretch(t), motion.drag(t)]
-    except VemcvxError:
-        return np.zeros(0)
-    return np.concatenate(parts)
-
-
-def to_arrays(n: int, state: State, whole: bool) -> Arrays:
-    """The state after step `n`; with all its unknowns where the next step needs them."""
-    certificate, ledger = state.certificate, state.ledger
-    numbers = [
-        n,
-        state.t,
-        state.scale,
-        state.iterations,
-        ledger.energy,
-        ledger.dissipated,
-        ledger.work,
-        certificate.equilibrium,
-        certificate.floor,
-    ]
+def fixed_marks(run: Run, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
+    """Marks of what two runs must share if one is to go on where the other stopped, by what users call it."""
+    condensation = run.condensation
     return {
-        "numbers": np.array(numbers, dtype=float),
-        "y": state.y,
-        "unbalanced": state.unbalanced,
-        "weights": state.weights,
-        "lam": state.lam,
-        "p": state.p,
-        "slip": state.slip,
-        "worn": ledger.worn,
-        "full": state.full if whole and state.full is not None else np.zeros(0),
-        "friction": certificate.friction,
-        "limits": certificate.limits,
+        "scene or mesh": _mark(run.system),
+        "times": _mark(times),
+        "store": _mark(kept),
+        "solver": _mark(repr(_plain(run.solver))),
+        "condense or linear": _mark(condensation.touched, repr(_plain(condensation.linear))),
+        "initial": _mark(initial),
     }
 
 
-def from_arrays(run: Run, arrays: Arrays) -> tuple[int, State]:
-    """The step number and the state; what drives the system is evaluated anew."""
-    try:
-        n, t, scale, iterations, energy, dissipated, work, equilibrium, floor = arrays["numbers"].tolist()
-        certificate = Certificate(equilibrium, arrays["friction"], floor, arrays["limits"])
-        ledger = Ledger(energy, dissipated, work, arrays["worn"])
-        parts = (arrays["y"], arrays["unbalanced"], drive(run.system, run.condensation, t), arrays["weights"])
-        state = State(
-            t,
-            *parts,
-            arrays["weights"],
-            arrays["lam"],
-            arrays["p"],
-            arrays["slip"],
-            certificate,
-            ledger,
-            scale,
-            int(iterations),
-            full=arrays["full"] if len(arrays["full"]) else None,
-        )
-    except (KeyError, ValueError) as error:
-        raise HistoryError(f"checkpoint: incomplete: {error}. Remove the folder and run again.") from error
-    return int(n), state
+def mark_of_data(system: System, t: float) -> int:
+    """A number that stands for all that drives the system at an instant."""
+    norms, limits, motions = system.norms, system.limits, [system.motion]
+    if system.damping is not None:
+        motions.append(system.damping.motion)
+    parts = [system.force(t), system.reach(t)]
+    if norms is not None:
+        none = np.ones(0 if limits is None else limits.count)
+        parts += [norms.tilt(t), *(norms.weights_under(t, p * none) for p in (PRESSURES if norms.law else (1.0,)))]
+    for motion in motions:
+        if motion is not None:
+            parts += [motion.stretch(t), motion.drag(t), np.array(motion.stored(t, t))]
+            parts += [] if motion.reach is None else [motion.reach(t)]
+    return int(_mark(*parts)[0])
 
 
-def check_same(run_mark: NDArray[np.int64], kept_mark: NDArray[np.int64]) -> None:
-    """Raise HistoryError when a checkpoint belongs to another run."""
-    if not np.array_equal(run_mark, kept_mark):
+def _mark(*parts: object) -> Ints:
+    """Two numbers that stand for arrays, words, and records of such; functions are not looked into."""
+    made = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        for piece in _pieces(part):
+            made.update(piece)
+    return np.frombuffer(made.digest(), dtype=np.int64)
+
+
+def _pieces(value: Any) -> Iterator[bytes]:
+    if sp.issparse(value):
+        yield from _pieces((value.shape, *(np.asarray(part) for part in (value.data, value.indices, value.indptr))))
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape}:".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif callable(value):
+        yield b"function;"
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield f"{field.name}=".encode()
+            yield from _pieces(getattr(value, field.name))
+    elif isinstance(value, (tuple, list)):
+        for part in value:
+            yield from _pieces(part)
+    else:
+        yield f"{value!r};".encode()
+
+
+def _plain(settings: object) -> object:
+    """Settings with a repr that says the same in every process."""
+    own = type(settings).__repr__ is not object.__repr__
+    return settings if own else (type(settings).__qualname__, sorted(vars(settings).items()))
+
+
+def check_same(marks: Arrays, arrays: Arrays) -> None:
+    """Raise HistoryError when a checkpoint is not whole, or belongs to another run."""
+    if not np.array_equal(_seal(arrays), arrays.get(SEAL, ())):
+        raise HistoryError("checkpoint: incomplete, or changed since it was made. Remove the folder and run again.")
+    other = [name.removeprefix("") for name, mark in marks.items() if not np.array_equal(mark, arrays.get(name))]
+    if other:
         raise HistoryError(
-            "resume: the folder holds a run of another scene, mesh, times or store. "
-            "Resume with what it was begun with, or choose an empty folder."
+            f"resume: the folder holds a run of another scene, mesh, times or store, or with other settings (what "
+            f"differs: {', '.join(other)}). Resume with what it was begun with, or choose an empty folder."
         )
+
+
+def check_same_data(system: System, times: Floats, marks: Ints) -> None:
+    """Raise HistoryError when data differ from those of the steps already made, (n + 1,) marks."""
+    for t, mark in zip(times, marks, strict=False):
+        if mark_of_data(system, float(t)) != mark:
+            raise HistoryError(
+                f"resume: the folder holds a run of another scene, mesh, times or store (what differs: loads, supports "
+                f"or bounds at t = {t:.6g}). Resume with what it was begun with, or choose an empty folder."
+            )
+
+
+def to_arrays(n: int, state: State, marks: Arrays, sums: dict[str, int]) -> Arrays:
+    """The state after step `n`, field by field, beside the marks of the run and the check sums of its rows."""
+    own = {"numbers": np.array([n, state.t]), "marks": np.array([*marks.values()]), "sums": np.array([*sums.values()])}
+    arrays = {**own, **dict(arrays_of(state))}
+    return {**arrays, SEAL: _seal(arrays)}
+
+
+def _seal(arrays: Arrays) -> Ints:
+    """A mark of all arrays of a checkpoint."""
+    return _mark([part for name in sorted(arrays) if name != SEAL for part in (name, arrays[name])])
+
+
+def arrays_of(record: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+    """The fields of a record and of those in it, each under its path."""
+    for field in fields(record):
+        name, value = prefix + field.name, getattr(record, field.name)
+        if is_dataclass(value) and name != DRIVE:
+            yield from arrays_of(value, f"{name}.")
+        elif value is None:
+            yield f"{ABSENT}.{name}", np.zeros(0)
+        elif name != DRIVE:
+            yield name, np.asarray(value)
+
+
+def from_arrays(run: Run, times: Floats, arrays: Arrays) -> tuple[int, State]:
+    """The step number and the state.
+
+    What drove the steps so far is evaluated again in their order: the responses to forces that a condensation remembers
+    are then the same, too.
+    """
+    n = int(arrays["numbers"][0])
+    for t in times[: n + 1]:
+        driven = drive(run.system, run.condensation, float(t))
+    try:
+        return n, record_of(State, arrays, known={DRIVE: driven})
+    except KeyError as error:
+        raise HistoryError(f"checkpoint: of another version, no {error}. Remove the folder and run again.") from error
+
+
+def record_of(kind: type, arrays: Arrays, prefix: str = "", known: Mapping[str, Any] = MappingProxyType({})) -> Any:
+    """A record from what :func:`arrays_of` made of it; fields that are known go in as they are."""
+    hints, values = get_type_hints(kind), dict(known)
+    for field in fields(kind):
+        name = prefix + field.name
+        inner = [part for part in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(part)]
+        if name in known:
+            continue
+        if f"{ABSENT}.{name}" in arrays:
+            values[field.name] = None
+        elif inner:
+            values[field.name] = record_of(inner[0], arrays, f"{name}.")  # type: ignore[arg-type]
+        else:
+            values[field.name] = arrays[name] if arrays[name].ndim else arrays[name].item()
+    return kind(**values)

@@ -80,8 +80,8 @@ def march(
     start = time.perf_counter()
     run = prepare(system, solver, check, condense, linear)
     prepared = time.perf_counter()
-    recorder = Recorder(run, instants, kept, storage or Memory())
-    earlier = recorder.resume()
+    recorder = Recorder(run, instants, kept, storage or Memory(), initial)
+    earlier = recorder.begin()
     if earlier is None:
         earlier = 0, initial_state(run, instants[0], initial)
         recorder.add(*earlier)

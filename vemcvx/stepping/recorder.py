@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import logging
+import time
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import SceneError
+from vemcvx.errors import HistoryError, SceneError
 from vemcvx.stepping.backward_euler import completed, sticking
-from vemcvx.stepping.checkpoint import check_same, fingerprint, from_arrays, to_arrays
+from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
 from vemcvx.stepping.state import Run, State
-from vemcvx.stepping.storage import Memory, Storage
+from vemcvx.stepping.storage import Arrays, Storage
 from vemcvx.stepping.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+log = logging.getLogger("vemcvx")
+
+BETWEEN = 1.0
+"""Seconds after which a checkpoint is made at a step that is not stored."""
 
 
 def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
@@ -43,10 +51,12 @@ SCALARS = (
     *("iterations", "safeguards", "contraction", "stuck", "lag"),
 )
 COUNTS = ("iterations", "safeguards", "stuck")
+EVERY_STEP = ("scalars", "data")
+"""Arrays with a row for every step; the others have one for every stored step."""
 
 
 class Recorder:
-    """Rows of a trajectory, entered as the march goes on.
+    """Rows of a trajectory, entered as the march goes on, and checkpoints to go on from.
 
     Parameters
     ----------
@@ -56,79 +66,122 @@ class Recorder:
         Numbers of the steps to keep.
     storage : Storage
         Where the rows go.
+    initial : what :func:`vemcvx.stepping.initial.initial_state` takes
+        A run goes on only where it began.
     """
 
-    def __init__(self, run: Run, times: Floats, kept: Ints, storage: Storage):
+    def __init__(self, run: Run, times: Floats, kept: Ints, storage: Storage, initial: ArrayLike | str | None):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
-        form, rows = run.form, len(kept)
-        # Data are not evaluated for a run that nobody can resume.
-        self._mark = np.zeros(0) if isinstance(storage, Memory) else fingerprint(run, times, kept)
-        self._state = storage.array("state", (rows, run.system.n))
-        self._multipliers = storage.array("multipliers", (rows, form.count, form.block))
-        self._pressures = storage.array("pressures", (rows, len(form.softness)))
-        self._weights = storage.array("weights", (rows, form.count))
-        self._sticks = storage.array("sticking", (rows, form.count), bool)
-        self._worn = storage.array("worn", (rows, form.count))
-        damped = run.system.damping is not None
-        self._velocity = storage.array("velocity", (rows, run.system.n)) if damped else None
-        self._scalars = storage.array("scalars", (len(times), len(SCALARS)))
+        self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}
+        self._sums = dict.fromkeys(self._shapes, 0)
+        self._saved = time.perf_counter()
 
-    def resume(self) -> tuple[int, State] | None:
-        """The last step that an earlier run completed, and its state.
+    @property
+    def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
+        form, rows = self._run.form, len(self._kept)
+        return {
+            "state": ((rows, self._run.system.n), float),
+            "multipliers": ((rows, form.count, form.block), float),
+            "pressures": ((rows, len(form.softness)), float),
+            "weights": ((rows, form.count), float),
+            "sticking": ((rows, form.count), bool),
+            "worn": ((rows, form.count), float),
+            "scalars": ((len(self._times), len(SCALARS)), float),
+            **({"velocity": ((rows, self._run.system.n), float)} if self._run.system.damping is not None else {}),
+            "data": ((len(self._times) if self._storage.lasting else 0,), np.int64),
+        }
+
+    def begin(self) -> tuple[int, State] | None:
+        """The last step that an earlier run completed and its state, if there was one.
 
         Raises
         ------
         HistoryError
-            The storage holds another run.
+            The storage holds another run, or rows of it are missing.
         """
         arrays = self._storage.load()
         if arrays is None:
             return None
-        check_same(self._mark, arrays["mark"])
-        return from_arrays(self._run, arrays)
+        check_same(self._marks, arrays)
+        self._rows = {name: self._storage.kept(name, *shape) for name, shape in self._shapes.items()}
+        n, state = from_arrays(self._run, self._times, arrays)
+        self._sums = self._checked_sums(n, arrays)
+        check_same_data(self._run.system, self._times, self._rows["data"][: n + 1])
+        log.info("going on after step %d of %d, at t = %g", n, len(self._times) - 1, state.t)
+        return n, state
+
+    def _checked_sums(self, n: int, arrays: Arrays) -> dict[str, int]:
+        """Check sums of the rows up to step `n`, which must be those of the run that wrote them."""
+        stored, sums = int(np.searchsorted(self._kept, n, side="right")), {}
+        for (name, rows), kept in zip(self._rows.items(), arrays["sums"], strict=True):
+            sums[name] = 0
+            for row in rows[: n + 1 if name in EVERY_STEP else stored]:
+                sums[name] = zlib.crc32(row.tobytes(), sums[name])
+            if sums[name] != kept:
+                raise HistoryError(
+                    f"resume: the file {name}.npy is not as the run has left it: missing, cut short or changed. "
+                    "Run without resume."
+                )
+        return sums
 
     def add(self, n: int, state: State) -> None:
-        """Enter the state after step `n`.
+        """Enter the state after step `n`; with the initial one, 0, a new run begins.
 
         Raises
         ------
         NotCertified
             The answer of a kept step does not hold on the full system.
         """
-        row = self._row.get(n)
-        if row is not None:
+        if n == 0:
+            self._storage.clear()
+            self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
+        left, stored = state, n in self._row
+        if stored:
             state = completed(self._run, state, given=n == 0)
             if n > 0 and self._run.check:
                 self._run.insist(state, n)
-            self._state[row], self._multipliers[row] = state.full, state.lam + state.drive.bias.reshape(state.lam.shape)
-            self._pressures[row], self._weights[row] = state.p, state.weights
-            self._worn[row] = state.ledger.worn
-            if self._velocity is not None and state.velocity is not None:
-                self._velocity[row] = state.velocity
         c, ledger = state.certificate, state.ledger
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
-        self._scalars[n] = (
+        scalars = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
             *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag),
         )
-        if row is not None:
-            self._sticks[row] = sticks
-            self._storage.save({"mark": self._mark, **to_arrays(n, state, self._run.system.damping is not None)})
+        self._enter(n, "scalars", scalars)
+        if stored:
+            row = self._row[n]
+            self._enter(row, "state", state.full)
+            self._enter(row, "multipliers", state.lam + state.drive.bias.reshape(state.lam.shape))
+            self._enter(row, "pressures", state.p)
+            self._enter(row, "weights", state.weights)
+            self._enter(row, "sticking", sticks)
+            self._enter(row, "worn", ledger.worn)
+            if "velocity" in self._rows:
+                self._enter(row, "velocity", 0.0 if state.velocity is None else state.velocity)
+        if self._storage.lasting:
+            self._enter(n, "data", mark_of_data(self._run.system, float(self._times[n])))
+            self._checkpoint(n, left, stored)
+
+    def _enter(self, row: int, name: str, values: ArrayLike | None) -> None:
+        rows = self._rows[name]
+        rows[row] = values
+        if self._storage.lasting:
+            self._sums[name] = zlib.crc32(rows[row].tobytes(), self._sums[name])
+
+    def _checkpoint(self, n: int, state: State, stored: bool) -> None:
+        """Keep the state that the next step begins from: at stored steps, and where the last one is long ago."""
+        if stored or time.perf_counter() - self._saved > BETWEEN:
+            self._storage.save(to_arrays(n, state, self._marks, self._sums))
+            self._saved = time.perf_counter()
 
     def finish(self, seconds: dict[str, float]) -> Trajectory:
         """The trajectory."""
-        scalars = {name: np.array(column) for name, column in zip(SCALARS, self._scalars.T, strict=True)}
+        rows = self._rows
+        scalars = {name: np.array(column) for name, column in zip(SCALARS, rows["scalars"].T, strict=True)}
         return Trajectory(
             times=self._times,
             stored=self._kept,
-            state=self._state,
-            multipliers=self._multipliers,
-            pressures=self._pressures,
-            weights=self._weights,
-            sticking=self._sticks,
-            worn=self._worn,
-            velocity=self._velocity,
+            **{name: values for name, values in rows.items() if name not in EVERY_STEP},
             **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),

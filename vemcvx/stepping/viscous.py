@@ -92,7 +92,9 @@ class ViscousSteps:
         if system.limits is not None:
             reach = reach - system.limits.D @ y
         bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
-        return Drive(t, run.condensation.reduce(phi), None, drag, None, reach, bias)
+        # No two of these are alike, and a resumed run does not know those before it.
+        force = run.condensation.reduce(phi, remembered=False)
+        return Drive(t, force, None, drag, None, reach, bias)
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t

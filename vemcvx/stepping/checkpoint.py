@@ -101,7 +101,8 @@ def check_same(marks: Arrays, arrays: Arrays) -> None:
     """Raise HistoryError when a checkpoint is not whole, or belongs to another run."""
     if not np.array_equal(_seal(arrays), arrays.get(SEAL, ())):
         raise HistoryError("checkpoint: incomplete, or changed since it was made. Remove the folder and run again.")
-    other = [name.removeprefix("") for name, mark in marks.items() if not np.array_equal(mark, arrays.get(name))]
+    kept = dict(zip(marks, arrays["marks"], strict=False))
+    other = [name for name, mark in marks.items() if not np.array_equal(mark, kept.get(name))]
     if other:
         raise HistoryError(
             f"resume: the folder holds a run of another scene, mesh, times or store, or with other settings (what "

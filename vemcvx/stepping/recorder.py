@@ -113,12 +113,12 @@ class Recorder:
 
     def _checked_sums(self, n: int, arrays: Arrays) -> dict[str, int]:
         """Check sums of the rows up to step `n`, which must be those of the run that wrote them."""
-        stored, sums = int(np.searchsorted(self._kept, n, side="right")), {}
-        for (name, rows), kept in zip(self._rows.items(), arrays["sums"], strict=True):
-            sums[name] = 0
+        stored, sums = int(np.searchsorted(self._kept, n, side="right")), dict.fromkeys(self._rows, 0)
+        kept = dict(zip(self._rows, arrays["sums"].tolist(), strict=False))
+        for name, rows in self._rows.items():
             for row in rows[: n + 1 if name in EVERY_STEP else stored]:
                 sums[name] = zlib.crc32(row.tobytes(), sums[name])
-            if sums[name] != kept:
+            if sums[name] != kept.get(name):
                 raise HistoryError(
                     f"resume: the file {name}.npy is not as the run has left it: missing, cut short or changed. "
                     "Run without resume."

@@ -2,7 +2,8 @@
 
 A folder holds one ``.npy`` file an array, mapped into memory, so that the size of a history is bounded by the
 disk and not by memory; and ``checkpoint.npz``, replaced in one move, from which a run that was interrupted goes on. The
-disk's space is claimed before the first step.
+disk's space is claimed before the first step. All of it outlives the process; should the machine die, too, the check
+sums of the checkpoint tell whether the disk has it all.
 
 Our mark is the file ``.vemcvx``: it names the files that runs made there, line by line, each before it is made. No
 other file is ever written to or taken away. While a run is on, the mark is locked, so that there is but one.
@@ -179,8 +180,6 @@ class Folder:
         try:
             with open(made, "wb") as file:
                 np.savez(file, **arrays)
-                file.flush()
-                os.fsync(file.fileno())
             os.replace(made, self.path / CHECKPOINT)
         except OSError as error:
             raise HistoryError(f"{self.path}: cannot write a checkpoint: {error}.") from error

@@ -71,6 +71,19 @@ def test_norm_gaps_do_not_cancel():
     assert norm_gaps(np.maximum(w, np.linalg.norm(lam, axis=1)), lam, s)[0] == pytest.approx(5e-23 * 2, rel=1e-3)
 
 
+def test_multipliers_on_their_circle_cost_nothing():
+    """lam = w s / |s|, rounded: few floats have the length w, and what it lacks is no gap."""
+    rng = np.random.default_rng(0)
+    n = 200
+    w, s = rng.uniform(0.5, 2.0, n), rng.normal(size=(n, 2))
+    lam = w[:, None] * s / np.linalg.norm(s, axis=1)[:, None]
+    program = StepProgram(Form(np.eye(2 * n), sp.csr_matrix(np.eye(2 * n)), 2), (s + lam).ravel(), w, np.zeros(2 * n))
+    assert (np.linalg.norm(program.project(lam), axis=1) < w).any()
+    certificate = certify(program, s.ravel(), lam)
+    # Both are squares of rounding errors, 2 n of them.
+    assert certificate.gap <= certificate.floor <= 2 * n * (8 * np.finfo(float).eps) ** 2 * 16
+
+
 def test_slider_in_closed_form():
     """min 1/2 K d^2 - g d + w|d|: d = soft(g, w) / K, lam = clip(g, -w, w)."""
     for g in (-5.0, -0.3, 0.0, 0.4, 7.0):

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.ordering import nested_dissection
+from vemcvx.scene.pose import pose
 
 
 @pytest.fixture(params=["connected", "two bodies", "nothing touched", "everything touched"])
@@ -43,6 +44,25 @@ def test_schur_complement_and_recovery(system):
     assert condensation.work(other, y_c, force) == pytest.approx(phi @ y, abs=1e-11 * np.abs(phi).sum())
     reduced = f[c] - K[np.ix_(c, i)] @ np.linalg.solve(K[np.ix_(i, i)], f[i]) if len(i) else f
     assert np.allclose(force.touched, reduced, rtol=0, atol=1e-12 * np.abs(f).max())
+
+
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
+@pytest.mark.parametrize("n", [4, 12])
+def test_rigid_motions_do_not_become_strain(n):
+    """A block that nothing but its floor holds, moved far: inside, forces balance to the rounding of their parts."""
+    press = vx.Traction((0.0, -2.0), on="top")
+    floor = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(bound=1.0, on="bottom")
+    system = pose(vx.Scene(vx.Elasticity(young=200.0, poisson=0.3), press, *floor), vx.meshes.squares(n)).system
+    condensation, f = Condensation(system), system.force(1.0)
+    c = condensation.touched
+    y_c = 1e-3 * np.random.default_rng(0).normal(size=len(c)) + system.kernel.modes[c] @ [3.0, -2.0, 1.0]
+    y = condensation.recover(y_c, condensation.reduce(f))
+    inside = np.setdiff1d(np.arange(system.n), c)
+    left = np.abs(f - system.K @ y)[inside]
+    # The unknowns that meet at a node, 18, are rounded once each; as many products are summed.
+    parts = (np.abs(f) + abs(system.K) @ np.abs(y))[inside]
+    assert (y[c] == y_c).all()
+    assert (left <= 18 * np.finfo(float).eps / 2 * parts).all()
 
 
 def test_loads_that_are_combinations_cost_no_solve(system, monkeypatch):

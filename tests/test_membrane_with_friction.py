@@ -120,6 +120,13 @@ def test_solvers_agree_on_the_table(solver):
     assert (other.certificate_total < 1e-4).all()
 
 
+def test_interior_points_keep_their_digits_where_terms_slip():
+    """Absolute values as inequalities: as second-order cones they end at 1e-6 here, whatever is asked."""
+    mesh = vx.meshes.voronoi(4, BOX)
+    _, trajectory, _ = lesson.solve_on_table(mesh, solver=vx.Clarabel(accuracy=2e-7))
+    assert 0 < trajectory.certificate.max() <= 2e-7
+
+
 def test_the_loss_of_a_closed_loop():
     """dq^3 / 12 g per unit width."""
     lost = lesson.lost_on_table((0, 1.5, -1.5, 1.5))

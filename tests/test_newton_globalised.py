@@ -31,7 +31,7 @@ def nasty(seed, block):
 def plain_active_sets(program, rounds=200):
     """Whether undamped active sets, shifts 10 / (B K^-1 B'), reach a point at which the gap vanishes."""
     point = Point(np.zeros(len(program.g)), np.zeros((program.form.count, program.form.block)), np.zeros(0))
-    shift = Shifts.of(program.form) * 10.0
+    shift = Shifts.of(program.form) * 100.0
     for _ in range(rounds):
         point = answer_on(program, sets_at(program, point, shift))
         certificate = certify(program, point.d, point.lam)

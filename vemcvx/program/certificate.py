@@ -20,7 +20,9 @@ K on balanced forces; where N'r does not vanish, the gap is infinite.
 
 Every summand is >= 0 and belongs to one place of the boundary. The norm part is evaluated without
 cancellation, w|s| - lam.s = (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2, that of limits as
-(z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere.
+(z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere. A multiplier within rounding of its bound, ROUNDED w, stands
+for the one on it, w lam / |lam|, which is admissible, too, and as few floats are: the gap is that one's. What the step
+between them does to r is of the size of what rounding does to B'lam anyway, which the floor counts, of second order.
 """
 
 from __future__ import annotations
@@ -33,6 +35,9 @@ from numpy.typing import NDArray
 from vemcvx.program.step_program import EPS, StepProgram
 
 Floats = NDArray[np.float64]
+
+ROUNDED = 4 * EPS
+"""What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def certify(program: StepProgram, d: Floats, lam: Floats, p: Floats | None = Non
     The multipliers are made admissible first. The floor (:func:`rounding_floor`) follows the rounding of the parts: r
     is known to eps (|g| + |B'||lam| + |D'|p + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| + |b_i|),
     except where a row of B has one entry and b_i = 0: there a sticking s_i = 0 is exact; z_j to eps (|D_j||d| +
-    |e_j|). In blocks of two and more |lam_i| = w_i holds to 2 eps w_i only.
+    |e_j|).
     """
     lam, p = program.admissible(lam, np.zeros(len(program.e)) if p is None else p, d)
     equilibrium, friction, limits = _parts(program, d, lam, p)
@@ -117,14 +122,12 @@ def _imbalance(program: StepProgram, lam: Floats, p: Floats) -> tuple[Floats, Fl
 
 def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
     """What round-off alone may hide in, or add to, the gap at (d, lam, p)."""
-    form, s = program.form, program.slip(d)
+    form = program.form
     rows, size = form.rows.absolute, np.abs(d)
     held = rows.pull(np.abs(lam.ravel())) + form.limits.absolute.pull(p)
     blur = EPS * (np.abs(program.g) + held + form.absolute @ size)
     slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(program.b)
     slip_blur = EPS * form.blocks(slip).sum(axis=1)
-    if form.block > 1:
-        slip_blur += 2 * EPS * np.linalg.norm(s, axis=1)
     floor = 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
     floor += float(p @ program.excess_blur(d))
     if form.kernel is not None:
@@ -140,7 +143,8 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     direction = np.zeros_like(lam)
     direction[both] = lam[both] / size[both, None] - s[both] / slip[both, None]
     turned = np.einsum("ij,ij->i", direction, direction)
-    return np.maximum(w - size, 0.0) * slip + 0.5 * size * slip * turned
+    short = np.where(size >= (1.0 - ROUNDED) * w, 0.0, w - size)
+    return short * slip + 0.5 * size * slip * turned
 
 
 def limit_gaps(softness: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:

@@ -112,7 +112,11 @@ class Condensation:
         total = f.phi.copy()
         total[self.touched] += self._S @ (y_c - f.x[self.touched])
         y = self._factor.solve(total)
-        # The touched unknowns are known; what the solve returns for them differs by its rounding.
+        # The touched unknowns are known; what the solve returns for them differs by its rounding. Of that the anchors,
+        # soft as they are, leave most in rigid motions, which have to go everywhere lest they become strain.
+        if self.system.kernel is not None:
+            N = self.system.kernel.modes
+            y += N @ np.linalg.lstsq(N[self.touched], y_c - y[self.touched], rcond=None)[0]
         y[self.touched] = y_c
         return y
 

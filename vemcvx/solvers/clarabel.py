@@ -13,12 +13,11 @@ from vemcvx.solvers.conic import LINEAR, ThroughCvxpy
 
 @dataclass(frozen=True)
 class Clarabel(ThroughCvxpy):
-    """The interior-point solver Clarabel, through cvxpy, with one second-order cone for every |v_tau|."""
+    """The interior-point solver Clarabel, through cvxpy, with second-order cones where |v_tau| has two components."""
 
     solver: str = field(default="CLARABEL", init=False)
 
     accepts: ClassVar[frozenset[str]] = LINEAR | {SECOND_ORDER_CONES}
-    cones: ClassVar[bool] = True
 
     @property
     def name(self) -> str:

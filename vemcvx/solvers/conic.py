@@ -2,10 +2,13 @@
 
     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
 
-with one second-order cone a term, or, on absolute values, the two inequalities -t <= B d - b <= t; v = 0 where a
-limit is a bound, v >= (z)_+ where it is soft. The multiplier lam_i = dt_i-part of the dual: cvxpy's dual of the cone
-|s_i| <= t_i is (w_i, -lam_i), that of the inequalities (upper, lower) gives lam = upper - lower; p is the dual of D d
-- v <= e.
+with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
+cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e.
+
+A cone of one component, an absolute value, is posed as what it is, two inequalities -t <= B d - b <= t, whose duals
+(upper, lower) give lam = upper - lower. A cone's algebra takes t - |s| as a difference, which where a term slips is
+as small as the gap: below 1e-12 no digits are left, and interior points break down. Inequalities carry it as a slack
+of its own: on the strip of problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6, at the same cost.
 """
 
 from __future__ import annotations
@@ -55,25 +58,25 @@ class Posed:
     p: Callable[[], Floats]
 
 
-def pose(form: Form, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> Posed:
+def pose(form: Form, g: Any, w: Any, b: Any, e: Any) -> Posed:
     """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
     import cvxpy as cp
 
     d = cp.Variable(len(form.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
-    cones_or_rows, lengths, lam = _norms(form, d, w, b, cones)
+    cones_or_rows, lengths, lam = _norms(form, d, w, b)
     bounds, yielding, p = _limits(form, d, e)
     return Posed(cp.Problem(cp.Minimize(energy + lengths + yielding), cones_or_rows + bounds), d, lam, p)
 
 
-def _norms(form: Form, d: cp.Variable, w: Any, b: Any, cones: bool) -> tuple[list[Any], Any, Callable[[], Floats]]:
+def _norms(form: Form, d: cp.Variable, w: Any, b: Any) -> tuple[list[Any], Any, Callable[[], Floats]]:
     import cvxpy as cp
 
     if form.count == 0:
         return [], 0.0, lambda: np.zeros((0, form.block))
     t, s = cp.Variable(form.count), form.B @ d - b
-    if cones:
+    if form.block > 1:
         cone = cp.SOC(t, cp.reshape(s, (form.block, form.count), order="F"), axis=0)
         return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (form.block, form.count), order="F").T
     upper, lower = s <= t, -s <= t
@@ -133,7 +136,7 @@ class ThroughCvxpy(Solver):
 
     @property
     def cones(self) -> bool:
-        """Whether the norms are posed as second-order cones rather than as inequalities."""
+        """Whether the solver takes second-order cones."""
         import cvxpy as cp
         from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC
 
@@ -156,7 +159,7 @@ class ThroughCvxpy(Solver):
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {known}. "
                 "Install it, or choose one of those."
             )
-        return _PreparedConic(self, form, self.cones)
+        return _PreparedConic(self, form)
 
     def careful(self) -> dict[str, Any]:
         """Options to add when the answer misses; empty where there is nothing slower to try."""
@@ -179,8 +182,8 @@ class _PreparedConic:
     A parameter of load length compiles for 26 s at 33k unknowns, one of the length of the terms in milliseconds.
     """
 
-    def __init__(self, settings: ThroughCvxpy, form: Form, cones: bool):
-        self._settings, self._form, self._cones = settings, form, cones
+    def __init__(self, settings: ThroughCvxpy, form: Form):
+        self._settings, self._form = settings, form
         self._posed: Posed | None = None
         if not sp.issparse(form.K) and len(form.K):
             import cvxpy as cp
@@ -188,7 +191,7 @@ class _PreparedConic:
             with COMPILING:
                 self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
                 self._b, self._e = cp.Parameter(form.count * form.block), cp.Parameter(len(form.softness))
-                self._posed = pose(form, self._g, self._w, self._b, self._e, cones)
+                self._posed = pose(form, self._g, self._w, self._b, self._e)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         if len(program.g) == 0:
@@ -196,7 +199,7 @@ class _PreparedConic:
         posed = self._posed
         if posed is None:
             with COMPILING:
-                posed = pose(self._form, program.g, program.w, program.b, program.e, self._cones)
+                posed = pose(self._form, program.g, program.w, program.b, program.e)
         else:
             self._g.value, self._w.value = program.g, program.w
             self._b.value, self._e.value = program.b, program.e

@@ -40,10 +40,8 @@ from vemcvx.solvers.solver import Solver, checked_accuracy
 
 Floats = NDArray[np.float64]
 
-# Shift of the active sets in units of 1 / (B_i K^{-1} B_i'): at .1 the paper's scene takes 3-7 iterations from a
-# cold start; at 1 and beyond undamped active sets cycle on it.
-SHIFT = 0.1
-PROXIMAL_SHIFT = 10.0
+PROXIMAL = 100.0
+"""First shifts of the proximal point method, in those of the active sets."""
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
 SHARP = 1e-4
@@ -90,9 +88,9 @@ class _PreparedNewton:
         shift = Shifts.of(program.form)
         pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
         start = Point(np.zeros(len(program.g)), program.project(lam), pressed)
-        run.newton(start, shift * SHIFT)
+        run.newton(start, shift)
         if not run.done:
-            for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL_SHIFT):
+            for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL):
                 run.offer(point, "proximal")
                 if run.done:
                     break

@@ -17,7 +17,6 @@ class OSQP(ThroughCvxpy):
     solver: str = field(default="OSQP", init=False)
 
     accepts: ClassVar[frozenset[str]] = LINEAR
-    cones: ClassVar[bool] = False
 
     def tolerances(self, target: float) -> dict[str, Any]:
         # It must be told to polish on every solve; its tests for infeasibility, loose by default, take

@@ -13,7 +13,7 @@ from vemcvx.solvers.conic import LINEAR, ThroughCvxpy
 
 @dataclass(frozen=True)
 class Clarabel(ThroughCvxpy):
-    """The interior-point solver Clarabel, through cvxpy, with second-order cones where |v_tau| has two components."""
+    """The interior-point solver Clarabel, through cvxpy, with one second-order cone for every |v_tau|."""
 
     solver: str = field(default="CLARABEL", init=False)
 

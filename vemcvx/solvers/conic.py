@@ -5,10 +5,10 @@
 with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
 cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e.
 
-A cone of one component, an absolute value, is posed as what it is, two inequalities -t <= B d - b <= t, whose duals
-(upper, lower) give lam = upper - lower. A cone's algebra takes t - |s| as a difference, which where a term slips is
-as small as the gap: below 1e-12 no digits are left, and interior points break down. Inequalities carry it as a slack
-of its own: on the strip of problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6, at the same cost.
+Solvers without cones are handed absolute values as two inequalities -t <= B d - b <= t, whose duals (upper, lower) give
+lam = upper - lower; so are those with cones when they miss. A cone's algebra takes t - |s| as a difference, which where
+a term slips is as small as the gap: below 1e-12 no digits are left, and interior points break down. Inequalities carry
+it as a slack of its own: on the strip of problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
 """
 
 from __future__ import annotations
@@ -58,25 +58,25 @@ class Posed:
     p: Callable[[], Floats]
 
 
-def pose(form: Form, g: Any, w: Any, b: Any, e: Any) -> Posed:
+def pose(form: Form, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> Posed:
     """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
     import cvxpy as cp
 
     d = cp.Variable(len(form.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
-    cones_or_rows, lengths, lam = _norms(form, d, w, b)
+    cones_or_rows, lengths, lam = _norms(form, d, w, b, cones)
     bounds, yielding, p = _limits(form, d, e)
     return Posed(cp.Problem(cp.Minimize(energy + lengths + yielding), cones_or_rows + bounds), d, lam, p)
 
 
-def _norms(form: Form, d: cp.Variable, w: Any, b: Any) -> tuple[list[Any], Any, Callable[[], Floats]]:
+def _norms(form: Form, d: cp.Variable, w: Any, b: Any, cones: bool) -> tuple[list[Any], Any, Callable[[], Floats]]:
     import cvxpy as cp
 
     if form.count == 0:
         return [], 0.0, lambda: np.zeros((0, form.block))
     t, s = cp.Variable(form.count), form.B @ d - b
-    if form.block > 1:
+    if cones:
         cone = cp.SOC(t, cp.reshape(s, (form.block, form.count), order="F"), axis=0)
         return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (form.block, form.count), order="F").T
     upper, lower = s <= t, -s <= t
@@ -184,39 +184,42 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy, form: Form):
         self._settings, self._form = settings, form
-        self._posed: Posed | None = None
-        if not sp.issparse(form.K) and len(form.K):
-            import cvxpy as cp
-
-            with COMPILING:
-                self._g, self._w = cp.Parameter(len(form.K)), cp.Parameter(form.count, nonneg=True)
-                self._b, self._e = cp.Parameter(form.count * form.block), cp.Parameter(len(form.softness))
-                self._posed = pose(form, self._g, self._w, self._b, self._e)
+        self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], Posed]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         if len(program.g) == 0:
             return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
-        posed = self._posed
-        if posed is None:
-            with COMPILING:
-                posed = pose(self._form, program.g, program.w, program.b, program.e)
-        else:
-            self._g.value, self._w.value = program.g, program.w
-            self._b.value, self._e.value = program.b, program.e
-        answer = self._ask(posed, program, target, {})
+        cones = self._settings.cones
+        answer = self._ask(program, target, cones, {})
         careful = self._settings.careful()
         if careful and duality_gap(program, answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
-            again = self._ask(posed, program, target, careful)
+            again = self._ask(program, target, cones and self._form.block > 1, careful)
             answer = replace(again, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
 
-    def _ask(self, posed: Posed, program: StepProgram, target: float, more: dict[str, Any]) -> Answer:
+    def _ask(self, program: StepProgram, target: float, cones: bool, more: dict[str, Any]) -> Answer:
+        posed = self._posed(program, cones)
         status, iterations = _run(posed, self._settings, {**self._settings.tolerances(target), **more})
         if posed.d.value is None:
             still = np.zeros((program.form.count, program.form.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
         # Interior points stop a rounding error short of their bounds, or beyond them.
         return Answer(program.feasible(posed.d.value), posed.lam(), iterations, status, p=posed.p())
+
+    def _posed(self, program: StepProgram, cones: bool) -> Posed:
+        import cvxpy as cp
+
+        form, data = self._form, (program.g, program.w, program.b, program.e)
+        with COMPILING:
+            if sp.issparse(form.K):
+                return pose(form, *data, cones)
+            if cones not in self._compiled:
+                parameters = tuple(cp.Parameter(len(x), nonneg=x is program.w) for x in data)
+                self._compiled[cones] = parameters, pose(form, *parameters, cones)
+        parameters, posed = self._compiled[cones]
+        for parameter, value in zip(parameters, data, strict=True):
+            parameter.value = value
+        return posed
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:

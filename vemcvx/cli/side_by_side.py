@@ -148,7 +148,7 @@ def distance(system: System, one: Outcome, other: Outcome) -> Apart:
     apart = one.trajectory.state - other.trajectory.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
     allowed = one.allowed + other.allowed
-    scale = np.maximum.accumulate(one.trajectory.norm)
+    scale = one.trajectory.scale
     unit = np.where(scale > 0, scale, 1.0)
     excess = length - allowed
     n = int(np.argmax(excess)) if (excess > 0).any() else int(np.argmax(length / unit))

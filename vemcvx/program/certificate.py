@@ -67,17 +67,14 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """1/2 |d - d*|_K^2 <= gap (up to `floor`)."""
-        return self.equilibrium + float(self.friction.sum()) + float(self.limits.sum())
+        """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing."""
+        gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum())
+        return gap if gap >= 0 else np.inf
 
     @property
     def error(self) -> float:
         """|d - d*|_K <= error = sqrt(2 gap)."""
         return float(np.sqrt(2.0 * self.gap))
-
-    def nothing(self, norm: float) -> bool:
-        """Whether an answer of that energy norm is nothing but rounding, and so is its gap: 0/0 counts as 0."""
-        return max(self.error, norm) <= 10 * self.error_floor
 
     @property
     def error_floor(self) -> float:
@@ -111,7 +108,8 @@ def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[flo
         left, blur = _imbalance(program, lam, p)
         equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
     limits = limit_gaps(form.softness, p, program.excess(d), program.excess_blur(d))
-    return max(equilibrium, 0.0), norm_gaps(program.w, lam, program.slip(d)), limits
+    # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
+    return abs(equilibrium), norm_gaps(program.w, lam, program.slip(d)), limits
 
 
 def _imbalance(program: StepProgram, lam: Floats, p: Floats) -> tuple[Floats, Floats]:

@@ -25,6 +25,7 @@ from vemcvx.linear import LinearSolver, SuperLU, choose_linear
 from vemcvx.program.form import Form
 from vemcvx.program.kernel import anchors
 from vemcvx.program.ordering import minimum_degree
+from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import System
 
 Floats = NDArray[np.float64]
@@ -98,8 +99,11 @@ class Condensation:
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
         """The response to a force; if they are remembered, a combination of forces seen before costs no solve."""
-        x = self._respond(phi) if remembered else self._factor.solve(phi)
-        return Reduced(phi, x, self._S @ x[self.touched])
+        # Squares of forces, of any unit, are numbers when the largest is of size one.
+        unit = power_of_two(np.abs(phi).max(initial=0.0))
+        x = self._respond(phi / unit) if remembered else self._factor.solve(phi / unit)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return Reduced(phi, unit * x, unit * (self._S @ x[self.touched]))
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""

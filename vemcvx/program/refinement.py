@@ -20,8 +20,6 @@ from vemcvx.program.system import System
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-UNDERFLOW = 1e-288
-"""Energies below this have lost their digits; steps so small count as no step."""
 ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""
 
@@ -97,8 +95,8 @@ def full_certificate(
         r = r - N @ (N.T @ r)
     blur *= np.sign(np.cos(np.arange(1.0, system.n + 1.0) ** 2))
     responses = condensation.solve(np.column_stack([r, blur]))
-    equilibrium, floor = 0.5 * float(r @ responses[:, 0]), 0.5 * abs(float(blur @ responses[:, 1]))
-    return Certificate(equilibrium if equilibrium > UNDERFLOW else 0.0, own.friction, floor, own.limits)
+    equilibrium, floor = 0.5 * abs(float(r @ responses[:, 0])), 0.5 * abs(float(blur @ responses[:, 1]))
+    return Certificate(equilibrium, own.friction, floor, own.limits)
 
 
 def pulled(system: System, lam: Floats, p: Floats) -> Floats:

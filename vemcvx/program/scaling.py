@@ -32,14 +32,17 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.errors import SceneError
 from vemcvx.linear import Scaled
 from vemcvx.program.form import Form
 from vemcvx.program.step_program import Answer, StepProgram
 
 Floats = NDArray[np.float64]
 
-SMALLEST = 1e-140
-"""Motions below this have energies below 1e-280 (kappa one), too small for a gap beneath them."""
+SMALLEST, LARGEST = 1e-125, 1e125
+"""Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
+MOST = 1e150
+"""Of scaled weights and of what limits leave free: beyond, they are as good as infinite, and products overflow."""
 WALL = 16.0
 """Scaled weights beyond this are lowered to it, see above."""
 
@@ -48,6 +51,23 @@ def power_of_two(x: Floats | float) -> Floats:
     """The power of two next above |x|, elementwise; 1 for 0."""
     mantissa, exponent = np.frexp(x)
     return np.ldexp(1.0, np.where(mantissa == 0, 0, exponent))
+
+
+def checked_norm(norm: float, t: float) -> float:
+    """The energy norm of what drives a step, if the energy is a number that leaves room for errors beside it.
+
+    Raises
+    ------
+    SceneError
+        It is not.
+    """
+    if SMALLEST <= norm <= LARGEST:
+        return norm
+    raise SceneError(
+        f"data: what drives the step to t = {t:.6g} has an energy norm of {norm:.1e}; between {SMALLEST:.0e} and "
+        f"{LARGEST:.0e} energies, and errors beside them, are numbers. Take other units of force or length, or zero "
+        "for loads and motions that are meant to be none."
+    )
 
 
 @dataclass(frozen=True)
@@ -64,10 +84,13 @@ class Scaling:
         """The scaled program of a step."""
         sigma = np.repeat(self.sigma, self.form.block)
         force = self.kappa * alpha
-        w, b = program.w * self.sigma / force, program.b / (alpha * sigma)
+        with np.errstate(over="ignore"):
+            w = np.minimum(program.w * self.sigma / force, MOST)
+            e = np.clip(program.e / (alpha * self.tau), -MOST, MOST)
+        b = program.b / (alpha * sigma)
         if self.form.rows.columns is not None and self.form.kernel is None and len(self.tau) == 0:
             w = np.minimum(w, WALL * np.sqrt(self.form.block) * (1.0 + np.abs(b).sum()))
-        return StepProgram(self.form, self.D * program.g / force, w, b, program.e / (alpha * self.tau))
+        return StepProgram(self.form, self.D * program.g / force, w, b, e)
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:
         """The weights (m,) of a scaled program in unscaled units."""
@@ -93,7 +116,7 @@ class Scaling:
         return value / (self.kappa * alpha * alpha)
 
     def size(self, program: StepProgram) -> float:
-        """alpha of a step; 0 where nothing moves it, or so little that its energy is no number."""
+        """alpha of a step; 0 where nothing moves it."""
         scaled = self.D * program.g / self.kappa
         top = np.abs(scaled).max(initial=0.0)
         # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
@@ -106,7 +129,7 @@ class Scaling:
         else:
             pushed = float(program.w @ np.linalg.norm(self.form.blocks(program.b), axis=1)) / self.kappa
             size = max(size, float(power_of_two(np.sqrt(pushed))) if pushed > 0 else 0.0)
-        return size if size > max(SMALLEST, SMALLEST / np.sqrt(self.kappa)) else 0.0
+        return size
 
 
 def scaling(form: Form) -> Scaling:

@@ -1,17 +1,53 @@
-"""When a step is good enough, and what to say when it is not."""
+"""When a step is good enough, and what to say when it is not.
+
+Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
+completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause then
+takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, stretch of the supports
+included, and so x with the rigid motion in it,
+
+    size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
+
+the least energy norm of a field that takes the motion back in the mean: what any contact or friction that is to stop
+it has to spend. (Proof: x'v <= |x|_{K^{-1}} |v|_K, Cauchy and Schwarz, with equality for v along K^{-1}x. QED)  It is
+an energy norm in every system of units, at most |x|_K, zero for x = 0 only; and for the same motion it does not depend
+on h, as x'x has one sum over the nodes and x'K^{-1}x two (while |x|_K grows like h^{-1/2}: supports that move tear at
+one layer of cells). A state whose norm and certified error are both at most accuracy times the largest size so far is
+zero at the accuracy asked.
+"""
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.errors import NotCertified
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import Norms
 from vemcvx.solvers import Newton, Solver
 
+Floats = NDArray[np.float64]
+
+log = logging.getLogger("vemcvx")
+
+TRUST = 0.1
+"""A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
+
+
+def caused(condensation: Condensation, force: Reduced) -> float:
+    """The size above, of what a force can cause."""
+    x = force.x
+    unit = float(power_of_two(np.abs(x).max(initial=0.0)))
+    x = x / unit
+    square, soft = float(x @ x), float(x @ condensation.solve(x))
+    return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
+
 
 def insist(
-    solver: Solver, norms: Norms | None, certificate: Certificate, scale: float, status: str, n: int, t: float
+    solver: Solver, norms: Norms | None, certificate: Certificate, unit: float, status: str, n: int, t: float
 ) -> None:
     """Raise NotCertified when step `n` misses the solver's accuracy.
 
@@ -21,18 +57,17 @@ def insist(
     norms : Norms or None
         For the name of the place where most of the gap sits.
     certificate : Certificate
-    scale : float
-        Largest energy norm of the states so far: what errors are relative to.
+    unit : float
+        The energy norm that errors are relative to.
     status : str
         The solver's own words.
     n, t : int, float
         The step and its instant.
     """
     accuracy = solver.accuracy
-    if certificate.error <= accuracy * scale or certificate.nothing(scale):
+    if certificate.error <= accuracy * unit and certificate.error_floor <= TRUST * unit:
         return
-    unit = scale or np.nan
-    reached, floor = certificate.error / unit, certificate.error_floor / unit
+    reached, floor = ((part / unit if unit > 0 else np.inf) for part in (certificate.error, certificate.error_floor))
     worst = ""
     if norms is not None and len(certificate.friction):
         worst = f" The largest share of the gap sits at {norms.name(int(np.argmax(certificate.friction)))}."
@@ -49,7 +84,25 @@ def insist(
     )
 
 
+def say_floor(floors: Floats, accuracy: float) -> None:
+    """Log it when round-off in the data's last digits may change answers by more than the accuracy asked."""
+    n = int(np.argmax(floors))
+    if floors[n] > accuracy:
+        log.warning(
+            "step %d: the answer is certified for the data as rounded; their last digits alone may change it by %.1e "
+            "of its energy norm, more than the accuracy %.1e asked for",
+            n,
+            floors[n],
+            accuracy,
+        )
+
+
 def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> str:
+    if floor > TRUST:
+        return (
+            f"Round-off in the last digits of the data alone may change the answer by {floor:.1e} of its energy norm: "
+            "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"
+        )
     other = "raise max_iterations" if isinstance(solver, Newton) else "use vx.Newton()"
     if hasattr(solver, "polish") and not solver.polish:
         other = f"use polish=True, or {other.removeprefix('use ')}"

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from vemcvx.program.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps
 from vemcvx.program.extended import residual
 from vemcvx.program.refinement import full_certificate, pulled, refined
+from vemcvx.program.scaling import SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.stepping.acceptance import caused
 from vemcvx.stepping.fixed_point import resolved
 from vemcvx.stepping.ledger import Drive, advance, drive
 from vemcvx.stepping.seminorm import answered, refuse_unbalanced
@@ -127,7 +129,7 @@ def completed(run: Run, state: State, given: bool) -> State:
         return replace(state, full=y)
     own = state.certificate
     full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
-    if full.error > MENDED * run.solver.accuracy * state.scale and len(state.y) < run.system.n:
+    if full.error > MENDED * run.solver.accuracy * state.unit(run.solver.accuracy) and len(state.y) < run.system.n:
         r = residual(force.phi, run.system.K, y, pulled(run.system, state.lam, state.p))
         y = run.condensation.mend(y, r)
         full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
@@ -159,25 +161,31 @@ class Trial:
         share : float
             Of the solver's accuracy: less is asked where the answer is but a part of something.
         """
-        alpha = self.run.scaling.size(self.program)
+        scales = self.run.scaling
+        alpha = scales.size(self.program)
         if alpha == 0.0:
             return self._still(np.zeros_like(self.before.lam), "nothing pushes")
-        if self.before.scale == 0.0 and (held := self.program.at_rest()) is not None:
-            still = self._still(held, "nothing slips")
+        if self.before.scale == 0.0 and (held := scales.scale(self.program, alpha).at_rest()) is not None:
+            at_rest = scales.restore(Answer(np.zeros_like(self.before.y), held, 0, p=self.before.p), alpha)
+            still = self._still(at_rest.lam, "nothing slips")
             # While nothing has moved at all there is no size to which an accuracy could refer.
             if still.scale == 0.0:
                 return still
         accuracy = share * self.run.solver.accuracy
-        size = max(self.before.scale, np.sqrt(self.run.scaling.kappa) * alpha)
+        norm = float(np.sqrt(scales.kappa)) * alpha
+        if norm < SMALLEST and norm <= accuracy * self.before.unit(accuracy):
+            return self._still(self.before.lam, "nothing pushes that counts")
+        checked_norm(norm, self.drive.t)
+        size = max(self.before.unit(accuracy), norm)
         best: State | None = None
         for _ in range(ATTEMPTS):
             state = self._ask(alpha, 0.5 * (accuracy * size) ** 2)
             if best is not None and state.certificate.gap >= best.certificate.gap:
                 break
             best = state
-            if best.certificate.gap <= 0.5 * (accuracy * best.scale) ** 2:
+            if best.accepted(accuracy):
                 break
-            size = 0.1 * min(size, best.scale)
+            size = 0.1 * min(size, best.unit(accuracy))
         return best  # type: ignore[return-value]
 
     def _still(self, lam: Floats, status: str) -> State:
@@ -213,6 +221,7 @@ class Trial:
         before, y = self.before, self.before.y + answer.d
         slip = self.program.slip(answer.d)
         ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
+        scale = float(np.maximum(before.scale, ledger.norm))
         return State(
             self.drive.t,
             y,
@@ -225,12 +234,21 @@ class Trial:
             slip,
             certificate,
             ledger,
-            max(before.scale, ledger.norm),
+            scale,
             answer.iterations,
             answer.status,
             answer.safeguards,
             lag=self._lag(answer, slip),
+            size=self._size(scale),
         )
+
+    def _size(self, scale: float) -> float:
+        """The largest size of what the data could cause so far, if states of norm `scale` may be nothing beside it."""
+        force = self.drive.force
+        most = float(np.sqrt(abs(force.phi @ force.x)))
+        if most == 0.0 or not scale <= self.run.solver.accuracy * most:
+            return self.before.size
+        return max(self.before.size, caused(self.run.condensation, force))
 
     def _lag(self, answer: Answer, slip: Floats) -> float:
         """w_prev |s| - lam_prev . s, and the change of the limits' forces times their motion, what gives way aside."""

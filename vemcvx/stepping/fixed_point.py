@@ -82,7 +82,7 @@ def resolved(
             rate = now / apart if 0 < apart < np.inf else rate
             slow, apart = slow + 1 if rate > SLOWEST else 0, now
         own = replace(_better(own, state, apart, rate), iterations=iterations, rate=rate)
-        if own.certificate.error <= accuracy * own.scale or own.certificate.nothing(own.scale):
+        if own.accepted(accuracy):
             return own
         idle = 0 if own.certificate.gap <= 0.5 * least else idle + 1
         least = min(least, own.certificate.gap)
@@ -92,8 +92,9 @@ def resolved(
     raise NotContracting(
         f"step {n} at t = {state.t:.6g}: Coulomb's fixed point contracts with the rate {rate:.3g} only: "
         f"its certified error is "
-        f"{own.certificate.error / (own.scale or np.nan):.1e}, asked was {accuracy:.1e}. Take a smaller coefficient, "
-        "a cap, NormalCompliance in place of UnilateralContact, smaller steps, or a sharper solver (Newton).",
+        f"{own.certificate.error / (own.unit(accuracy) or np.inf):.1e}, asked was {accuracy:.1e}. Take a smaller "
+        "coefficient, a cap, NormalCompliance in place of UnilateralContact, smaller steps, or a sharper solver "
+        "(Newton).",
         step=n,
         time=state.t,
         rate=float(rate),

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.scaling import LARGEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 
@@ -84,12 +85,12 @@ class Ledger:
     @property
     def norm(self) -> float:
         """|u|_a = sqrt(2 E)."""
-        return float(np.sqrt(2.0 * max(self.energy, 0.0)))
+        return float(np.sqrt(2.0 * np.maximum(self.energy, 0.0)))
 
 
 def drive(system: System, condensation: Condensation, t: float) -> Drive:
     """Evaluate load and supports at `t`."""
-    force = condensation.reduce(system.force(t))
+    force = in_range(condensation.reduce(system.force(t)), t)
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
     reach = system.reach(t)
     if system.motion is None:
@@ -97,6 +98,15 @@ def drive(system: System, condensation: Condensation, t: float) -> Drive:
     motion = system.motion
     stretch = condensation.reduce(motion.stretch(t))
     return Drive(t, force, stretch, motion.drag(t), motion.frame(t, -stretch.x), reach, bias)
+
+
+def in_range(force: Reduced, t: float) -> Reduced:
+    """The force, if the energy of what it causes is not too large to be a number."""
+    unit = float(power_of_two(np.abs(force.phi).max(initial=0.0)))
+    norm = unit * float(np.sqrt(abs((force.phi / unit) @ (force.x / unit))))
+    if not norm <= LARGEST:
+        checked_norm(norm, t)
+    return force
 
 
 def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import HistoryError, SceneError
+from vemcvx.stepping.acceptance import say_floor
 from vemcvx.stepping.backward_euler import completed, sticking
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
 from vemcvx.stepping.state import Run, State
@@ -48,7 +49,7 @@ def _numbers(store: Sequence[int], steps: int) -> bool:
 
 SCALARS = (
     *("energy", "dissipated", "work", "norm", "gap", "floor"),
-    *("iterations", "safeguards", "contraction", "stuck", "lag"),
+    *("iterations", "safeguards", "contraction", "stuck", "lag", "unit"),
 )
 COUNTS = ("iterations", "safeguards", "stuck")
 EVERY_STEP = ("scalars", "data")
@@ -146,6 +147,7 @@ class Recorder:
         scalars = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
             *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag),
+            state.unit(self._run.solver.accuracy),
         )
         self._enter(n, "scalars", scalars)
         if stored:
@@ -178,7 +180,7 @@ class Recorder:
         """The trajectory."""
         rows = self._rows
         scalars = {name: np.array(column) for name, column in zip(SCALARS, rows["scalars"].T, strict=True)}
-        return Trajectory(
+        trajectory = Trajectory(
             times=self._times,
             stored=self._kept,
             **{name: values for name, values in rows.items() if name not in EVERY_STEP},
@@ -186,3 +188,5 @@ class Recorder:
             seconds=seconds,
             solver=repr(self._run.solver),
         )
+        say_floor(trajectory.certificate_floor, self._run.solver.accuracy)
+        return trajectory

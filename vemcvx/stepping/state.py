@@ -36,7 +36,15 @@ class Run:
 
     def insist(self, state: State, n: int) -> None:
         """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
-        insist(self.solver, self.system.norms, state.certificate, state.scale, state.status, n, state.t)
+        insist(
+            self.solver,
+            self.system.norms,
+            state.certificate,
+            state.unit(self.solver.accuracy),
+            state.status,
+            n,
+            state.t,
+        )
 
     @property
     def form(self) -> Form:
@@ -78,6 +86,17 @@ class State:
     """what the step may have lost to time: see :mod:`vemcvx.budget.lag`"""
     full: Floats | None = None
     """(n,) all unknowns, once somebody has asked for them"""
+    size: float = 0.0
+    """largest energy norm that the data could cause, looked at while the states are nothing beside it"""
+
+    def unit(self, accuracy: float) -> float:
+        """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.acceptance`."""
+        return self.size if self.scale <= accuracy * self.size else self.scale
+
+    def accepted(self, accuracy: float) -> bool:
+        """Whether the certified error is within the accuracy."""
+        return self.certificate.error <= accuracy * self.unit(accuracy)
+
     velocity: Floats | None = None
     """(n,) their increments over the length of the step, where rates cost"""
 

@@ -50,6 +50,9 @@ class Trajectory:
         Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
     lag : (N + 1,) array
         What each step may have lost to time, energy times two: see :mod:`vemcvx.budget.lag`.
+    unit : (N + 1,) array
+        The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
+        are zero at the accuracy asked (:mod:`vemcvx.stepping.acceptance`).
     seconds : dict
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
@@ -79,23 +82,21 @@ class Trajectory:
     lag: Floats
     seconds: dict[str, float]
     solver: str
+    unit: Floats | None = None
     velocity: Floats | None = None
 
     @property
-    def _error(self) -> Floats:
-        """sqrt(2 gap_n); 0 where nothing but rounding has moved so far and the gap is rounding too."""
-        error, floor = np.sqrt(2 * self.gap), np.sqrt(2 * self.floor)
-        return np.where(np.maximum(error, np.maximum.accumulate(self.norm)) <= 10 * floor, 0.0, error)
-
-    @property
     def certificate(self) -> Floats:
-        """(N + 1,) certified relative energy error of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a."""
-        return relative(self._error, self.norm)
+        """(N + 1,) certified relative energy error of each step: sqrt(2 gap_n) / max over m <= n of |u_m|_a.
+
+        While all |u_m|_a are zero at the accuracy asked, relative to what the data could cause instead.
+        """
+        return relative(np.sqrt(2 * self.gap), self.scale)
 
     @property
     def certificate_floor(self) -> Floats:
         """(N + 1,) the rounding floor of `certificate`: sqrt(2 floor_n) / max over m <= n of |u_m|_a."""
-        return relative(np.sqrt(2 * self.floor), self.norm)
+        return relative(np.sqrt(2 * self.floor), self.scale)
 
     @property
     def certificate_total(self) -> Floats:
@@ -105,10 +106,16 @@ class Trajectory:
         |u_n - u_n*|_a <= sum over m <= n of sqrt(2 gap_m). With limits it is only if they never act; else the sum is
         that of the steps' own errors and no bound.
         """
-        return relative(np.cumsum(self._error), self.norm)
+        return relative(np.cumsum(np.sqrt(2 * self.gap)), self.scale)
+
+    @property
+    def scale(self) -> Floats:
+        """(N + 1,) the energy norms that errors are relative to."""
+        return np.maximum.accumulate(self.norm) if self.unit is None else self.unit
 
 
-def relative(error: Floats, norm: Floats) -> Floats:
-    """error_n / max over m <= n of norm_m, with 0/0 = 0."""
-    scale = np.maximum.accumulate(norm)
-    return np.divide(error, scale, out=np.where(error > 0, np.inf, 0.0), where=scale > 0)
+def relative(error: Floats, scale: Floats) -> Floats:
+    """error / scale with 0/0 = 0; infinite where this is no number, which certifies nothing."""
+    known = (error >= 0) & (scale > 0) & (scale < np.inf)
+    ratio = np.divide(error, scale, out=np.full(np.shape(error), np.inf), where=known)
+    return np.where((error == 0) & (scale == 0), 0.0, ratio)

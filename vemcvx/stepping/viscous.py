@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.system import System
 from vemcvx.stepping.backward_euler import completed, solved
-from vemcvx.stepping.ledger import Drive, Ledger, strain_energy
+from vemcvx.stepping.ledger import Drive, Ledger, in_range, strain_energy
 from vemcvx.stepping.state import Run, State
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ class ViscousSteps:
             y=(y + d)[run.condensation.touched],
             full=y + d,
             ledger=ledger,
-            scale=max(before.scale, ledger.norm),
+            scale=float(np.maximum(before.scale, ledger.norm)),
             velocity=d / k,
         )
         if self._run.check:
@@ -93,7 +93,7 @@ class ViscousSteps:
             reach = reach - system.limits.D @ y
         bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
         # No two of these are alike, and a resumed run does not know those before it.
-        force = run.condensation.reduce(phi, remembered=False)
+        force = in_range(run.condensation.reduce(phi, remembered=False), t)
         return Drive(t, force, None, drag, None, reach, bias)
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
@@ -126,4 +126,4 @@ def _rest(run: Run, before: State, now: Drive) -> State:
     drive = Drive(before.t, zero, None, np.zeros_like(now.drag), None, np.zeros_like(now.reach), now.bias)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
-    return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0)
+    return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0, size=before.size)

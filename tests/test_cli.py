@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -159,13 +161,18 @@ def test_invalid_options_exit_with_two(options, says):
         (MINIMAL + "def scene(): return 3", "scene(...) returned 3; wanted a vemcvx.Scene"),
         (MINIMAL + "def mesh(n): return [n]", "mesh(...) returned [2]; wanted a vemcvx.PolygonMesh"),
         (MINIMAL + "def mesh(n):\n    return 1 / 0", "line 10: mesh(2) failed: ZeroDivisionError: division by zero"),
+        ("import sys; sys.exit(3)", "line 1: executing it failed: SystemExit: 3"),
+        (MINIMAL + "def mesh(n):\n    exit('enough')", "line 10: mesh(2) failed: SystemExit: enough"),
+        (MINIMAL.replace("t + 0 * x", "exit(4)"), "its function failed when called as f(x, t)"),
+        (MINIMAL + "def mesh(n): return [0] * 2**60", "mesh(2) failed: MemoryError"),
         (MINIMAL + "def times(n): return [0, 0]", "times: instant 1 is 0, which does not come after instant 0"),
     ],
 )
 def test_invalid_problem_files_exit_with_two(tmp_path, text, says):
     refused = invoke("run", written(tmp_path, text), "--n", 2)
     assert refused.exit_code == 2, refused.output
-    assert str(tmp_path / "problem.py") in refused.output or "times:" in refused.output
+    named = (str(tmp_path / "problem.py"), "times:", "BodyForce")
+    assert any(words in refused.output for words in named)
     assert says in refused.output
 
 
@@ -180,6 +187,72 @@ def test_problem_files_that_are_not_there(tmp_path, monkeypatch):
     foreign = invoke("run", written(tmp_path, "{}", "scene.json"))
     assert foreign.exit_code == 2
     assert "scene.json: a problem file is Python and ends in .py" in foreign.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("show", "p" * 300), "there is no such problem file"),
+        (("run", PROBLEM, "--resume", "r" * 300), "holds no interrupted run"),
+        (("run", PROBLEM, "--out", "o" * 300), "cannot be made a folder to write to"),
+        (("cost", PROBLEM, "--out", "o" * 300), "cannot be made a folder to write to"),
+        (("run", PROBLEM, "--store", "9" * 30, "--n", "2", "--steps", "2"), ""),
+        (("run", PROBLEM, "--set", "bound=" + "(" * 5000), "bound: found"),
+    ],
+    ids=lambda words: " ".join(words)[:20],
+)
+def test_names_of_300_characters_and_the_like(tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    done = invoke(*arguments)
+    assert done.exit_code == (2 if says else 0), done.output
+    assert says in " ".join(done.output.split())
+
+
+def test_documentation_may_be_anything(tmp_path):
+    for doc in ("5", "'  '", "None"):
+        shown = invoke("show", written(tmp_path, MINIMAL + f"__doc__ = {doc}"), "--n", 2)
+        assert shown.exit_code == 0, shown.output
+        assert shown.output.startswith("problem: 5" if doc == "5" else "problem: problem")
+
+
+def test_too_little_memory_is_said(monkeypatch):
+    def hungry(*_, **__):
+        raise MemoryError("Unable to allocate 7 EiB")
+
+    monkeypatch.setattr("vemcvx.cli.simulation.simulate", hungry)
+    refused = invoke("run", PROBLEM)
+    assert refused.exit_code == 2
+    assert "not enough memory: Unable to allocate 7 EiB; take a coarser mesh" in refused.output
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_command_that_is_ended_shows_the_cursor_again(tmp_path, name):
+    import pty
+
+    main, side = pty.openpty()
+    code = f"""
+import os, signal
+from vemcvx.cli import app, simulation
+def simulate(*_, progress, **__):
+    progress(1, 9)
+    os.kill(os.getpid(), signal.{name})
+    progress(2, 9)
+simulation.simulate = simulate
+app(['run', {PROBLEM!r}, '--n', '2', '--out', {str(tmp_path)!r}])
+"""
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
+    ended = subprocess.run([sys.executable, "-c", code], stderr=side, env=environment, check=False)
+    os.close(side)
+    said = b""
+    with contextlib.suppress(OSError):
+        while piece := os.read(main, 4096):
+            said += piece
+    os.close(main)
+    assert ended.returncode == 128 + getattr(signal, name)
+    assert b"Traceback" not in said
+    assert said.rfind(b"\x1b[?25h") > said.rfind(b"\x1b[?25l") > -1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_family_is_asked_for_only_where_there_is_one(tmp_path):

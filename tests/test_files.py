@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import xml.etree.ElementTree as ET
@@ -14,6 +15,8 @@ from conftest import cyclic, paper_load, paper_scene, small
 import vemcvx as vx
 from vemcvx.errors import HistoryError
 from vemcvx.files import Origin, read_history, write_history
+from vemcvx.files.archive import SHAPES
+from vemcvx.owned import Owned
 from vemcvx.vem import Space, strains
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -252,6 +255,9 @@ def test_foreign_archives_are_refused(history, tmp_path):
     np.savez(tmp_path / "history.npz", u=np.zeros(3), v=np.ones(2))
     with pytest.raises(HistoryError, match="no history that this version reads: it holds u, v"):
         read_history(tmp_path)
+    with pytest.raises(HistoryError, match=r"history\.npz: not of a history, so it is not replaced"):
+        history.write(tmp_path)
+    (tmp_path / "history.npz").unlink()
     history.write(tmp_path)
     with np.load(tmp_path / "history.npz") as file:
         arrays = dict(file)
@@ -263,3 +269,88 @@ def test_foreign_archives_are_refused(history, tmp_path):
         np.savez(tmp_path / "history.npz", **{key: value for key, value in arrays.items() if key != name})
         with pytest.raises(HistoryError, match=name.split(".")[-1]):
             read_history(tmp_path)
+
+
+def reshaped(array):
+    """Arrays of other shapes and kinds."""
+    yield array[..., None]
+    yield array.astype(str)
+    if array.size:
+        yield array.ravel()[0]
+        yield np.concatenate([array, array])
+
+
+def test_arrays_that_do_not_go_together_are_refused(history, tmp_path):
+    history.write(tmp_path)
+    with np.load(tmp_path / "history.npz") as file:
+        arrays = dict(file)
+    assert len(SHAPES.keys() & arrays.keys()) > 35
+    for k, (name, array) in enumerate((name, array) for name, array in arrays.items() if name != "about"):
+        others = [*reshaped(array)]
+        np.savez(tmp_path / "history.npz", **{**arrays, name: others[k % len(others)]})
+        # Of meshes and their names more is allowed: an edge may be named twice.
+        allowed = contextlib.suppress(HistoryError)
+        refused = pytest.raises(HistoryError, match="no history that this version reads")
+        with refused if name in SHAPES else allowed:
+            read_history(tmp_path)
+    for name in ("contact.nodes", "trajectory.stored"):
+        np.savez(tmp_path / "history.npz", **{**arrays, name: arrays[name] + 10**6})
+        with pytest.raises(HistoryError, match=f"no history that this version reads: found {name} from"):
+            read_history(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("effects", 5),
+        ("effects", [5]),
+        ("void", "x"),
+        ("seconds", []),
+        ("seconds", {"assemble": "x", "prepare": 1, "solve": 1}),
+        ("errors", [1]),
+        ("trajectory", {"seconds": {}, "solver": 5}),
+        ("trajectory", {"solver": "x", "seconds": {}, "times": [1]}),
+    ],
+    ids=repr,
+)
+def test_words_of_other_kinds_are_refused(history, tmp_path, words):
+    history.write(tmp_path)
+    with np.load(tmp_path / "history.npz") as file:
+        arrays = dict(file)
+    about = json.loads(str(arrays["about"]))
+    for changed in ({**about, words[0]: words[1]}, [about], about["effects"]):
+        np.savez(tmp_path / "history.npz", **{**arrays, "about": np.array(json.dumps(changed))})
+        with pytest.raises(HistoryError, match="no history that this version reads"):
+            read_history(tmp_path)
+
+
+@pytest.mark.parametrize("wrong", [5, None, True, 1.5, b"x", ["x"], "", "a\0b", "\ud800", "x" * 300], ids=repr)
+def test_what_is_no_folder_is_said(history, wrong, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for action in (history.write, read_history, lambda folder: write_history(history, folder)):
+        with pytest.raises(HistoryError, match="wanted a path, such|cannot be made a folder|there is no such folder"):
+            action(wrong)
+    with pytest.raises(HistoryError, match="wanted a History"):
+        write_history(wrong, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu"])
+def test_files_that_are_of_no_history_stay(history, name, tmp_path):
+    (tmp_path / name).write_text('{"a": "thesis"}')
+    with pytest.raises(HistoryError, match=f"{name}: not of a history, so it is not replaced"):
+        history.write(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == '{"a": "thesis"}'
+
+
+def test_what_a_killed_process_left_goes(history, tmp_path):
+    # As it is left by a kill in the middle of writing.
+    held = Owned(tmp_path / ".vemcvx-writing")
+    held.take("new").mkdir()
+    (tmp_path / ".vemcvx-writing" / "new" / "step_0000.vtu").write_text("half")
+    with pytest.raises(HistoryError, match="another run is writing there"):
+        history.write(tmp_path)
+    held.close()
+    history.write(tmp_path)
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    assert_same(history, read_history(tmp_path))

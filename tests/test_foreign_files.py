@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import cyclic, paper_scene, small
+from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.stepping import lock
+from vemcvx import owned
+from vemcvx.cli import app, simulation
+from vemcvx.stepping import recorder
 from vemcvx.stepping.storage import Folder
 
 TIMES = np.linspace(0.0, 1.0, 5)
@@ -123,7 +128,7 @@ def test_where_files_cannot_be_locked_it_is_said(tmp_path, monkeypatch, caplog):
     def no_locks(_):
         raise OSError(37, "No locks available")
 
-    monkeypatch.setattr(lock, "_lock", no_locks)
+    monkeypatch.setattr(owned, "_lock", no_locks)
     run(tmp_path)
     assert "cannot be locked ([Errno 37] No locks available); see to it that no two runs share" in caplog.text
 
@@ -135,3 +140,80 @@ def test_what_is_no_folder_is_said(wrong, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(vx.HistoryError, match="wanted a path, such as|cannot be made a folder"):
         run(wrong)
+
+
+PROBLEM = str(Path(vx.__file__).parent.parent / "problems" / "feng_han_huang.py")
+SMALL = ("--n", "3", "--steps", "3")
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in ("run", PROBLEM, *SMALL, *arguments)])
+
+
+@pytest.mark.parametrize("name", ["rows/thesis.txt", "rows/state.txt", "thesis.txt", "new/thesis.txt"])
+@pytest.mark.parametrize("options", [(), ("--target", 0.5)], ids=["run", "target"])
+def test_a_command_leaves_what_it_did_not_make(tmp_path, name, options):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("a thesis")
+    for _ in range(2):
+        done = invoke("--out", tmp_path, *options)
+        assert done.exit_code == 0, done.output
+        assert path.read_text() == "a thesis"
+        assert names(path.parent) - {"history.npz", "history.pvd", "summary.json"} >= {path.name}
+    assert not (tmp_path / "rows" / ".vemcvx").exists()
+    assert (tmp_path / "rows").exists() == name.startswith("rows")
+
+
+@pytest.mark.parametrize("name", ["rows/state.npy", "summary.json", "history.npz", "history.pvd"])
+def test_a_command_replaces_nothing_of_others(tmp_path, name):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("a thesis")
+    done = invoke("--out", tmp_path)
+    assert done.exit_code == 2
+    assert path.read_text() == "a thesis"
+    assert names(path.parent) == {path.name}
+
+
+def test_of_two_commands_the_second_is_refused(tmp_path):
+    with Folder(tmp_path / "rows"):
+        for options in (("--out", tmp_path), ("--out", tmp_path, "--target", 0.5)):
+            done = invoke(*options)
+            assert done.exit_code == 2
+            assert "another run is writing there" in " ".join(done.output.split())
+    assert names(tmp_path) == set()
+
+
+@pytest.mark.slow
+def test_commands_at_once_leave_the_history_of_one(tmp_path):
+    commands = [[*SMALL, "--set", f"bound={bound}", "--out", tmp_path / "out"] for bound in range(1, 5)]
+    program = [sys.executable, "-m", "vemcvx", "run", PROBLEM]
+    for _ in range(3):
+        at_once = [subprocess.Popen([*program, *map(str, one)], stdout=-3, stderr=-3) for one in commands]
+        codes = [one.wait() for one in at_once]
+        assert set(codes) <= {0, 2}
+        assert 0 in codes
+        history = vx.read_history(tmp_path / "out")
+        bound = history.contact.bound.max()
+        assert codes[int(bound) - 1] == 0
+        told = json.loads((tmp_path / "out" / "summary.json").read_text())
+        assert told["dissipated"] == history.dissipated[-1]
+        assert names(tmp_path / "out") >= {"history.npz"}
+        assert not (tmp_path / "out" / "rows").exists()
+
+
+def test_a_command_says_where_it_went_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder, "BETWEEN", 0.0)
+    write = simulation.write_history
+
+    def full(*_):
+        raise vx.HistoryError("the disk is full")
+
+    monkeypatch.setattr(simulation, "write_history", full)
+    assert invoke("--out", tmp_path, "--store", "last").exit_code == 2
+    monkeypatch.setattr(simulation, "write_history", write)
+    done = invoke("--resume", tmp_path, "--store", "last")
+    assert done.exit_code == 0, done.output
+    assert "resumed     after step 3 of 3" in done.output
+    assert "holds no interrupted run" in invoke("--resume", tmp_path).output

@@ -15,6 +15,7 @@ ROOT = Path(vemcvx.__file__).parent
 LAYERS = [
     ["errors"],
     ["real", "canvas"],
+    ["owned"],
     ["meshes"],
     ["vem"],
     ["effects"],
@@ -28,7 +29,6 @@ LAYERS = [
     ["scene/void"],
     ["scene/pose"],
     ["solvers"],
-    ["stepping/lock"],
     ["stepping/storage", "stepping/seminorm", "stepping/ledger", "stepping/acceptance", "stepping/fixed_point"],
     ["stepping/state"],
     ["stepping/backward_euler"],

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +38,7 @@ class Problem:
     @property
     def title(self) -> str:
         """The first line of its docstring."""
-        return (self.module.__doc__ or self.name).strip().splitlines()[0]
+        return f"{self.module.__doc__ or ''}\n{self.name}".strip().splitlines()[0]
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""
@@ -54,7 +55,7 @@ class Problem:
     @property
     def family(self) -> str | None:
         """The family of meshes that it takes when none is asked for, if it says so."""
-        default = inspect.signature(self.module.mesh).parameters.get("family")
+        default = _parameters(self.module.mesh).get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def times(self, steps: int) -> Any:
@@ -68,7 +69,7 @@ class Problem:
 
     def _parameter(self, setting: str) -> tuple[str, Any]:
         name, equals, text = setting.partition("=")
-        known = inspect.signature(self.module.scene).parameters
+        known = _parameters(self.module.scene)
         if not equals:
             raise ProblemError(f"--set: found {setting!r}; wanted name=value, such as {next(iter(known), 'a')}=1.")
         if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
@@ -76,7 +77,7 @@ class Problem:
             raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
         try:
             return name, ast.literal_eval(text)
-        except (ValueError, SyntaxError):
+        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
             return name, text
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
@@ -98,7 +99,7 @@ def read_problem(file: str | Path) -> Problem:
         There is no such file, it fails, or it lacks one of its three functions.
     """
     path = Path(file)
-    if not path.is_file():
+    if not os.path.isfile(path):
         here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
         raise ProblemError(f"{path}: there is no such problem file; here are {here or 'no Python files'}.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -115,6 +116,14 @@ def read_problem(file: str | Path) -> Problem:
             f"{path}: does not define {' nor '.join(missing)}; a problem file defines {', '.join(PARTS.values())}."
         )
     return Problem(path, module)
+
+
+def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """Its parameters by name; none where Python cannot tell."""
+    try:
+        return inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return {}
 
 
 @contextmanager
@@ -134,7 +143,7 @@ def _own(path: Path, what: str, action: Callable[[], Any]) -> Any:
         return action()
     except VemcvxError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         where = f", line {lines[-1]}" if lines else ""
         words = " ".join(str(error).split())

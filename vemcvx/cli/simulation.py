@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +16,10 @@ from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
 from vemcvx.files import Origin, writable_folder, write_history
-from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY
+from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable
 from vemcvx.history import History
 from vemcvx.simulate import simulate
-from vemcvx.stepping.storage import Folder
+from vemcvx.stepping.storage import CHECKPOINT, Folder
 
 ROWS = "rows"
 """Where, in the output folder, a run keeps what it has completed until the history is written."""
@@ -54,17 +55,27 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
     """
     drawings = asked.out or Path("results") / problem.name
     _refuse_early(asked, drawings)
-    history, told = _simulated(problem, asked) if asked.target is None else _adapted(problem, asked)
-    lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
-    lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
+    # Held until the history is written: of two runs with one folder the second is refused.
+    with nullcontext() if asked.out is None else Folder(asked.out / ROWS, asked.resume) as rows:
+        history, told = _simulated(problem, asked, rows) if asked.target is None else _adapted(problem, asked)
+        lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
+        lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
+        if rows is not None:
+            rows.remove()
     return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
 
 
-def _simulated(problem: Problem, asked: Run) -> tuple[History, list[str]]:
+def _simulated(problem: Problem, asked: Run, rows: Folder | None) -> tuple[History, list[str]]:
     """On the mesh and at the instants asked for."""
-    solver = named_solver(asked.solver, asked.accuracy)
+    solver, made = named_solver(asked.solver, asked.accuracy), []
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     with progress_bar() as progress:
+
+        def advance(n: int, steps: int) -> None:
+            made.append(n)
+            if progress:
+                progress(n, steps)
+
         history = simulate(
             scene,
             mesh,
@@ -74,11 +85,11 @@ def _simulated(problem: Problem, asked: Run) -> tuple[History, list[str]]:
             store=int(asked.store) if asked.store.isdecimal() else asked.store,
             condense=asked.condense,
             linear=named_linear(asked.linear),
-            progress=progress,
-            stream=None if asked.out is None else asked.out / ROWS,
+            progress=advance,
+            stream=rows,
             resume=asked.resume,
         )
-    return history, []
+    return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if asked.resume else []
 
 
 def _adapted(problem: Problem, asked: Run) -> tuple[History, list[str]]:
@@ -98,7 +109,7 @@ def _adapted(problem: Problem, asked: Run) -> tuple[History, list[str]]:
 
 def _refuse_early(asked: Run, drawings: Path) -> None:
     """What could not be gone on with, written or drawn is not worth simulating for."""
-    if asked.resume and not (asked.out / ROWS).is_dir():  # type: ignore[operator]
+    if asked.resume and not os.path.isfile(asked.out / ROWS / CHECKPOINT):  # type: ignore[operator]
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
     if asked.plot:
         from vemcvx.canvas import new_figure
@@ -106,13 +117,14 @@ def _refuse_early(asked: Run, drawings: Path) -> None:
         new_figure()
     if asked.plot or asked.out:
         writable_folder(drawings)
+    if asked.out:
+        check_replaceable(asked.out)
 
 
 def _written(history: History, asked: Run, origin: Origin) -> list[str]:
     if asked.out is None:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
     folder = write_history(history, asked.out, origin)
-    Folder(asked.out / ROWS).remove()
     return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}"]
 
 

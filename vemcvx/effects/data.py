@@ -100,7 +100,7 @@ def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) ->
         return value
     try:
         return value(*arguments)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         words = " ".join(str(error).split()).rstrip(".")
         raise SceneError(
             f"{subject}: its function failed when called as f({names}) with x of shape "

@@ -3,22 +3,39 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.errors import HistoryError, VemcvxError
+from vemcvx.errors import HistoryError
 from vemcvx.history import Contact, History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.stepping.trajectory import Trajectory
 
 Arrays = dict[str, NDArray[Any]]
 
-FORMAT = "vemcvx history 1"
+NAME = "vemcvx history"
+FORMAT = f"{NAME} 1"
 # What not every scene has.
 MAYBE = ("prestress", "across", "prestress_across")
+SHAPES = {
+    **dict.fromkeys(("displacement", "forces"), "S nodes dim"),
+    **{"moduli": "constants cells", "prestress": "S cells 3", "across": "cells 3", "prestress_across": "S cells"},
+    **dict.fromkeys(("contact.nodes", "contact.lengths", "contact.friction_lengths"), "m"),
+    **dict.fromkeys(("contact.points", "contact.normals"), "m dim"),
+    **dict.fromkeys(("contact.slip", "contact.traction"), "S m dim"),
+    **{f"contact.{name}": "S m" for name in ("bound", "backward", "pressure", "sticking", "wear", "closed")},
+    **{f"trajectory.{name}": "N" for name in ("times", "energy", "dissipated", "work", "norm", "gap", "floor", "lag")},
+    **{f"trajectory.{name}": "N" for name in ("stuck", "iterations", "safeguards", "contraction")},
+    **{f"trajectory.{name}": "S terms" for name in ("weights", "sticking", "worn")},
+    **{"trajectory.stored": "S", "trajectory.state": "S n", "trajectory.multipliers": "S terms block"},
+    **{"trajectory.pressures": "S limits", "trajectory.velocity": "S n"},
+}
+"""Which sizes are the same."""
+WHOLE, FLAGS = ("contact.nodes", "trajectory.stored"), ("contact.sticking", "contact.closed", "trajectory.sticking")
 
 
 def write_archive(history: History, path: Path) -> None:
@@ -45,6 +62,15 @@ def write_archive(history: History, path: Path) -> None:
     np.savez(path, **arrays)
 
 
+def is_archive(path: Path) -> bool:
+    """Whether that file is the archive of a history, of whatever version, as far as its list of contents says."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            return "about.npy" in file.namelist()
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False
+
+
 def read_archive(path: Path) -> History:
     """Read what :func:`write_archive` wrote.
 
@@ -61,7 +87,7 @@ def read_archive(path: Path) -> History:
         raise HistoryError(f"{path}: cut short or damaged: {error}. Run the problem again.") from error
     try:
         return _history(arrays, _about(arrays))
-    except (KeyError, TypeError, ValueError, VemcvxError) as error:
+    except Exception as error:  # what is written in it may be anything
         raise HistoryError(f"{path}: no history that this version reads: {error}. Run the problem again.") from error
 
 
@@ -75,8 +101,11 @@ def _about(arrays: Arrays) -> dict[str, Any]:
 
 
 def _history(arrays: Arrays, about: dict[str, Any]) -> History:
+    mesh = _mesh(arrays)
+    _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": mesh.points.shape[1]})
+    _check_words(about)
     return History(
-        mesh=_mesh(arrays),
+        mesh=mesh,
         scene=None,
         effects=tuple(about["effects"]),
         displacement=arrays["displacement"],
@@ -89,6 +118,35 @@ def _history(arrays: Arrays, about: dict[str, Any]) -> History:
         errors=about.get("errors"),
         **{name: arrays.get(name) for name in MAYBE},
     )
+
+
+def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
+    """Raise ValueError unless the arrays go together; `sizes` are those known before."""
+    for name, letters in SHAPES.items():
+        if name not in arrays:
+            continue
+        array, kinds = arrays[name], "i" if name in WHOLE else "b" if name in FLAGS else "fi"
+        wanted = [int(size) if size.isdecimal() else sizes.get(size) for size in letters.split()]
+        fits = len(wanted) == array.ndim and all(w in (None, n) for w, n in zip(wanted, array.shape, strict=True))
+        if not fits or array.dtype.kind not in kinds:
+            raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not go with the rest")
+        sizes.update((size, n) for size, n in zip(letters.split(), array.shape, strict=True) if not size.isdecimal())
+    if sizes["constants"] not in (2, 6):
+        raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2 or 6")
+    for name, count in (("contact.nodes", sizes["nodes"]), ("trajectory.stored", sizes["N"])):
+        if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < count):
+            raise ValueError(f"found {name} from {arrays[name].min()} to {arrays[name].max()} of {count}")
+
+
+def _check_words(about: dict[str, Any]) -> None:
+    """Raise ValueError unless what is no array is of its kind."""
+    run, lists = about["trajectory"], (about["effects"], about.get("void", []))
+    numbers = [about["seconds"][name] for name in ("assemble", "prepare", "solve")]
+    fits = all(isinstance(one, list) and all(isinstance(word, str) for word in one) for one in lists)
+    fits = fits and isinstance(run["solver"], str) and isinstance(run["seconds"], dict)
+    fits = fits and all(isinstance(number, (int, float)) for number in numbers)
+    if not (fits and isinstance(about.get("errors"), (dict, type(None)))):
+        raise ValueError("found words and numbers of other kinds beside the arrays")
 
 
 def _mesh(arrays: Arrays) -> PolygonMesh:

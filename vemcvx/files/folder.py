@@ -6,7 +6,7 @@
     history.npz      the arrays of the history, lossless; :func:`read_history` needs no other file
 
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
-that a run that dies leaves an older history as it was.
+that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.
 """
 
 from __future__ import annotations
@@ -14,15 +14,19 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+from collections.abc import Set
 from pathlib import Path
 
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.files.archive import read_archive, write_archive
+from vemcvx.files.archive import is_archive, read_archive, write_archive
 from vemcvx.files.series import listed_steps, write_series
-from vemcvx.files.summary import Origin, write_summary
+from vemcvx.files.summary import Origin, is_summary, write_summary
 from vemcvx.history import History
+from vemcvx.owned import Owned, path_of
+from vemcvx.real import brief
 
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
+WRITING = ".vemcvx-writing"
 
 
 def write_history(history: History, folder: str | Path, origin: Origin | None = None) -> Path:
@@ -43,24 +47,46 @@ def write_history(history: History, folder: str | Path, origin: Origin | None = 
     Raises
     ------
     HistoryError
-        The folder cannot be made or written to.
+        The folder cannot be made or written to, somebody else is writing to it, or holds files of other things there.
     """
+    if not isinstance(history, History):
+        raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
     folder, start = writable_folder(folder), time.perf_counter()
     older = listed_steps(folder / SERIES)
     try:
-        with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as made:
-            new = Path(made)
-            write_series(history, new / SERIES)
-            write_archive(history, new / ARCHIVE)
-            write_summary(history, origin or Origin(), time.perf_counter() - start, new / SUMMARY)
-            written = {path.name for path in new.iterdir()}
-            for name in sorted(written):
-                os.replace(new / name, folder / name)
+        with Owned(folder / WRITING) as scratch:
+            try:
+                # What a process that died has left.
+                scratch.clear()
+                new = scratch.take("new")
+                new.mkdir()
+                write_series(history, new / SERIES)
+                write_archive(history, new / ARCHIVE)
+                write_summary(history, origin or Origin(), time.perf_counter() - start, new / SUMMARY)
+                written = {path.name for path in new.iterdir()}
+                check_replaceable(folder, written)
+                for name in sorted(written):
+                    os.replace(new / name, folder / name)
+            finally:
+                scratch.remove()
         for name in older - written:
             (folder / name).unlink(missing_ok=True)
     except (OSError, MeshError) as error:
         raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     return folder
+
+
+def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY})) -> None:
+    """Raise HistoryError where a file of one of these names is there that is not of a history."""
+    told, kept = is_summary(folder / SUMMARY), is_archive(folder / ARCHIVE)
+    ours = {SUMMARY} if told else set()
+    if told or kept:
+        ours |= {ARCHIVE, SERIES} | listed_steps(folder / SERIES)
+    for name in sorted(names - ours):
+        if os.path.lexists(folder / name):
+            raise HistoryError(
+                f"{folder / name}: not of a history, so it is not replaced. Choose another folder, or move it away."
+            )
 
 
 def writable_folder(folder: str | Path) -> Path:
@@ -71,7 +97,7 @@ def writable_folder(folder: str | Path) -> Path:
     HistoryError
         It is a file, or may not be written to.
     """
-    folder = Path(folder)
+    folder = path_of(folder, "write")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -96,13 +122,16 @@ def read_history(folder: str | Path) -> History:
     HistoryError
         There is no such folder, no history in it, or one that is damaged or of another format.
     """
-    path = Path(folder) / ARCHIVE
-    if not path.is_file():
-        raise HistoryError(f"{folder}: {_what_is(Path(folder))}; a history is a folder with {ARCHIVE} in it.")
-    return read_archive(path)
+    where = path_of(folder, "read_history")
+    if not os.path.isfile(where / ARCHIVE):
+        raise HistoryError(f"{where}: {_what_is(where)}; a history is a folder with {ARCHIVE} in it.")
+    return read_archive(where / ARCHIVE)
 
 
 def _what_is(folder: Path) -> str:
-    if folder.is_dir():
-        return f"found {', '.join(sorted(path.name for path in folder.iterdir())[:5]) or 'nothing'}"
-    return "found a file, not a folder" if folder.exists() else "there is no such folder"
+    if os.path.isdir(folder):
+        try:
+            return f"found {', '.join(sorted(os.listdir(folder))[:5]) or 'nothing'}"
+        except OSError as error:
+            return f"found a folder that cannot be read ({error})"
+    return "found a file, not a folder" if os.path.exists(folder) else "there is no such folder"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.files.archive import FORMAT
+from vemcvx.files.archive import FORMAT, NAME
 from vemcvx.history import History
 
 
@@ -30,6 +30,14 @@ def write_summary(history: History, origin: Origin, writing: float, path: Path) 
     """Write the summary; `writing` is how many seconds the other files took."""
     text = json.dumps(summary(history, origin, writing), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+def is_summary(path: Path) -> bool:
+    """Whether that file is the summary of a history."""
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["format"]).startswith(NAME)
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return False
 
 
 def summary(history: History, origin: Origin, writing: float) -> dict[str, Any]:

@@ -270,4 +270,4 @@ class History:
         """Write the history to a folder: see :func:`vemcvx.files.write_history`."""
         from vemcvx.files import write_history
 
-        return write_history(self, Path(folder))
+        return write_history(self, folder)

@@ -23,7 +23,7 @@ def at_instant(function: Callable[[float], ArrayLike], t: float, subject: str) -
         return function(t)
     except VemcvxError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         words = " ".join(str(error).split()).rstrip(".")
         raise SceneError(
             f"{subject}: its function failed when called as f(t) with t = {t:.6g}: {type(error).__name__}: {words}. "

@@ -34,7 +34,7 @@ def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
     if isinstance(store, str) and store == "last":
         return np.array([steps])
     if isinstance(store, (int, np.integer)) and not isinstance(store, bool) and store >= 1:
-        return np.unique(np.append(np.arange(0, steps + 1, store), steps))
+        return np.unique(np.append(np.arange(0, steps + 1, min(store, steps + 1)), steps))
     if isinstance(store, (Sequence, np.ndarray)) and not isinstance(store, str) and _numbers(store, steps):
         return np.unique(np.append(np.asarray(store, dtype=np.int64), steps))
     raise SceneError(

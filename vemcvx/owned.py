@@ -1,0 +1,189 @@
+"""Files of ours in a folder that may hold those of others, for one process at a time.
+
+Our mark is the file ``.vemcvx``: it names the files that we made there, line by line, each before it is made. No
+other file is ever written to or taken away. While somebody is at work there the mark is locked; the system lets go of
+the lock when that process dies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import os
+import shutil
+from pathlib import Path
+
+from vemcvx.errors import HistoryError
+from vemcvx.real import brief
+
+log = logging.getLogger("vemcvx")
+
+MARK = ".vemcvx"
+FIRST_LINE = "vemcvx files 1"
+OWN_FOLDER = ", folder and all"
+"""Added to the first line where the folder itself was made by us."""
+BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+BEYOND = 2**30
+"""Windows locks bytes, and nobody may read a locked one: this one the text never reaches."""
+
+
+class Owned:
+    """Our files in a folder, which is made if need be; to be closed, or used by ``with``.
+
+    Raises
+    ------
+    HistoryError
+        The folder cannot be made or written to, or somebody else is at work there.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        try:
+            made = not os.path.isdir(path)
+            self._mark = _locked(path / MARK)
+            text = os.read(self._mark, os.fstat(self._mark).st_size).decode(errors="replace")
+        except BlockingIOError as error:
+            raise HistoryError(
+                f"{path}: another run is writing there. Wait until it has ended, or choose another folder."
+            ) from error
+        except OSError as error:
+            raise HistoryError(f"{path}: cannot be made a folder to write to: {error}.") from error
+        if not (text.startswith(FIRST_LINE) or FIRST_LINE.startswith(text)):
+            os.close(self._mark)
+            raise self._foreign(MARK)
+        # A process that dies while it writes leaves a last line that is cut short: it had not made that file yet.
+        self._first, *names = text.split("\n")[:-1] or [FIRST_LINE + OWN_FOLDER * made]
+        # Nothing outside the folder is ours, whatever the mark says.
+        self.names = [name for name in names if name == Path(name).name]
+        self._write()
+
+    def __enter__(self) -> Owned:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def take(self, name: str) -> Path:
+        """The path of a file of that name, ours from now on.
+
+        Raises
+        ------
+        HistoryError
+            It is somebody else's.
+        """
+        path = self.path / name
+        if name not in self.names:
+            if os.path.lexists(path):
+                raise self._foreign(name)
+            self.names.append(name)
+            self._write()
+        return path
+
+    def clear(self) -> None:
+        """Take away all of ours but the mark."""
+        try:
+            for name in self.names:
+                path = self.path / name
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+        except OSError as error:
+            raise HistoryError(f"{self.path}: cannot be cleared: {error}.") from error
+        self.names = []
+        self._write()
+
+    def remove(self) -> None:
+        """Take away all of ours, the folder, too, if we made it and nothing else is in it, and close."""
+        self.clear()
+        self.close()
+
+    def close(self) -> None:
+        """Let others work there; a mark that names nothing goes."""
+        if self._mark < 0:
+            return
+        if not self.names:
+            # Where others have files in the folder, it stays.
+            with contextlib.suppress(OSError):
+                (self.path / MARK).unlink()
+                if self._first.endswith(OWN_FOLDER):
+                    self.path.rmdir()
+        os.close(self._mark)
+        self._mark = -1
+
+    def _write(self) -> None:
+        """Say what is ours; lines that are there already are at no moment gone."""
+        data = "".join(f"{line}\n" for line in (self._first, *self.names)).encode()
+        try:
+            os.lseek(self._mark, 0, os.SEEK_SET)
+            os.write(self._mark, data)
+            os.ftruncate(self._mark, len(data))
+        except OSError as error:
+            raise HistoryError(f"{self.path / MARK}: cannot be written: {error}.") from error
+
+    def _foreign(self, name: str) -> HistoryError:
+        return HistoryError(
+            f"{self.path / name}: not made by a run of this version, so it is not touched. Choose another folder, or "
+            "move it away."
+        )
+
+
+def path_of(raw: object, subject: str) -> Path:
+    """The path that `raw` names.
+
+    Raises
+    ------
+    HistoryError
+        It names none.
+    """
+    try:
+        text = os.fspath(raw)  # type: ignore[call-overload]
+        if isinstance(text, str) and text and b"\0" not in os.fsencode(text):
+            return Path(text)
+    except (TypeError, UnicodeEncodeError):
+        pass
+    raise HistoryError(f"{subject}: found {brief(raw)}; wanted a path, such as 'results/run'.")
+
+
+def _locked(path: Path) -> int:
+    """A descriptor of the file, which is made if need be, and its folder; nobody else has one.
+
+    Raises
+    ------
+    BlockingIOError
+        Somebody holds it.
+    OSError
+        It cannot be made.
+    """
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            _hold(descriptor, path)
+            if os.path.exists(path) and os.path.samestat(os.fstat(descriptor), os.stat(path)):
+                os.lseek(descriptor, 0, os.SEEK_SET)
+                return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        # Whoever held it has deleted it meanwhile.
+        os.close(descriptor)
+
+
+def _hold(descriptor: int, path: Path) -> None:
+    try:
+        _lock(descriptor)
+    except OSError as error:
+        if error.errno in BUSY:
+            raise BlockingIOError(error.errno, "held by somebody else") from error
+        log.warning("%s: cannot be locked (%s); see to it that no two runs share its folder", path, error)
+
+
+def _lock(descriptor: int) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        os.lseek(descriptor, BEYOND, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        return
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

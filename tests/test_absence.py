@@ -192,8 +192,8 @@ def turning(x, t):
     return np.column_stack([np.cos(9 * t * (1 + x[:, 1])), np.sin(7 * t * x[:, 1])])
 
 
-BESIDE = 3
-"""Solves that do not go by steps: two to see how many digits the factors have, one to certify the one stored row."""
+BESIDE = 4
+"""Solves that do not go by steps: two to see how many digits the factors have, two to certify the one stored row."""
 
 
 def test_linear_scenes_cost_one_solve_a_field(counted):

@@ -8,6 +8,7 @@ from conftest import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.linear import DenseCholesky, Multigrid, Scaled, SuperLU, choose_linear
+from vemcvx.program.kernel import Kernel
 from vemcvx.scene.pose import pose
 
 TIMES = np.linspace(0.0, 1.0, 7)
@@ -73,8 +74,58 @@ def test_multigrid_serves_scenes_without_friction():
 def test_multigrid_says_when_it_does_not_converge():
     pytest.importorskip("pyamg")
     scene = vx.Scene(vx.Elasticity(1.0, 0.4999999), *(e for e in paper_scene() if not isinstance(e, vx.Elasticity)))
-    with pytest.raises(vx.SceneError, match=r"Multigrid: 200 iterations left a residual of .*poisson < 0\.49.*SuperLU"):
+    with pytest.raises(vx.SceneError, match=r"^Multigrid: the cycle serves .* too badly .*poisson < 0\.49.*SuperLU"):
         vx.simulate(scene, small("squares", 24), TIMES, linear=vx.Multigrid())
+    with pytest.raises(vx.SceneError, match=r"^Multigrid: 2 iterations left a residual of .*poisson < 0\.49.*SuperLU"):
+        vx.simulate(paper_scene(), small("squares", 24), TIMES, linear=vx.Multigrid(max_iterations=2))
+
+
+@pytest.mark.parametrize("tolerance", [0.5, 1e-2, 1e-4, 1e-12])
+def test_energies_of_inexact_solves_are_bounds(tolerance):
+    """From above, and not by more than the roughness of the solve and the bound on the spectrum account for."""
+    pytest.importorskip("pyamg")
+    system = pose(paper_scene(), small("voronoi", 14)).system
+    exact, inexact = SuperLU().factorise(system.K), Multigrid(tolerance).factorise(system.K, system.near_kernel)
+    smooth = system.force(1.0)
+    rough = np.random.default_rng(4).normal(size=system.n)
+    one = np.eye(1, system.n, 7)[0]
+    D = 2.0 ** np.random.default_rng(2).integers(-3, 4, size=system.n)
+    for b in (smooth, rough, one, system.K @ rough, smooth - system.K @ inexact.solve(smooth)):
+        energy = exact.energy(b)
+        assert energy <= inexact.energy(b) * (1 + 1e-9)
+        assert inexact.energy(b) < 1.5 * energy
+        assert exact.energy(b) == pytest.approx(float(b @ exact.solve(b)), rel=1e-12)
+        assert Scaled(inexact, D, 4.0).energy(b * D) == pytest.approx(4.0 * inexact.energy(b), rel=1e-12)
+    F = np.flatnonzero(np.arange(system.n) % 3 > 0)
+    K_FF = system.K[F][:, F]
+    held = SuperLU().factorise(K_FF).energy(smooth[F])
+    assert held <= inexact.within(K_FF, F).energy(smooth[F]) < 1.5 * held
+
+
+@pytest.mark.parametrize("friction", [True, False], ids=["friction", "no friction"])
+@pytest.mark.parametrize("tolerance", [0.1, 1e-2, 1e-4, 1e-8])
+def test_certificates_hold_whatever_the_tolerance(tolerance, friction):
+    """Of one step: 1/2 |u - u*|^2 <= gap, the loads being those of the scene and not what a solve made of them."""
+    pytest.importorskip("pyamg")
+    parts = (e for e in paper_scene() if friction or not isinstance(e, vx.TrescaFriction))
+    scene, mesh = vx.Scene(*parts), small("voronoi", 12)
+    exact = vx.simulate(scene, mesh, [0.0, 1.0])
+    history = vx.simulate(scene, mesh, [0.0, 1.0], linear=vx.Multigrid(tolerance), check=False)
+    apart = vx.measures.energy_distance(history, exact, kind="nodal").absolute
+    bound = history.certificate[-1] * np.sqrt(2 * history.energy[-1])
+    assert apart <= bound * (1 + 1e-6) + 1e-10 * np.sqrt(2 * exact.energy[-1])
+    assert bound < 10 * tolerance * np.sqrt(2 * exact.energy[-1])
+
+
+@pytest.mark.parametrize(
+    ("setting", "found"),
+    [({"tolerance": wrong}, str(wrong)) for wrong in (0, 1, 10, np.inf, np.nan, -1e-3, None, "1e-3", True)]
+    + [({"max_iterations": wrong}, str(wrong)) for wrong in (0, -1, 2.5, np.nan, None, "9", True)],
+)
+def test_settings_of_multigrid_that_mean_nothing_are_refused(setting, found):
+    name = next(iter(setting))
+    with pytest.raises(vx.SceneError, match=rf"^Multigrid: found {name} = .*{found}"):
+        vx.Multigrid(**setting)
 
 
 def test_the_choice_is_by_size_and_can_be_overridden(caplog):
@@ -90,6 +141,42 @@ def test_singular_matrices_are_a_clear_error():
     chain = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     with pytest.raises(vx.SceneError, match="stiffness matrix is singular.*Add supports"):
         vx.march(vx.System(chain, lambda t: np.array([t, 0.0, 0.0])), [0, 1])
+
+
+INDEFINITE = {
+    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
+    "singular but for rounding": [[1.0, 1.0], [1.0, 1.0 + 2.0**-52]],
+    "a stiff part and a soft one": [[1e12, 1e6, 0.0], [1e6, 1.0 - 1e-9, 0.0], [0.0, 0.0, 1.0]],
+}
+
+
+@pytest.mark.parametrize("K", INDEFINITE.values(), ids=INDEFINITE)
+@pytest.mark.parametrize("terms", [0, 1], ids=["no terms", "friction"])
+@pytest.mark.parametrize("way", [{}, {"condense": False}, {"linear": vx.Multigrid()}], ids=str)
+def test_indefinite_matrices_are_refused(K, terms, way):
+    """All diagonals are positive; the pivots are not."""
+    if "linear" in way:
+        pytest.importorskip("pyamg")
+    norms = vx.Norms(np.eye(1, len(K)), 0.1) if terms else None
+    system = vx.System(K, lambda t: t * np.ones(len(K)), norms=norms)
+    with pytest.raises(vx.SceneError, match="singular or indefinite.*the K of a System must be positive definite"):
+        vx.march(system, [0, 1], **way)
+
+
+def test_indefinite_matrices_with_a_kernel_are_refused():
+    """Semidefinite but for a motion that gains a little energy: the anchors of the kernel do not hide it."""
+    chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    stiffness, motions = np.linalg.eigh(chain)
+    shared = {
+        "load": lambda t: t * np.array([1.0, 0.0, 0.0, -1.0]),
+        "norms": vx.Norms(np.eye(4), 1.0),
+        "kernel": Kernel(np.ones((4, 1)), ("translation",)),
+    }
+    assert vx.march(vx.System(chain, **shared), [0, 1]).certificate.max() < 1e-8
+    for gain in (1e-2, 1e-6):
+        K = chain - (stiffness[1] + gain) * np.outer(motions[:, 1], motions[:, 1])
+        with pytest.raises(vx.SceneError, match="singular or indefinite"):
+            vx.march(vx.System(K, **shared), [0, 1])
 
 
 def test_one_copy_of_the_factors_is_kept():

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from vemcvx.linear.factor import singular
+from vemcvx.linear.factor import Factor, singular
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class DenseCholesky:
+class DenseCholesky(Factor):
     """K = R'R."""
 
     def __init__(self, K: Floats):

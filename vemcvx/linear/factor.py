@@ -25,11 +25,15 @@ class Factor(Protocol):
     def solve(self, b: Floats) -> Floats:
         """x with K x = b; (n,) or (n, k)."""
 
+    def energy(self, b: Floats) -> float:
+        """b'K^{-1}b of a force (n,); if it is solved inexactly a bound from above: certificates rest on it."""
+        return abs(float(b @ self.solve(b)))
+
     def within(self, K_FF: sp.csr_matrix, F: Ints) -> Factor:
         """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness."""
 
 
-class Scaled:
+class Scaled(Factor):
     """A factor of D K D / kappa, from one of K: K is factorised once for both."""
 
     def __init__(self, factor: Factor, D: Floats, kappa: float):
@@ -38,6 +42,9 @@ class Scaled:
     def solve(self, b: Floats) -> Floats:
         D = self._D if b.ndim == 1 else self._D[:, None]
         return self._kappa * (self._factor.solve(b / D) / D)
+
+    def energy(self, b: Floats) -> float:
+        return self._kappa * self._factor.energy(b / self._D)
 
     def within(self, K_FF: sp.csr_matrix, F: Ints) -> Scaled:
         D = self._D[F]
@@ -69,8 +76,9 @@ class LinearSolver(ABC):
 
 
 def singular() -> SceneError:
-    """The error for a stiffness matrix that some motion does not feel."""
+    """The error for a stiffness matrix that some motion does not feel, or that some motion gains energy from."""
     return SceneError(
-        "the stiffness matrix is singular or indefinite: some motion of the body costs no energy. "
-        "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that exclude it."
+        "the stiffness matrix is singular or indefinite: some motion of the body costs no energy, or gains some. "
+        "Add supports (Clamp, PrescribedDisplacement, BilateralContact) that exclude it; the K of a System must be "
+        "positive definite."
     )

@@ -2,39 +2,85 @@
 
 The near-kernel (three rigid motions in the plane) is what makes it converge: 13 iterations at 131k unknowns
 with it, none without. Close to incompressibility (nu > .49) it does not, and says so.
+
+Its solves are inexact, so no certificate may rest on one. With x any approximation of K^{-1}b, rho = b - K x, M the
+multigrid cycle, symmetric positive definite, and l <= lambda_min(MK) a bound on the spectrum from below,
+
+    b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
+
+because x'Kx = x'(b - rho) and M^{1/2}K M^{1/2} >= l is K^{-1} <= M / l. It holds whatever the tolerance of x is; on a
+principal part K_FF, stiffened or not, with M_FF, as (K_FF)^{-1} <= (K^{-1})_FF. The bound l is from k steps of
+Lanczos' method for MK, whose extreme Ritz values xi lie within the spectrum. Started from a direction that is
+uniformly distributed in n dimensions it misses the largest eigenvalue of a positive semidefinite matrix by more than
+the part eps with probability < 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J. Matrix
+Anal. Appl. 13, 1992). Applied to MK and to lambda_max - MK,
+
+    lambda_max <= xi_max / (1 - eps),    lambda_min >= xi_min - eps lambda_max =: l.
+
+The start is a random force: uniform but for the condition of M, by whose root at most (1e8 in double precision) the
+probability grows. eps is taken so that it stays below MISSED, and k so that l is at least a tenth of xi_min.
 """
 
 from __future__ import annotations
 
+import numbers
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import eigh_tridiagonal
 
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.linear.factor import LinearSolver
+from vemcvx.linear.factor import Factor, LinearSolver, singular
+from vemcvx.linear.superlu import SuperLU
+from vemcvx.real import brief
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+EPS = float(np.finfo(float).eps)
+MISSED = 1e-9
+"""Probability, over the random start, that the bound on the spectrum does not hold."""
+MOST_LANCZOS = 400
+COARSE = 500
+ROUGH = 0.1
+"""Residual of the solve within a bound on an energy, relative: sharper ones change the bound by a hundredth."""
 
 
 @dataclass(frozen=True)
 class Multigrid(LinearSolver):
     """PyAMG (extra ``multigrid``). Programs are not condensed: contact is solved matrix-free.
 
+    Certificates take into account that its solves are inexact (:mod:`vemcvx.linear.multigrid`).
+
     Parameters
     ----------
     tolerance : float
-        Residual of every solve, relative to its right side.
+        Residual of every solve, relative to its right side; in (0, 1).
     max_iterations : int
+        Of every solve, at least 1.
     """
 
     tolerance: float = 1e-12
     max_iterations: int = 200
 
     eliminates: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        tolerance, most = self.tolerance, self.max_iterations
+        if not isinstance(tolerance, numbers.Real) or isinstance(tolerance, bool) or not 0 < tolerance < 1:
+            raise SceneError(
+                f"Multigrid: found tolerance = {brief(tolerance)}; it is a relative residual between 0 and 1, such as "
+                "1e-12."
+            )
+        if not isinstance(most, numbers.Integral) or isinstance(most, bool) or most < 1:
+            raise SceneError(
+                f"Multigrid: found max_iterations = {brief(most)}; it is a whole number of iterations, at least 1."
+            )
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> MultigridFactor:
         try:
@@ -43,15 +89,19 @@ class Multigrid(LinearSolver):
             raise NotAccepted(
                 "Multigrid: the package pyamg is not installed; pip install 'vemcvx[multigrid]', or use SuperLU()."
             ) from error
-        levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(K), B=near_kernel, max_coarse=500)
-        return MultigridFactor(self, K, levels.aspreconditioner(cycle="V"))
+        if K.shape[0] <= COARSE:
+            # One level only, whose pseudo-inverse would hide that K is singular.
+            SuperLU().factorise(K)
+        levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(K), B=near_kernel, max_coarse=COARSE)
+        cycle = levels.aspreconditioner(cycle="V")
+        return MultigridFactor(self, K, cycle, lowest_eigenvalue(K, cycle))
 
 
-class MultigridFactor:
-    """K with a multigrid cycle as preconditioner."""
+class MultigridFactor(Factor):
+    """K with a multigrid cycle M as preconditioner, and a bound from below on the eigenvalues of MK."""
 
-    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: Any):
-        self._settings, self._K, self._cycle = settings, K, cycle
+    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: Any, lowest: float):
+        self._settings, self._K, self._cycle, self._lowest = settings, K, cycle, lowest
 
     def solve(self, b: Floats) -> Floats:
         if b.ndim == 2:
@@ -59,17 +109,22 @@ class MultigridFactor:
         if not b.any():
             return np.zeros_like(b)
         settings = self._settings
-        x, iterations = sp.linalg.cg(
-            self._K, b, rtol=settings.tolerance, atol=0.0, maxiter=settings.max_iterations, M=self._cycle
-        )
+        x, iterations = self._descended(b, settings.tolerance)
         if iterations > 0:
             left = np.linalg.norm(b - self._K @ x) / np.linalg.norm(b)
             raise SceneError(
                 f"Multigrid: {settings.max_iterations} iterations left a residual of {left:.1e}, asked was "
-                f"{settings.tolerance:.1e}. It suits compressible materials (poisson < 0.49) and cells of good shape; "
-                "use linear=vx.SuperLU() for others."
+                f"{settings.tolerance:.1e}. {SUITED}"
             )
         return x
+
+    def energy(self, b: Floats) -> float:
+        """A bound on b'K^{-1}b from above, whatever the tolerance."""
+        if not b.any():
+            return 0.0
+        x, _ = self._descended(b, ROUGH)
+        left = b - self._K @ x
+        return abs(float(b @ x + x @ left + left @ (self._cycle @ left) / self._lowest))
 
     def within(self, K_FF: sp.csr_matrix, F: Ints) -> MultigridFactor:
         """The cycle for all of K, restricted to F, is a preconditioner there too: symmetric positive definite."""
@@ -79,4 +134,62 @@ class MultigridFactor:
             whole[F] = b
             return (self._cycle @ whole)[F]
 
-        return MultigridFactor(self._settings, K_FF, sp.linalg.LinearOperator(K_FF.shape, matvec=cycle, dtype=float))
+        restricted = sp.linalg.LinearOperator(K_FF.shape, matvec=cycle, dtype=float)
+        return MultigridFactor(self._settings, K_FF, restricted, self._lowest)
+
+    def _descended(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
+        most = self._settings.max_iterations
+        return sp.linalg.cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
+
+
+SUITED = (
+    "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
+)
+
+
+def lowest_eigenvalue(K: sp.csr_matrix, cycle: Any) -> float:
+    """A bound from below on the eigenvalues of MK, see above.
+
+    Raises
+    ------
+    SceneError
+        K is not positive definite, or the cycle serves it too badly for a bound.
+    """
+    failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / MISSED)
+    low = high = 1.0
+    for k, (low, high) in enumerate(islice(_ritz_values(K, cycle), MOST_LANCZOS), start=1):
+        if low <= 0:
+            raise singular()
+        part = (failure / (2 * k - 1)) ** 2
+        if part < 1 and (bound := low - part * high / (1 - part)) > 0.1 * low:
+            return float(bound)
+    if k < MOST_LANCZOS:
+        return 0.5 * low  # Every direction has been seen: these are the eigenvalues, but for rounding.
+    raise SceneError(
+        f"Multigrid: the cycle serves this matrix too badly to bound its errors: condition {high / low:.1e} after "
+        f"{MOST_LANCZOS} steps. {SUITED}"
+    )
+
+
+def _ritz_values(K: sp.csr_matrix, cycle: Any) -> Iterator[tuple[float, float]]:
+    """The extreme Ritz values of MK after every step of Lanczos' method in the inner product of M."""
+    diagonal: list[float] = []
+    beside: list[float] = []
+    force, before = np.random.default_rng(0).normal(size=K.shape[0]), np.zeros(K.shape[0])
+    while True:
+        answer = cycle @ force
+        square = float(force @ answer)
+        if not diagonal:
+            start = square
+            if not start > 0:
+                raise singular()
+        elif square > EPS**2 * start:
+            beside.append(np.sqrt(square))
+        else:
+            return
+        now, direction = force / np.sqrt(square), answer / np.sqrt(square)
+        force = K @ direction - (beside[-1] * before if beside else 0.0)
+        diagonal.append(float(direction @ force))
+        force, before = force - diagonal[-1] * now, now
+        ritz = eigh_tridiagonal(np.array(diagonal), np.array(beside), eigvals_only=True)
+        yield float(ritz[0]), float(ritz[-1])

@@ -103,7 +103,7 @@ def duality_gap(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> floa
 
 def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
     form, r = program.form, program.residual(d, lam, p)
-    equilibrium = 0.5 * float(r @ form.factor.solve(r))
+    equilibrium = 0.5 * form.factor.energy(r)
     if form.kernel is not None:
         left, blur = _imbalance(program, lam, p)
         equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium

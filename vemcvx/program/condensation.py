@@ -63,6 +63,8 @@ class Condensation:
         Their numbers.
     linear : LinearSolver
         Which linear solver serves; one that cannot eliminate leaves every unknown touched.
+    whole : bool
+        Whether nothing is eliminated: the form is K itself.
     regular : (n, n) sparse matrix
         K, with the anchors' stiffness where it has a kernel: what is factorised.
     """
@@ -78,16 +80,13 @@ class Condensation:
         touched = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
         anchor = _anchors(system, touched, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
-        if condense and isinstance(self.linear, SuperLU):
+        self.whole = not (condense and isinstance(self.linear, SuperLU))
+        if not self.whole:
             order = minimum_degree(self.regular) if system.order is None else system.order
             self.touched: Ints = touched
             self._factor, S = self.linear.eliminate(self.regular, order, touched)
             rows = {"D": sp.csr_matrix(D[:, touched]), "softness": softness}
             self.form = Form(S, sp.csr_matrix(B[:, touched]), block, **rows)
-        elif condense and len(touched) == 0:
-            self.touched = touched
-            self._factor = self.linear.factorise(self.regular, system.near_kernel)
-            self.form = Form(np.zeros((0, 0)), sp.csr_matrix((0, 0)), block)
         else:
             self.touched = np.arange(n)
             self._factor = self.linear.factorise(self.regular, system.near_kernel)
@@ -98,19 +97,28 @@ class Condensation:
         self._fields = _Fields(n)
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
-        """The response to a force; if they are remembered, a combination of forces seen before costs no solve."""
+        """The response to a force; if they are remembered, a combination of forces seen before costs no solve.
+
+        Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
+        """
         # Squares of forces, of any unit, are numbers when the largest is of size one.
         unit = power_of_two(np.abs(phi).max(initial=0.0))
         x = self._respond(phi / unit) if remembered else self._factor.solve(phi / unit)
         with np.errstate(over="ignore", invalid="ignore"):
-            return Reduced(phi, unit * x, unit * (self._S @ x[self.touched]))
+            return Reduced(phi, unit * x, phi if self.whole else unit * (self._S @ x[self.touched]))
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""
         return self._factor.solve(phi)
 
+    def energy(self, phi: Floats) -> float:
+        """phi'K^{-1}phi, or a bound on it from above."""
+        return self._factor.energy(phi)
+
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the touched ones, K y = f + [0; rho]."""
+        if self.whole:
+            return y_c.copy()
         if len(self.touched) == 0:
             return f.x.copy()
         total = f.phi.copy()
@@ -134,6 +142,8 @@ class Condensation:
 
     def square(self, y_c: Floats, f: Reduced) -> float:
         """y'Ky."""
+        if self.whole:
+            return float(y_c @ (self.form.K @ y_c))
         inside = float(f.phi @ f.x)
         rest = inside - float(f.x[self.touched] @ f.touched)
         # Where (almost) nothing is inside, the difference is rounding, and its root would be 1e-8.
@@ -142,6 +152,8 @@ class Condensation:
 
     def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
         """phi'y, the work of the force phi on the state (y_c, f)."""
+        if self.whole:
+            return float(phi.phi @ y_c)
         rho = self._S @ y_c - f.touched
         return float(phi.phi @ f.x + phi.x[self.touched] @ rho)
 

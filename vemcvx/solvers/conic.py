@@ -67,7 +67,9 @@ def pose(form: Form, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> Pose
     energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
     cones_or_rows, lengths, lam = _norms(form, d, w, b, cones)
     bounds, yielding, p = _limits(form, d, e)
-    return Posed(cp.Problem(cp.Minimize(energy + lengths + yielding), cones_or_rows + bounds), d, lam, p)
+    # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is.
+    idle = 0.0 if cones else cp.Variable(nonneg=True)
+    return Posed(cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds), d, lam, p)
 
 
 def _norms(form: Form, d: cp.Variable, w: Any, b: Any, cones: bool) -> tuple[list[Any], Any, Callable[[], Floats]]:

@@ -130,8 +130,8 @@ def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
     assert history.solver.startswith("Direct")
     assert len(history.contact.nodes) == 0
     assert history.contact.slip.shape == (1, 0, 2)
-    # One field, its residual, and the rounding floor at the stored step; two more try the factors at the start.
-    assert len(calls) == 5
+    # One field; its residual and the rounding floor, at the start and at the stored step; two more try the factors.
+    assert len(calls) == 7
 
 
 def test_a_miss_is_never_silent():

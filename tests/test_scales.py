@@ -240,3 +240,57 @@ def test_what_is_no_number_certifies_nothing():
     assert Certificate(0.0, np.array([np.nan]), 0.0, none).error == np.inf
     found = relative(np.array([0.0, 1.0, np.nan, 0.0, 1.0, 1.0]), np.array([0.0, 0.0, 1.0, np.nan, np.inf, 2.0]))
     assert found.tolist() == [0.0, np.inf, np.inf, np.inf, np.inf, 0.5]
+
+
+@pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
+def test_what_is_out_of_balance_at_the_start_is_certified(family, off):
+    """u_0 off by so much of the energy norm: the exact run begins where one step at times[0] leads from there.
+
+    The reference makes that step, from an instant before, at which the load is another by 1e-14.
+    """
+    mesh, times = vx.meshes.FAMILIES[family](3), np.linspace(0, 1, 4)
+
+    def pull(x, t):
+        return np.tile([0.1 + 0.1 * t if t >= 0 else 0.1 * (1 + 1e-14), 0.0], (len(x), 1))
+
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.BilateralContact("bottom"),
+        vx.TrescaFriction(0.05, "bottom"),
+        vx.Traction(pull, on="left"),
+    )
+    settled = vx.simulate(scene, mesh, times[:1], initial="settled")
+    A, size = pose(scene, mesh).A, settled.trajectory.norm[0]
+    push = np.zeros(mesh.points.shape)
+    push[:, 0] = (1 - mesh.points[:, 0]) ** 2
+    push *= 0.9 * off * size / np.sqrt(push.ravel() @ A @ push.ravel())
+    start = settled.displacement[0] + push
+    history = vx.simulate(scene, mesh, times, initial=start)
+    exact = vx.simulate(scene, mesh, [-1.0, *times], initial=start)
+    apart = (history.displacement - exact.displacement[1:]).reshape(len(times), -1)
+    distance = np.sqrt(np.einsum("ni,ni->n", apart, (A @ apart.T).T))
+    run, other = history.trajectory, exact.trajectory
+    allowed = history.certificate_total * run.norm + np.sqrt(2 * other.gap[1:]).cumsum()
+    rounding = np.sqrt(2 * run.floor).cumsum() + np.sqrt(2 * other.floor).cumsum()[1:] + 4e-16 * size
+    assert (distance <= allowed * (1 + 1e-9) + rounding).all()
+    if off:
+        # Friction keeps a part of the push; the rest springs back.
+        assert distance[0] == pytest.approx(history.certificate[0] * size, rel=1e-3)
+        assert 0.1 * off <= history.certificate[0] <= off
+    else:
+        assert history.certificate_total.max() <= 1e-12
+
+
+def test_an_equilibrium_that_is_coarse_says_so():
+    """Near incompressibility one solve is not exact, and the state at the start has an error as others do."""
+    scene = vx.Scene(vx.Elasticity(1.0, 0.5 - 1e-9), vx.Clamp("left"), vx.Traction((0.0, -0.01), "right"))
+    history = vx.simulate(scene, vx.meshes.distorted(4), [0.0, 1.0], initial="equilibrium")
+    assert 0 < history.certificate[0] <= 1e-6
+    assert history.certificate_total[1] >= history.certificate[0]
+
+
+def test_a_settled_start_is_held_to_the_accuracy():
+    scene = pulled(1.0)
+    with pytest.raises(vx.NotCertified, match=r"^step 0 at t = 0\.5"):
+        vx.simulate(scene, vx.meshes.squares(4), [0.5, 1.0], initial="settled", solver=vx.Newton(max_iterations=1))

@@ -46,6 +46,12 @@ def caused(condensation: Condensation, force: Reduced) -> float:
     return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
 
 
+def caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
+    """What a force can cause; zero, unseen, where states of energy norm `norm` are not zero beside it."""
+    most = float(np.sqrt(abs(force.phi @ force.x)))
+    return 0.0 if most == 0.0 or not norm <= accuracy * most else caused(condensation, force)
+
+
 def insist(
     solver: Solver, norms: Norms | None, certificate: Certificate, unit: float, status: str, n: int, t: float
 ) -> None:

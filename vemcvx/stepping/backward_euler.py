@@ -17,7 +17,7 @@ from vemcvx.program.extended import residual
 from vemcvx.program.refinement import full_certificate, pulled, refined
 from vemcvx.program.scaling import SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.stepping.acceptance import caused
+from vemcvx.stepping.acceptance import caused_beside
 from vemcvx.stepping.fixed_point import resolved
 from vemcvx.stepping.ledger import Drive, advance, drive
 from vemcvx.stepping.seminorm import answered, refuse_unbalanced
@@ -119,21 +119,20 @@ def sharpened(run: Run, state: State) -> State:
     return replace(state, y=y[touched], unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
 
 
-def completed(run: Run, state: State, given: bool) -> State:
-    """The state with all its unknowns and the certificate of the full system; one that was given has none."""
+def completed(run: Run, state: State) -> State:
+    """The state with all its unknowns and the certificate of the full system."""
     if state.full is not None:
         return state
     force = state.drive.force
     y = run.condensation.recover(state.y, force)
-    if given:
-        return replace(state, full=y)
     own = state.certificate
     full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
     if full.error > MENDED * run.solver.accuracy * state.unit(run.solver.accuracy) and len(state.y) < run.system.n:
         r = residual(force.phi, run.system.K, y, pulled(run.system, state.lam, state.p))
         y = run.condensation.mend(y, r)
         full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
-    worse = max(full.equilibrium, own.equilibrium), own.friction, max(full.floor, own.floor), own.limits
+    equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
+    worse = equilibrium, own.friction, floor, own.limits
     return replace(state, full=y, certificate=Certificate(*worse))
 
 
@@ -221,7 +220,7 @@ class Trial:
         before, y = self.before, self.before.y + answer.d
         slip = self.program.slip(answer.d)
         ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
-        scale = float(np.maximum(before.scale, ledger.norm))
+        scale, force = float(np.maximum(before.scale, ledger.norm)), self.drive.force
         return State(
             self.drive.t,
             y,
@@ -239,16 +238,8 @@ class Trial:
             answer.status,
             answer.safeguards,
             lag=self._lag(answer, slip),
-            size=self._size(scale),
+            size=max(before.size, caused_beside(self.run.condensation, force, scale, self.run.solver.accuracy)),
         )
-
-    def _size(self, scale: float) -> float:
-        """The largest size of what the data could cause so far, if states of norm `scale` may be nothing beside it."""
-        force = self.drive.force
-        most = float(np.sqrt(abs(force.phi @ force.x)))
-        if most == 0.0 or not scale <= self.run.solver.accuracy * most:
-            return self.before.size
-        return max(self.before.size, caused(self.run.condensation, force))
 
     def _lag(self, answer: Answer, slip: Floats) -> float:
         """w_prev |s| - lam_prev . s, and the change of the limits' forces times their motion, what gives way aside."""

@@ -1,7 +1,9 @@
 """Where a march begins, and the condition (2.1) on it: a(u_0, v) + j(v) >= <l(0), v> for all v.
 
 The condition holds if and only if one step at times[0] from u_prev = u_0 returns u_0. The jump of that step,
-in the energy norm, is what a violation costs, and is measured here.
+in the energy norm, is what a violation costs, and is measured here: u_0 is at most jump + (certified error of that
+step) away from a state that obeys (2.1), which is the certificate of step 0. The step maps are nonexpansive, so later
+states are off by no more, beside their own errors: it counts in the total.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.real import real, shape_in_words
-from vemcvx.stepping.backward_euler import solved
+from vemcvx.stepping.acceptance import caused_beside
+from vemcvx.stepping.backward_euler import completed, solved
 from vemcvx.stepping.ledger import Drive, Ledger, drive, energy, strain_energy
 from vemcvx.stepping.state import Run, State
 
@@ -34,7 +37,10 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     """
     now = drive(run.system, run.condensation, t)
     if isinstance(initial, str) and initial == "settled":
-        return _at_rest(run, _settle(run, _state(run, now, np.zeros(run.system.n))))
+        settled = _settle(run, _state(run, now, np.zeros(run.system.n)))
+        if run.check:
+            run.insist(settled, 0)
+        return _at_rest(run, settled)
     y = _given(run, now, initial)
     state = _state(run, now, y)
     if run.system.damping is not None:
@@ -42,12 +48,19 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
         ledger = Ledger.opening(strain_energy(run.system, y, t), run.form.count)
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
-    jump = _norm(run, run.condensation.recover(settled.y, now.force) - y)
+    jump = _norm(run, settled.full - y)  # type: ignore[operator]
     scale = max(state.ledger.norm, _norm(run, now.force.x))
-    if jump > JUMP * scale + settled.certificate.error:
+    if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_violation(run, state, jump / scale))
-    # Nothing was solved for: the state is the user's, and the test above is all there is to say of it.
-    return _at_rest(run, replace(settled, y=state.y, unbalanced=state.unbalanced, certificate=state.certificate))
+    return _at_rest(
+        run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=_off(settled, jump))
+    )
+
+
+def _off(settled: State, jump: float) -> Certificate:
+    """How far a given state may be from one that obeys (2.1): its jump to the state settled, and the error of that."""
+    error, none = jump + settled.certificate.error, np.zeros_like(settled.certificate.friction)
+    return replace(settled.certificate, equilibrium=0.5 * error * error, friction=none, limits=np.zeros_like(settled.p))
 
 
 def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
@@ -102,15 +115,16 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
 
 
 def _settle(run: Run, state: State) -> State:
-    """One step at the same instant."""
-    return solved(run, state, state.drive, state.weights, 0)
+    """One step at the same instant, all unknowns and the certificate of the full system included."""
+    return completed(run, solved(run, state, state.drive, state.weights, 0))
 
 
 def _at_rest(run: Run, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.drive, state.p)
     ledger = Ledger.opening(start, run.form.count)
-    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm)
+    size = caused_beside(run.condensation, state.drive.force, ledger.norm, run.solver.accuracy)
+    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size)
 
 
 def _norm(run: Run, y: Floats) -> float:

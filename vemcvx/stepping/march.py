@@ -88,7 +88,7 @@ def march(
     begin, state = earlier
     advance = partial(step, run)
     if system.damping is not None:
-        state = completed(run, state, given=True)
+        state = completed(run, state)
         advance = ViscousSteps(run, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
     for n in range(begin + 1, steps + 1):
         state = advance(state, n, instants[n])

@@ -139,7 +139,7 @@ class Recorder:
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
         left, stored = state, n in self._row
         if stored:
-            state = completed(self._run, state, given=n == 0)
+            state = completed(self._run, state)
             if n > 0 and self._run.check:
                 self._run.insist(state, n)
         c, ledger = state.certificate, state.ledger

@@ -52,7 +52,7 @@ class ViscousSteps:
         now = self._drive(run, y, before.t, t, k)
         norms = run.system.norms
         weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
-        stepped = completed(run, solved(run, _rest(run, before, now), now, weights, n), given=False)
+        stepped = completed(run, solved(run, _rest(run, before, now), now, weights, n))
         d = stepped.full
         ledger = self._ledger(before, stepped, y, d, t, k)
         state = replace(

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.effects import data
-from vemcvx.vem import elastic_matrix, softest_shear
+from vemcvx.vem import EdgeEnds, elastic_matrix, softest_shear
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -93,6 +93,8 @@ class Friction:
     """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), by how much slip along the tangent (normal turned by +90 degrees) costs more than half of both ways"""
+    ends: EdgeEnds | None = None
+    """the edges of each row; without, `lengths` are of an edge that no other part has"""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,8 @@ class Obstacle:
     """t -> (m,) distance to the obstacle along the outward normal."""
     softness: Floats
     """(m,) depth per nodal force; 0 where the obstacle is rigid."""
+    ends: EdgeEnds | None = None
+    """the edges of each row, as of friction"""
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,8 @@ class ContactSurface:
     normals: Floats
     lengths: Floats
     """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    ends: EdgeEnds | None = None
+    """the edges of each row, as of friction"""
 
 
 @dataclass(frozen=True)

@@ -64,8 +64,8 @@ class CoulombFriction(Effect):
 
         none = np.zeros(len(rows.nodes))
         return Contribution(
-            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, lambda t: none, law),),
-            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, lambda t: none, law, ends=rows.ends),),
+            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
             given=(Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else (),
         )
 

@@ -82,8 +82,8 @@ class TrescaFriction(Effect):
 
         tilted = None if self.backward is None else bias
         return Contribution(
-            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, mean, bias=tilted),),
-            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, mean, bias=tilted, ends=rows.ends),),
+            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
             given=(Given(subject, "bound", both, part.edges),) if varies(self.bound, self.backward) else (),
         )
 

@@ -52,8 +52,8 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, so
 
     at_nodes = partial(distance, gap, subject, points)
     return Contribution(
-        obstacles=(Obstacle(subject, rows.nodes, rows.normals, rows.lengths, at_nodes, softness),),
-        surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths),),
+        obstacles=(Obstacle(subject, rows.nodes, rows.normals, rows.lengths, at_nodes, softness, rows.ends),),
+        surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
     )
 
 

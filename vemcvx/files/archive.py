@@ -20,9 +20,10 @@ Arrays = dict[str, NDArray[Any]]
 NAME = "vemcvx history"
 FORMAT = f"{NAME} 1"
 # What not every scene has.
-MAYBE = ("prestress", "across", "prestress_across")
+MAYBE = ("prestress", "across", "prestress_across", "dragged_ends", "dragged_friction")
 SHAPES = {
     **dict.fromkeys(("displacement", "forces"), "S nodes dim"),
+    **{"dragged_ends": "dragged 2", "dragged_friction": "S dragged dim"},
     **{"moduli": "constants cells", "prestress": "S cells 3", "across": "cells 3", "prestress_across": "S cells"},
     **dict.fromkeys(("contact.nodes", "contact.lengths", "contact.friction_lengths"), "m"),
     **dict.fromkeys(("contact.points", "contact.normals"), "m dim"),
@@ -35,7 +36,8 @@ SHAPES = {
     **{"trajectory.pressures": "S limits", "trajectory.velocity": "S n"},
 }
 """Which sizes are the same."""
-WHOLE, FLAGS = ("contact.nodes", "trajectory.stored"), ("contact.sticking", "contact.closed", "trajectory.sticking")
+WHOLE = "contact.nodes", "trajectory.stored", "dragged_ends"
+FLAGS = ("contact.sticking", "contact.closed", "trajectory.sticking")
 
 
 def write_archive(history: History, path: Path) -> None:

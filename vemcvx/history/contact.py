@@ -1,8 +1,10 @@
 """The contact boundary over time, from what a march leaves.
 
-Slips are tangential parts of nodal displacements, (I - n n') u; tractions are minus the multipliers over
-int phi_i; the pressure is what the obstacle exerts along the normal, A u - f + B'lam, over int phi_i; wear is friction
-work, the sum over all steps of w_i |s_i|, over int phi_i: the depth worn off is in proportion to it (Archard 1953).
+Slips are tangential parts of nodal displacements, (I - n n') u. All forces are over int phi_i of their own edges, those
+of contact or those with friction, and at corners both sides count, forces and edges: tractions are minus the
+multipliers; pressures are the forces p_j of one-sided contact, and where contact holds a node in both ways, its part of
+R = A u - f + B'lam + D'p, what then is left to supports and contact (:mod:`vemcvx.scene.freedom`); wear is friction
+work, the sum over all steps of w_i |s_i|: the depth worn off is in proportion to it (Archard 1953).
 
 A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
 by which active sets are chosen, which tells a small pressure from a small distance whatever the units.
@@ -28,19 +30,25 @@ Bools = NDArray[np.bool_]
 class Contact:
     """The contact boundary over time: m nodes that are not held otherwise, S stored instants.
 
+    A node whose normal is free, or held by contact itself, belongs to it also where a support holds its tangent (the
+    axis of a half model), and so does every node that supports drag along against friction. What they exert is neither
+    traction nor pressure; what friction exerts against them is traction, and in a step in which they stand still, when
+    any traction up to the bound would do, 0.
+
     Attributes
     ----------
     nodes : (m,) int, points : (m, dim), normals : (m, dim)
-        Node numbers, places and outward normals.
+        Node numbers, places and outward normals (averaged by length at corners).
     slip : (S, m, dim)
         Tangential displacement.
     traction : (S, m, dim)
-        Friction force per length on the body: minus the multiplier over int phi_i.
+        Friction force on the body, minus the multiplier, per length of the edges with friction.
     bound, backward : (S, m)
         Friction bounds per length against slip forward (along the boundary with the body on the left) and backward:
-        w_i over int phi_i, equal unless a scene says otherwise; 0 without friction.
+        w_i over int phi_i, equal unless a scene says otherwise; 0 without friction. Where parts meet, their mean.
     pressure : (S, m)
-        Normal force per length, compression positive; of either sign where contact is bilateral.
+        Normal force of contact per length, compression positive; of either sign where contact is bilateral. A support
+        that moves a node along the normal of its contact is an obstacle that moves: its force is pressure.
     sticking : (S, m) bool
         Whether the increment of the step is zero to round-off; true in row 0.
     wear : (S, m)
@@ -97,49 +105,60 @@ def contact_history(posed: Posed, trajectory: Trajectory, u: Floats, forces: Flo
     u, forces : (S, n_nodes, dim) arrays
         Displacements, and nodal forces A u - f.
     """
-    nodes, normals, lengths = posed.contact
+    surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
+    nodes, normals = surface.nodes, surface.normals
     points = posed.space.mesh.points
     place = np.full(len(points), -1)
-    place[nodes] = np.arange(len(nodes))
-    at = place[posed.terms.nodes]
-    traction, friction = _friction(posed, trajectory, at, len(nodes))
-    bounds = _bounds(posed, trajectory, at, len(nodes))
-    pressure = -np.einsum("smd,md->sm", forces[:, nodes] + friction, normals) / lengths
+    place[nodes] = np.arange(m)
+    at = place[terms.nodes]
+    length = np.bincount(at, terms.lengths, m)
+    pull = _pull(posed, trajectory, at, m)
+    traction = -pull / np.where(length > 0, length, 1.0)[:, None]
+    pressure = _pressure(posed, trajectory, forces[:, nodes] + pull, place)
     along = np.einsum("smd,md->sm", u[:, nodes], normals)
     slip = u[:, nodes] - along[:, :, None] * normals
     sticking = _sticking(trajectory, slip, at)
-    wear, rubbed = _wear(posed, trajectory, at, len(nodes))
-    closed = _closed(posed, trajectory, u, place, len(nodes))
-    fields = slip, traction, *bounds, pressure, sticking, wear, closed
-    return Contact(nodes, points[nodes], normals, *fields, lengths, rubbed)
+    closed = _closed(posed, trajectory, u, place, m)
+    fields = slip, traction, *_bounds(posed, trajectory, at, length), pressure, sticking
+    wear = _per_length(trajectory.worn, at, length)
+    return Contact(nodes, points[nodes], normals, *fields, wear, closed, surface.lengths, length)
 
 
-def _friction(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats]:
-    """Friction traction (S, m, dim), and the forces B'lam (S, m, dim) of the terms."""
-    terms, lam = posed.terms, trajectory.multipliers
-    rows, dim = len(lam), posed.space.mesh.points.shape[1]
-    traction, force = np.zeros((rows, m, dim)), np.zeros((rows, m, dim))
-    if len(terms.nodes) == 0:
-        return traction, force
-    tangents = terms.rows.data.reshape(len(terms.nodes), -1, dim)
-    pulled = np.einsum("smb,mbd->smd", lam, tangents)
-    for row in range(rows):
-        np.add.at(traction[row], at, -pulled[row] / terms.lengths[:, None])
-        np.add.at(force[row], at, pulled[row])
-    return traction, force
+def _pull(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> Floats:
+    """The forces B'lam (S, m, dim) of the terms."""
+    terms, lam, dim = posed.terms, trajectory.multipliers, posed.space.mesh.points.shape[1]
+    force = np.zeros((len(lam), m, dim))
+    if len(terms.nodes):
+        each = np.einsum("smb,mbd->smd", lam, terms.rows.data.reshape(len(terms.nodes), -1, dim))
+        np.add.at(force, (slice(None), at), each)
+    return force
 
 
-def _bounds(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats]:
+def _pressure(posed: Posed, trajectory: Trajectory, forces: Floats, place: Ints) -> Floats:
+    """Normal forces of contact per length (S, m), from nodal forces (S, m, dim) without those of friction."""
+    surface, obstacles, p = posed.surface, posed.obstacles, trajectory.pressures
+    normal, held = np.zeros(forces.shape[:2]), forces.copy()
+    if obstacles is not None and len(obstacles.nodes):
+        at = place[obstacles.nodes]
+        np.add.at(normal, (slice(None), at), p)
+        np.add.at(held, (slice(None), at), p[:, :, None] * obstacles.normals)
+    return (normal - np.einsum("smd,md->sm", held, surface.grips)) / surface.lengths
+
+
+def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
+    """Values (S, terms) summed at contact nodes over their lengths with friction (m,); 0 where there is none."""
+    total = np.zeros((len(values), len(length)))
+    np.add.at(total, (slice(None), at), values)
+    return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+
+
+def _bounds(posed: Posed, trajectory: Trajectory, at: Ints, length: Floats) -> tuple[Floats, Floats]:
     """Bounds per length (S, m) of slip forward and backward."""
     terms, weights = posed.terms, trajectory.weights
     tilt = np.zeros_like(weights)
     if terms.bias is not None:
         tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])
-    bounds = np.zeros((2, len(weights), m))
-    for one, values in zip(bounds, (weights + tilt, weights - tilt), strict=True):
-        for row in range(len(weights)):
-            np.add.at(one[row], at, values[row] / terms.lengths)
-    return bounds[0], bounds[1]
+    return _per_length(weights + tilt, at, length), _per_length(weights - tilt, at, length)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
@@ -162,27 +181,17 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
     return sticking
 
 
-def _wear(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> tuple[Floats, Floats]:
-    """Friction work per length (S, m), and the lengths with friction (m,)."""
-    work, length = np.zeros((m, len(trajectory.worn))), np.zeros(m)
-    np.add.at(work, at, trajectory.worn.T)
-    np.add.at(length, at, posed.terms.lengths)
-    wear = np.divide(work, length[:, None], out=np.zeros_like(work), where=length[:, None] > 0)
-    return np.ascontiguousarray(wear.T), length
-
-
 def _closed(posed: Posed, trajectory: Trajectory, u: Floats, place: Ints, m: int) -> Bools:
     """Whether each node touches its obstacle, (S, m); true where nothing can open."""
     closed, obstacles = np.ones((len(u), m), dtype=bool), posed.obstacles
     if obstacles is None:
         return closed
     at = place[obstacles.nodes]
-    rows, at = np.flatnonzero(at >= 0), at[at >= 0]
     stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
     closed[:, at] = False
     for row, n in enumerate(trajectory.stored):
         gap, move = obstacles.gap(float(trajectory.times[n])), obstacles.rows @ u[row].ravel()
         blur = 8 * EPS * (np.abs(gap) + np.abs(move).max(initial=0.0))
         touches = trajectory.pressures[row] + stiffness * (move - gap + blur) >= 0
-        np.logical_or.at(closed[row], at, touches[rows])
+        np.logical_or.at(closed[row], at, touches)
     return closed

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.errors import SceneError
 from vemcvx.history.contact import Contact
 from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes.topology import edge_keys
 from vemcvx.scene import Scene
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
@@ -61,6 +62,10 @@ class History:
         What eigenstrains add to it; None where there are none.
     void : tuple of str
         What of the scene did nothing in this run, and was left out or never reached.
+    dragged_ends : (q, 2) int or None
+        Where supports drag nodes along against friction, edge by edge: the node, and the other one of the edge.
+    dragged_friction : (S, q, dim) or None
+        The friction on the body there, which `forces` include.
     errors : dict or None
         Of an adaptive run: "algebra", "space", "time", their sum "total", and the "target", relative energy errors.
     """
@@ -79,6 +84,8 @@ class History:
     prestress_across: Floats | None = None
     void: tuple[str, ...] = ()
     errors: dict[str, float] | None = None
+    dragged_ends: Ints | None = None
+    dragged_friction: Floats | None = None
 
     @property
     def steps(self) -> int:
@@ -156,9 +163,17 @@ class History:
     def reaction(self, name: str) -> Floats:
         """(S, dim) total force on the body from supports, contact and friction at the nodes of a boundary.
 
-        Nodes shared by two boundaries count in both.
+        Nodes shared by two boundaries count in both; but friction against supports that drag such a node along counts
+        with the edges that rub: a block pulled by its side over a floor shows all friction as reaction of that side.
         """
-        return self.forces[:, self._space.part(name, "reaction").nodes].sum(axis=1)
+        part = self._space.part(name, "reaction")
+        total = self.forces[:, part.nodes].sum(axis=1)
+        if self.dragged_ends is None or self.dragged_friction is None:
+            return total
+        node, beyond = self.dragged_ends.T
+        here = edge_keys(*part.edges.T, self.mesh.n_nodes)
+        elsewhere = np.isin(node, part.nodes) & ~np.isin(edge_keys(node, beyond, self.mesh.n_nodes), here)
+        return total - self.dragged_friction[:, elsewhere].sum(axis=1)
 
     def stress(self, step: int) -> Floats:
         """(n_cells, 3) stresses (xx, yy, xy) of Pi u, and those at zero strain, at a stored step; tension positive.

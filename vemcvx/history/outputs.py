@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,7 +39,21 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
         across=None if posed.material.across is None else np.ascontiguousarray(posed.material.across[:, :3]),
         prestress_across=_prestress_across(posed, trajectory, storage),
         void=posed.void + _untouched(posed, trajectory),
+        **_rubbing(posed, trajectory),
     )
+
+
+def _rubbing(posed: Posed, trajectory: Trajectory) -> dict[str, Any]:
+    """Friction on nodes that supports drag, edge by edge; nothing if there is none."""
+    terms = posed.terms
+    if terms.dragged is None or not terms.dragged.any():
+        return {}
+    mine = np.flatnonzero(terms.dragged)
+    ends, dim = terms.ends[mine].tocoo(), posed.space.mesh.points.shape[1]
+    tangents = terms.rows.data.reshape(len(terms.nodes), -1, dim)[mine]
+    force = -np.einsum("sqb,qbd->sqd", trajectory.multipliers[:, mine], tangents)
+    share = ends.data / terms.lengths[mine][ends.row]
+    return {"dragged_ends": terms.names[ends.col], "dragged_friction": force[:, ends.row] * share[:, None]}
 
 
 def _damped(posed: Posed, trajectory: Trajectory, row: int) -> Floats | float:

@@ -142,9 +142,7 @@ class MultigridFactor(Factor):
         return sp.linalg.cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
 
 
-SUITED = (
-    "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
-)
+SUITED = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
 
 
 def lowest_eigenvalue(K: sp.csr_matrix, cycle: Any) -> float:

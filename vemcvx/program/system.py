@@ -144,6 +144,20 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class DraggedTerms:
+    """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
+
+    position: Callable[[float], Floats]
+    """t -> (q * block,), c"""
+    weights: Callable[[float, Floats], Floats]
+    """(t, p) -> (q,), under the forces p (r,) of the limits"""
+    count: int
+    block: int = 1
+    bias: Callable[[float], Floats] | None = None
+    """t -> (q * block,), as of norm terms"""
+
+
+@dataclass(frozen=True)
 class Damping:
     """The form b of the rate, b(u', v), beside a(u, v).
 
@@ -188,6 +202,8 @@ class System:
         Bounds on y, hard or soft.
     damping : Damping, optional
         A force C y' of the rate; the lengths of steps then matter.
+    dragged : DraggedTerms, optional
+        Norm terms whose argument is given; they change no state, and what they lose counts.
     """
 
     K: sp.csr_matrix
@@ -199,6 +215,7 @@ class System:
     kernel: Kernel | None = None
     limits: Limits | None = None
     damping: Damping | None = None
+    dragged: DraggedTerms | None = None
 
     def __post_init__(self) -> None:
         K = checked_matrix(self.K, "System: K")

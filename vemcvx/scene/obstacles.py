@@ -1,4 +1,8 @@
-"""The limits of one-sided contact, over all nodal values: D^ with one normal a row, and what obstacles leave free."""
+"""The limits of one-sided contact, over all nodal values: D^ with one normal a row, and what obstacles leave free.
+
+Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
+their edges; obstacles that give way each answer with a force of their own.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +15,10 @@ from numpy.typing import NDArray
 
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.errors import SceneError
-from vemcvx.scene.supports import PARALLEL, Supports
-from vemcvx.scene.terms import on_free
+from vemcvx.scene.edges import borne, lengths_of, united
+from vemcvx.scene.freedom import normal_rows, on_free
+from vemcvx.scene.supports import Supports
+from vemcvx.scene.terms import merged
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,36 +33,64 @@ class Obstacles:
     nodes: Ints
     normals: Floats
     lengths: Floats
-    """(r,) integrals of the nodal basis functions"""
+    """(r,) integrals of the nodal basis functions over the edges of each limit"""
     softness: Floats
     gap: Callable[[float], Floats]
     """t -> (r,)"""
+    ends: sp.csr_matrix
+    """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.edges`"""
     subjects: tuple[str, ...] = ()
     """whose they are, in words"""
 
 
-def gathered(obstacles: Sequence[Obstacle], supports: Supports, points: Floats) -> Obstacles:
-    """The limits of all obstacles where something can move towards them."""
+def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Supports) -> Obstacles:
+    """The limits of all obstacles where something can move towards them.
+
+    Parameters
+    ----------
+    ends : (rows, e) sparse matrix
+        What the rows of all obstacles own.
+    """
+    points = supports.points
     if not obstacles:
         none = np.zeros(0)
         flat = np.zeros((0, points.shape[1]))
-        return Obstacles(sp.csr_matrix((0, points.size)), none.astype(np.int64), flat, none, none, lambda t: none)
+        return Obstacles(sp.csr_matrix((0, points.size)), none.astype(np.int64), flat, none, none, lambda t: none, ends)
     nodes = np.concatenate([o.nodes for o in obstacles])
     normals = np.concatenate([o.normals for o in obstacles])
-    rows = normal_rows(nodes, normals, points)
-    moves = np.flatnonzero(abs(on_free(rows, supports)).max(axis=1).toarray().ravel() > PARALLEL)
+    softness = np.concatenate([o.softness for o in obstacles])
+    first, limit = _limits(nodes, normals, softness)
+    rows = normal_rows(nodes[first], normals[first], points)
+    moves = np.flatnonzero(np.diff(on_free(rows, supports).indptr) > 0)
 
     def gap(t: float) -> Floats:
-        return np.concatenate([o.gap(t) for o in obstacles])[moves]
+        nearest = np.full(len(first), np.inf)
+        np.minimum.at(nearest, limit, np.concatenate([o.gap(t) for o in obstacles]))
+        return nearest[moves]
 
-    lengths = np.concatenate([o.lengths for o in obstacles])[moves]
-    softness = np.concatenate([o.softness for o in obstacles])[moves]
-    subjects = tuple(o.subject for o in obstacles)
-    return Obstacles(sp.csr_matrix(rows[moves]), nodes[moves], normals[moves], lengths, softness, gap, subjects)
+    ends, kept, subjects = united(ends, limit)[moves], first[moves], tuple(o.subject for o in obstacles)
+    each = sp.csr_matrix(rows[moves]), nodes[kept], normals[kept], lengths_of(ends), softness[kept]
+    return Obstacles(*each, gap, ends, subjects)
 
 
-def pressing(obstacles: Obstacles, friction: Friction, supports: Supports) -> sp.csr_matrix:
-    """(rows of `friction`, r) which limits press on which rows: those of the same node and normal.
+def _limits(nodes: Ints, normals: Floats, softness: Floats) -> tuple[Ints, Ints]:
+    """The first row of every limit, in order, and the limit of every row."""
+    rigid = np.flatnonzero(softness == 0)
+    first, limit = np.arange(len(nodes)), np.arange(len(nodes))
+    if len(rigid):
+        leads, mine = merged(nodes[rigid], normals[rigid], signed=True)
+        first[rigid] = rigid[leads][mine]
+    first, limit = np.unique(first, return_inverse=True)
+    return first, limit
+
+
+def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+    """(rows of `friction`, r) which limits press on which rows, each with the share of its edges that rub there, too.
+
+    Parameters
+    ----------
+    ends : (rows of `friction`, e) sparse matrix
+        What they own.
 
     Raises
     ------
@@ -64,13 +98,8 @@ def pressing(obstacles: Obstacles, friction: Friction, supports: Supports) -> sp
         Nothing presses where friction depends on the pressure and the node is free to move.
     """
     k, r = len(friction.nodes), len(obstacles.nodes)
-    which = [np.flatnonzero(friction.nodes == node) for node in obstacles.nodes]
-    pairs = [(i, j) for j, rows in enumerate(which) for i in rows]
-    i, j = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    same = np.einsum("pd,pd->p", friction.normals[i], obstacles.normals[j]) > 1 - PARALLEL
-    M = sp.csr_matrix((np.ones(same.sum()), (i[same], j[same])), shape=(k, r))
-    moves = abs(on_free(normal_rows(friction.nodes, friction.normals, supports.points), supports))
-    free = moves.max(axis=1).toarray().ravel() > PARALLEL
+    M = borne(ends, obstacles.ends)
+    free = np.diff(on_free(normal_rows(friction.nodes, friction.normals, supports.points), supports).indptr) > 0
     bare = (np.diff(M.indptr) == 0) & (free | (r == 0))
     if bare.any():
         raise SceneError(
@@ -78,10 +107,3 @@ def pressing(obstacles: Obstacles, friction: Friction, supports: Supports) -> sp
             "NormalCompliance on the same boundary (with BilateralContact, use TrescaFriction)."
         )
     return M
-
-
-def normal_rows(nodes: Ints, normals: Floats, points: Floats) -> sp.csr_matrix:
-    """(k, n_u) the matrix of n . u(node), row by row."""
-    k, dim = normals.shape
-    columns = (nodes[:, None] * dim + np.arange(dim)).ravel()
-    return sp.csr_matrix((normals.ravel(), columns, np.arange(0, k * dim + 1, dim)), shape=(k, points.size))

@@ -16,19 +16,22 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.effects import ContactSurface, Contribution, Friction, Given, Load, Material, Obstacle
+from vemcvx.effects import Contribution, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.limits import Limits
 from vemcvx.program.ordering import nested_dissection
-from vemcvx.program.system import Damping, Motion, Norms, System
+from vemcvx.program.system import Damping, Motion, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
-from vemcvx.scene.obstacles import Obstacles, gathered, pressing
+from vemcvx.scene.contact_terms import acting_rows, dragged_terms, friction_law, limits, norm_terms
+from vemcvx.scene.edges import owned
+from vemcvx.scene.freedom import on_free
+from vemcvx.scene.obstacles import Obstacles, gathered
 from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
-from vemcvx.scene.terms import Terms, contact_surface, friction_terms, on_free, warn_of_loose_normals
+from vemcvx.scene.surface import Surface, contact_surface
+from vemcvx.scene.terms import Terms, friction_terms, warn_of_loose_normals
 from vemcvx.scene.void import out_of_reach, without_void
 from vemcvx.vem import Space, rigid_modes
 
@@ -48,7 +51,8 @@ class Posed:
     """(n_u, n_u) stiffness over all nodal values"""
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
-    surfaces: tuple[ContactSurface, ...]
+    surface: Surface
+    """contact nodes not held otherwise"""
     material: Material
     prestress: InitialStresses | None = None
     """stresses at zero strain, also among the loads; None if there are none"""
@@ -62,11 +66,6 @@ class Posed:
 
     viscosity: sp.csr_matrix | None = None
     """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
-
-    @property
-    def contact(self) -> tuple[Ints, Floats, Floats]:
-        """Contact nodes not held otherwise, their normals and lengths: see :func:`contact_surface`."""
-        return contact_surface(self.surfaces, self.supports, self.space.mesh.points)
 
     def force(self, t: float) -> Floats:
         """The nodal load f (n_u,) of everything but reactions."""
@@ -97,34 +96,38 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
     supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
-    terms = friction_terms(frictions, supports, mesh.points)
+    terms = friction_terms(frictions, supports, times)
     stops = _chain(p.obstacles for p in parts)
-    obstacles = gathered(stops, supports, mesh.points)
-    void += out_of_reach(frictions, stops, supports)
+    ends = owned([*frictions, *stops])[0]
+    rubbing = sum(len(friction.nodes) for friction in frictions)
+    obstacles = gathered(stops, ends[rubbing:], supports)
+    void += out_of_reach(terms, stops, supports)
     felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
     each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     springs = _sum(each) if each else None
     kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
     sprung = np.zeros(0, dtype=np.int64) if springs is None else _sprung(springs, mesh.points.shape[1])
-    warn_of_loose_normals(frictions, supports, np.union1d(obstacles.nodes, sprung), mesh.points)
+    warn_of_loose_normals(frictions, supports, np.union1d(obstacles.nodes, sprung))
     if kernel is not None:
         _say_unsupported(kernel)
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if springs is None else _as_it_is
+    law, sliding = friction_law(terms, obstacles, ends[:rubbing], supports), acting_rows(terms)
     system = System(
         _restrict(A, supports),
         _load(loads, A, supports),
-        _norms(terms, obstacles, supports, mesh.points),
-        None if supports.still else _motion(A, supports, terms.rows, obstacles.rows, seen),
+        norm_terms(terms, law, supports),
+        None if supports.still else _motion(A, supports, sliding, obstacles.rows, seen),
         _order(A, supports, mesh.points),
         supports.P.T @ rigid_modes(mesh.points),
         kernel,
-        _limits(obstacles, supports, mesh.points),
+        limits(obstacles, supports),
         _damping(viscosity, supports, seen),
+        dragged_terms(terms, law, supports),
     )
-    surfaces = _chain(p.surfaces for p in parts)
+    surface = contact_surface(_chain(p.surfaces for p in parts), terms, supports, times)
     return Posed(
-        *(scene, space, system, supports, A, loads, terms, surfaces, material, prestress, obstacles, springs),
+        *(scene, space, system, supports, A, loads, terms, surface, material, prestress, obstacles, springs),
         *(tuple(void), _chain(p.given for p in parts), viscosity),
     )
 
@@ -223,44 +226,6 @@ def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats
         return None
     nothing = sp.csr_matrix((0, A.shape[0]))
     return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing, seen))
-
-
-def _limits(obstacles: Obstacles, supports: Supports, points: Floats) -> Limits | None:
-    nodes = obstacles.nodes
-    if len(nodes) == 0:
-        return None
-
-    def place(j: int) -> str:
-        return f"node {nodes[j]} at {tuple(float(x) for x in np.round(points[nodes[j]], 12))}"
-
-    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.softness, place)
-
-
-def _norms(terms: Terms, obstacles: Obstacles, supports: Supports, points: Floats) -> Norms | None:
-    nodes = terms.nodes
-    if len(nodes) == 0:
-        return None
-
-    def place(i: int) -> str:
-        return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
-
-    block = terms.rows.shape[0] // len(nodes)
-    law = _law(terms, obstacles, supports)
-    return Norms(on_free(terms.rows, supports), terms.weights, block, place, law, terms.bias)
-
-
-def _law(terms: Terms, obstacles: Obstacles, supports: Supports) -> Callable[[float, Floats], Floats] | None:
-    """Weights under the forces of the limits, if some depend on them."""
-    pressed = terms.pressed
-    if pressed is None:
-        return None
-    nothing = sp.csr_matrix((0, len(obstacles.nodes)))
-    press = [nothing if f.law is None else pressing(obstacles, f, supports) for f in terms.frictions]
-
-    def law(t: float, p: Floats) -> Floats:
-        return pressed(t, [M @ p for M in press])
-
-    return law
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

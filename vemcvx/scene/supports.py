@@ -44,6 +44,22 @@ class Supports:
         """Whether every held value is zero at all times."""
         return all(slot.still for slot in self.rows)
 
+    def directions(self, nodes: Ints) -> tuple[Floats, NDArray[np.bool_]]:
+        """What holds each of k different nodes: directions (k, dim, dim), zeros last, and which are contact's."""
+        dim = self.points.shape[1]
+        place = np.full(len(self.points), -1)
+        place[nodes] = np.arange(len(nodes))
+        held, contact = np.zeros((len(nodes), dim, dim)), np.zeros((len(nodes), dim), dtype=bool)
+        filled = np.zeros(len(nodes), dtype=np.int64)
+        for slot in self.rows:
+            at = place[slot.support.nodes[slot.chosen]]
+            new = (at >= 0) & (slot.length > 0)
+            at = at[new]
+            held[at, filled[at]] = slot.support.directions[slot.chosen[new]]
+            contact[at, filled[at]] = slot.support.contact
+            filled[at] += 1
+        return held, contact
+
     def gather(self, f: Floats) -> Floats:
         """P'f, forces on the free unknowns."""
         return self.P.T @ f if self.columns is None else f[self.columns]

@@ -1,8 +1,9 @@
-"""The norm terms of friction, and the surface of contact, over all nodal values.
+"""The norm terms of friction, over all nodal values.
 
 A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
-weights add up, and a term that no free unknown can move is dropped. Over u its matrix is B^ (orthonormal
-tangents); over the free unknowns it is B = B^ P.
+weights add up and whose length is that of all their edges. Over u the matrix of the terms is B^ (orthonormal
+tangents); over the free unknowns it is B = B^ P. Terms that no free unknown can move come last: they rub where
+supports drag their nodes along, and are shown where contact presses them; held otherwise, they are dropped.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.effects import ContactSurface, Friction
+from vemcvx.effects import Friction
 from vemcvx.errors import SceneWarning
+from vemcvx.scene.edges import lengths_of, owned, united
+from vemcvx.scene.freedom import freedom, normal_rows, on_free, tangential_rows
 from vemcvx.scene.supports import PARALLEL, Supports
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -31,30 +35,38 @@ class Terms:
     """(m * (dim - 1), n_u) B^, orthonormal tangents"""
     nodes: Ints
     lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with friction"""
+    """(m,) integrals of the nodal basis functions over the edges with friction: of all parts that meet in a term"""
     weights: Callable[[float], Floats]
     pressed: Callable[[float, Sequence[Floats]], Floats] | None = None
     """(t, normal forces of every friction's rows) -> (m,), the weights where some depend on the pressure"""
     frictions: Sequence[Friction] = ()
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), along the tangent of each row; None if there is none"""
+    acting: int = 0
+    """how many of the m, the first, some free unknown moves"""
+    dragged: Bools | None = None
+    """(m,) which of the others supports move"""
+    ends: sp.csr_matrix | None = None
+    """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.edges`"""
+    names: Ints | None = None
+    """(e, 2) of each end its node, and the other node of its edge"""
 
 
-def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Floats) -> Terms:
-    """The terms of all frictions where something can slip; equal node and normal make one term."""
-    dim = points.shape[1]
+def friction_terms(frictions: Sequence[Friction], supports: Supports, times: Sequence[float] = ()) -> Terms:
+    """The terms of all frictions where something can slip or is dragged; equal node and normal make one term."""
+    points = supports.points
     if not frictions:
         none = np.zeros(0)
         return Terms(sp.csr_matrix((0, points.size)), none.astype(np.int64), none, lambda t: none)
     nodes = np.concatenate([f.nodes for f in frictions])
     normals = np.concatenate([f.normals for f in frictions])
-    first, term = _merge(nodes, normals)
-    rows = tangential_rows(nodes[first], normals[first], points)
-    slides = np.diff(on_free(rows, supports).indptr).reshape(len(first), dim - 1).any(axis=1)
-    gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))
-    gather = gather[np.flatnonzero(slides)]
-    lengths = np.zeros(len(first))
-    np.maximum.at(lengths, term, np.concatenate([f.lengths for f in frictions]))
+    first, term = merged(nodes, normals)
+    held = freedom(nodes[first], normals[first], supports, times)
+    acting = np.flatnonzero(held.slides)
+    kept = np.concatenate([acting, np.flatnonzero(held.beside | held.dragged)])
+    gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))[kept]
+    ends, names = owned(frictions)
+    ends = united(ends, term)[kept]
 
     def weights(t: float) -> Floats:
         return gather @ np.concatenate([f.weights(t) for f in frictions])
@@ -72,55 +84,30 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, points: Fl
         each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in frictions]
         return gather @ (np.sign(along) * np.concatenate(each))
 
-    kept = np.flatnonzero(np.repeat(slides, dim - 1))
+    rows = tangential_rows(nodes[first][kept], normals[first][kept], points)
     depends = pressed if any(f.law is not None for f in frictions) else None
     tilts = bias if any(f.bias is not None for f in frictions) else None
-    return Terms(sp.csr_matrix(rows[kept]), nodes[first][slides], lengths[slides], weights, depends, frictions, tilts)
+    edges = len(acting), held.dragged[kept], ends, names
+    return Terms(rows, nodes[first][kept], lengths_of(ends), weights, depends, frictions, tilts, *edges)
 
 
-def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints, points: Floats) -> None:
+def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
-    dim = points.shape[1]
     for friction in frictions:
         if friction.law is not None:
             continue
-        k = len(friction.nodes)
-        columns = (friction.nodes[:, None] * dim + np.arange(dim)).ravel()
-        normal = sp.csr_matrix(
-            (friction.normals.ravel(), columns, np.arange(0, k * dim + 1, dim)), shape=(k, points.size)
-        )
-        free = abs(sp.csr_matrix(normal @ supports.P)).max(axis=1).toarray().ravel() > PARALLEL
-        free &= ~np.isin(friction.nodes, stopped)
+        normal = on_free(normal_rows(friction.nodes, friction.normals, supports.points), supports)
+        free = (np.diff(normal.indptr) > 0) & ~np.isin(friction.nodes, stopped)
         if free.any():
             warnings.warn(
-                f"{friction.subject}: at {free.sum()} of {k} places nothing holds the body in the normal direction; "
-                "add BilateralContact on the same boundary, unless it is meant to slide on air.",
+                f"{friction.subject}: at {free.sum()} of {len(free)} places nothing holds the body in the normal "
+                "direction; add BilateralContact on the same boundary, unless it is meant to slide on air.",
                 SceneWarning,
                 stacklevel=2,
             )
 
 
-def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
-    """B = B^ P without the rounding of t . n = 0 and t . t = 1."""
-    B = sp.csr_matrix(rows @ supports.P)
-    B.data[np.abs(B.data) < PARALLEL] = 0.0
-    unit = np.abs(np.abs(B.data) - 1.0) < PARALLEL
-    B.data[unit] = np.sign(B.data[unit])
-    B.eliminate_zeros()
-    return B
-
-
-def tangential_rows(nodes: Ints, normals: Floats, points: Floats) -> sp.csr_matrix:
-    """(m * (dim - 1), n_u) orthonormal tangents of each row."""
-    m, dim = normals.shape
-    # The right singular vectors beyond the first span the plane across the normal.
-    tangents = _across(normals)
-    columns = np.repeat(nodes[:, None] * dim + np.arange(dim), dim - 1, axis=0)
-    indptr = np.arange(0, m * (dim - 1) * dim + 1, dim)
-    return sp.csr_matrix((tangents.reshape(-1), columns.ravel(), indptr), shape=(m * (dim - 1), points.size))
-
-
-def _merge(nodes: Ints, normals: Floats) -> tuple[Ints, Ints]:
+def merged(nodes: Ints, normals: Floats, signed: bool = False) -> tuple[Ints, Ints]:
     """Rows of one node with one normal (up to sign) are one term: its first row, and the term of every row."""
     term = np.full(len(nodes), -1)
     first: list[Ints] = []
@@ -133,37 +120,7 @@ def _merge(nodes: Ints, normals: Floats) -> tuple[Ints, Ints]:
         reference = normals[lead[mine]]
         along = np.einsum("ij,ij->i", normals[left], reference)
         apart = np.linalg.norm(normals[left] - along[:, None] * reference, axis=1)
-        same = apart < PARALLEL
+        same = (apart < PARALLEL) & ((along > 0) | (not signed))
         term[left[same]] = mine[same] + sum(map(len, first))
         first.append(lead)
     return np.concatenate(first), term
-
-
-def _across(normals: Floats) -> Floats:
-    """(m, dim - 1, dim) orthonormal vectors across each normal; exact where the normal is an axis."""
-    dim = normals.shape[1]
-    if dim == 2:
-        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    return np.linalg.svd(normals[:, None, :])[2][:, 1:, :]
-
-
-def contact_surface(
-    surfaces: Sequence[ContactSurface], supports: Supports, points: Floats
-) -> tuple[Ints, Floats, Floats]:
-    """Contact nodes that are not held otherwise (m,), their outward normals (m, dim) and int phi_i (m,)."""
-    dim = points.shape[1]
-    if not surfaces:
-        return np.zeros(0, dtype=np.int64), np.zeros((0, dim)), np.zeros(0)
-    nodes = np.concatenate([s.nodes for s in surfaces])
-    normals = np.concatenate([s.normals for s in surfaces])
-    first, term = _merge(nodes, normals)
-    # Effects on one boundary bring the same edges: their lengths are one length, not a sum.
-    lengths = np.zeros(len(first))
-    np.maximum.at(lengths, term, np.concatenate([s.lengths for s in surfaces]))
-    rows = tangential_rows(nodes[first], normals[first], points)
-    slides = np.diff(on_free(rows, supports).indptr).reshape(len(first), dim - 1).any(axis=1)
-    free, place = np.unique(nodes[first][slides], return_inverse=True)
-    normal, length = np.zeros((len(free), dim)), np.zeros(len(free))
-    np.add.at(normal, place, (lengths[:, None] * normals[first])[slides])
-    np.add.at(length, place, lengths[slides])
-    return free, normal / np.linalg.norm(normal, axis=1)[:, None], length

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from vemcvx.effects import Contribution, Effect, Friction, Obstacle
 from vemcvx.errors import VemcvxError
-from vemcvx.scene.obstacles import normal_rows
+from vemcvx.scene.freedom import normal_rows, on_free
 from vemcvx.scene.supports import Supports
-from vemcvx.scene.terms import on_free, tangential_rows
+from vemcvx.scene.terms import Terms
 
 Floats = NDArray[np.float64]
 Said = list[str]
@@ -59,14 +59,14 @@ def without_void(effect: Effect, part: Contribution, times: Sequence[float], sai
     )
 
 
-def out_of_reach(frictions: Sequence[Friction], obstacles: Sequence[Obstacle], supports: Supports) -> Said:
-    """A sentence for each friction and obstacle none of whose nodes can move: it brings no term."""
-    parts = [(friction, tangential_rows) for friction in frictions] + [(o, normal_rows) for o in obstacles]
-    return [
-        f"{part.subject}: all its nodes are held otherwise"
-        for part, rows in parts
-        if on_free(rows(part.nodes, part.normals, supports.points), supports).nnz == 0
-    ]
+def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> Said:
+    """A sentence for each friction and obstacle none of whose nodes can move, or is moved: it does nothing."""
+    moving = np.arange(len(terms.nodes)) < terms.acting
+    if terms.dragged is not None:
+        moving = moving | terms.dragged
+    held = [friction for friction in terms.frictions if not np.isin(friction.nodes, terms.nodes[moving]).any()]
+    held += [o for o in obstacles if on_free(normal_rows(o.nodes, o.normals, supports.points), supports).nnz == 0]
+    return [f"{part.subject}: all its nodes are held otherwise" for part in held]
 
 
 def _bound(friction: Friction) -> Callable[[float], Floats]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,6 +19,7 @@ from vemcvx.program.system import System
 from vemcvx.real import brief, real
 from vemcvx.solvers import Solver
 from vemcvx.stepping.backward_euler import completed, step
+from vemcvx.stepping.dragged import at_rest, drag
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import Recorder, stored_steps
 from vemcvx.stepping.state import prepare
@@ -83,7 +85,8 @@ def march(
     recorder = Recorder(run, instants, kept, storage or Memory(), initial)
     earlier = recorder.begin()
     if earlier is None:
-        earlier = 0, initial_state(run, instants[0], initial)
+        first = initial_state(run, instants[0], initial)
+        earlier = 0, replace(first, dragged=at_rest(system, first.t, first.p))
         recorder.add(*earlier)
     begin, state = earlier
     advance = partial(step, run)
@@ -91,7 +94,7 @@ def march(
         state = completed(run, state)
         advance = ViscousSteps(run, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
     for n in range(begin + 1, steps + 1):
-        state = advance(state, n, instants[n])
+        state = drag(system, state, advance(state, n, instants[n]))
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)

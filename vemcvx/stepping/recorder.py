@@ -80,14 +80,16 @@ class Recorder:
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
-        form, rows = self._run.form, len(self._kept)
+        form, rows, dragged = self._run.form, len(self._kept), self._run.system.dragged
+        terms = form.count + (0 if dragged is None else dragged.count)
+        block = form.block if dragged is None else dragged.block
         return {
             "state": ((rows, self._run.system.n), float),
-            "multipliers": ((rows, form.count, form.block), float),
+            "multipliers": ((rows, terms, block), float),
             "pressures": ((rows, len(form.softness)), float),
-            "weights": ((rows, form.count), float),
-            "sticking": ((rows, form.count), bool),
-            "worn": ((rows, form.count), float),
+            "weights": ((rows, terms), float),
+            "sticking": ((rows, terms), bool),
+            "worn": ((rows, terms), float),
             "scalars": ((len(self._times), len(SCALARS)), float),
             **({"velocity": ((rows, self._run.system.n), float)} if self._run.system.damping is not None else {}),
             "data": ((len(self._times) if self._storage.lasting else 0,), np.int64),
@@ -144,6 +146,8 @@ class Recorder:
                 self._run.insist(state, n)
         c, ledger = state.certificate, state.ledger
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
+        dragged = state.dragged
+        sticks = np.concatenate([sticks, dragged.still])
         scalars = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
             *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag),
@@ -153,11 +157,12 @@ class Recorder:
         if stored:
             row = self._row[n]
             self._enter(row, "state", state.full)
-            self._enter(row, "multipliers", state.lam + state.drive.bias.reshape(state.lam.shape))
+            lam = state.lam + state.drive.bias.reshape(state.lam.shape)
+            self._enter(row, "multipliers", np.concatenate([lam, dragged.lam]))
             self._enter(row, "pressures", state.p)
-            self._enter(row, "weights", state.weights)
+            self._enter(row, "weights", np.concatenate([state.weights, dragged.weights]))
             self._enter(row, "sticking", sticks)
-            self._enter(row, "worn", ledger.worn)
+            self._enter(row, "worn", np.concatenate([ledger.worn, dragged.worn]))
             if "velocity" in self._rows:
                 self._enter(row, "velocity", 0.0 if state.velocity is None else state.velocity)
         if self._storage.lasting:

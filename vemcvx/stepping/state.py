@@ -53,6 +53,20 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Dragged:
+    """What supports drag along against friction, after a step: see :mod:`vemcvx.stepping.dragged`."""
+
+    weights: Floats
+    """(q,)"""
+    lam: Floats
+    """(q, block) multipliers, the bias included"""
+    still: NDArray[np.bool_]
+    """(q,) which did not slip"""
+    worn: Floats
+    """(q,) cumulative loss"""
+
+
+@dataclass(frozen=True)
 class State:
     """Everything known at an instant; touched unknowns only."""
 
@@ -88,6 +102,10 @@ class State:
     """(n,) all unknowns, once somebody has asked for them"""
     size: float = 0.0
     """largest energy norm that the data could cause, looked at while the states are nothing beside it"""
+    dragged: Dragged | None = None
+    """always known between steps"""
+    velocity: Floats | None = None
+    """(n,) their increments over the length of the step, where rates cost"""
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.acceptance`."""
@@ -96,9 +114,6 @@ class State:
     def accepted(self, accuracy: float) -> bool:
         """Whether the certified error is within the accuracy."""
         return self.certificate.error <= accuracy * self.unit(accuracy)
-
-    velocity: Floats | None = None
-    """(n,) their increments over the length of the step, where rates cost"""
 
 
 def prepare(

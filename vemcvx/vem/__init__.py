@@ -1,7 +1,7 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
 from vemcvx.vem.anisotropic import anisotropic_stiffness, mean_shear, softest_shear
-from vemcvx.vem.boundary import BoundaryPart, BoundaryRows
+from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds
 from vemcvx.vem.hooke import elastic_matrix, stresses, upper_triangle
 from vemcvx.vem.invariants import equivalent, principal
 from vemcvx.vem.loads import cell_load, edge_load, stress_load
@@ -14,6 +14,7 @@ __all__ = [
     "BoundaryPart",
     "BoundaryRows",
     "CellGroup",
+    "EdgeEnds",
     "Space",
     "anisotropic_stiffness",
     "cell_load",

@@ -26,6 +26,24 @@ GAUSS = 4
 
 
 @dataclass(frozen=True, eq=False)
+class EdgeEnds:
+    """The ends of edges that rows own, each named by the row and the other node of its edge.
+
+    Attributes
+    ----------
+    row : (q,) int
+    beyond : (q,) int
+        Node number of the edge's other end.
+    lengths : (q,) float
+        Half the length of the edge: int phi_i ds over it.
+    """
+
+    row: Ints
+    beyond: Ints
+    lengths: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class BoundaryRows:
     """One row a node and distinct normal of a part of the boundary, ordered by node.
 
@@ -40,6 +58,8 @@ class BoundaryRows:
         Gauss points of all edges, four an edge.
     matrix : (k, q) csr_matrix
         ``matrix @ g(points)`` is int g phi_i ds over the edges of each row, exact for g of degree 6 on edges.
+    ends : EdgeEnds
+        What each row stands for.
     """
 
     nodes: Ints
@@ -47,6 +67,7 @@ class BoundaryRows:
     lengths: Floats
     points: Floats
     matrix: sp.csr_matrix
+    ends: EdgeEnds
 
     @property
     def tangents(self) -> Floats:
@@ -135,7 +156,8 @@ class BoundaryPart:
         )
         lengths = np.bincount(row, weights=half, minlength=k)
         arrays = (nodes, normals, lengths, points.reshape(-1, 2))
-        return BoundaryRows(*map(read_only, arrays), matrix)
+        ends = EdgeEnds(*map(read_only, (row, self.edges[edge, 1 - side], half)))
+        return BoundaryRows(*map(read_only, arrays), matrix, ends)
 
     def _grouped(self) -> tuple[Ints, Ints]:
         """Ends of edges (2 * edge + side) ordered by node, and the row of each: ends with one normal share one."""

@@ -1,0 +1,52 @@
+"""Friction on what supports drag along: its slip is given, so it enters no program, and yet rubs.
+
+With c(t) where supports have the norm terms that no unknown moves, and s = c(t_n) - c(t_{n-1}) their slip,
+
+    multiplier = w s / |s| + bias,    loss = w |s| + bias . s,
+
+which is work of the supports, too: their reactions pull against minus the multiplier. Where s = 0, any multiplier up to
+the bound would do, and 0 is taken. Weights under pressure are those of the forces p that end the step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.program.system import System
+from vemcvx.stepping.state import Dragged, State
+
+Floats = NDArray[np.float64]
+
+STILL = 16 * float(np.finfo(float).eps)
+"""Slips below this part of the positions that they are differences of are zero but for rounding."""
+
+
+def at_rest(system: System, t: float, p: Floats) -> Dragged:
+    """Nothing has been dragged yet."""
+    terms = system.dragged
+    q = 0 if terms is None else terms.count
+    weights = np.zeros(0) if terms is None else terms.weights(t, p)
+    return Dragged(weights, np.zeros((q, 1 if terms is None else terms.block)), np.ones(q, dtype=bool), np.zeros(q))
+
+
+def drag(system: System, before: State, state: State) -> State:
+    """The state with what rubbed where supports dragged it since `before`: as loss, and as work of the supports."""
+    terms = system.dragged
+    if terms is None:
+        return replace(state, dragged=before.dragged)
+    last, now = terms.position(before.t), terms.position(state.t)
+    slip = (now - last).reshape(terms.count, terms.block)
+    size = np.linalg.norm(slip, axis=1)
+    reach = np.maximum(np.abs(last), np.abs(now)).reshape(slip.shape).max(axis=1)
+    still = size <= STILL * reach
+    weights, along = terms.weights(state.t, state.p), np.where(still, 0.0, 1.0)[:, None] * slip
+    lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]
+    if terms.bias is not None:
+        lam = lam + np.where(still, 0.0, 1.0)[:, None] * terms.bias(state.t).reshape(slip.shape)
+    lost = np.einsum("qb,qb->q", lam, along)
+    ledger, total = state.ledger, float(lost.sum())
+    ledger = replace(ledger, dissipated=ledger.dissipated + total, work=ledger.work + total)
+    return replace(state, ledger=ledger, dragged=Dragged(weights, lam, still, before.dragged.worn + lost))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from vemcvx.cost.row import REFUSED, table
 from vemcvx.cost.sweep import JOURNAL, Told
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
+from vemcvx.owned import Owned
 from vemcvx.stepping.march import checked_times
 
 USUAL = ("squares", "triangles", "voronoi")
@@ -57,8 +59,8 @@ class FromFile:
         """Of what the file says; those that it imports are not looked at."""
         from vemcvx import __version__
 
-        words = [__version__, Path(self.path).read_text(encoding="utf-8"), *self.settings]
-        return hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
+        words = [__version__.encode(), Path(self.path).read_bytes(), *map(os.fsencode, self.settings)]
+        return hashlib.sha256(b"\0".join(words)).hexdigest()[:16]
 
     def __call__(self, point: Point) -> Ingredients:
         """Read the file, and make what `simulate` takes."""
@@ -85,12 +87,20 @@ def cost_of_accuracy(problem: Problem, wanted: Wanted) -> str:
     folder = wanted.out or Path("results") / f"cost_{problem.name}"
     # What is wrong with the problem itself is an error here, and not in every point.
     recipe(grid.coarsest)
+    _refuse_early(folder)
     with progress_bar() as told:
         options = {"workers": wanted.workers, "scheduler": wanted.scheduler, "fresh": wanted.fresh}
         found = sweep(recipe, grid, folder, **options, told=told)
     lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
     lines += advice(found.rows, grid.targets)
     return "\n".join([*lines, "", _written(found, grid, folder, problem)])
+
+
+def _refuse_early(folder: Path) -> None:
+    """What could not be written is not worth sweeping for."""
+    with Owned(folder) as own:
+        for name in (TABLE, PICTURE, JOURNAL):
+            own.take(name)
 
 
 def _grid(problem: Problem, wanted: Wanted) -> Grid:
@@ -183,18 +193,19 @@ def _clause(row: Row) -> str:
 def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
     from vemcvx.cost.picture import picture
 
-    try:
-        (folder / TABLE).write_text(table(found.rows), encoding="utf-8")
-    except OSError as error:
-        raise HistoryError(f"{folder / TABLE}: cannot be written: {error}.") from error
     files = f"files       {folder}: {TABLE}, {JOURNAL}"
-    if not any(row.done for row in found.rows):
-        return f"{files}\npicture     none: no run has an answer"
-    try:
-        drawn = picture(found.rows, grid.targets, found.reference.estimated, f"{problem.name}: what accuracy costs")
-    except VemcvxError as error:
-        return f"{files}\npicture     none: {error}"
-    drawn.savefig(folder / PICTURE, dpi=DPI)
+    with Owned(folder) as own:
+        places = own.take(TABLE), own.take(PICTURE)
+        try:
+            places[0].write_text(table(found.rows), encoding="utf-8")
+            if not any(row.done for row in found.rows):
+                return f"{files}\npicture     none: no run has an answer"
+            title = f"{problem.name}: what accuracy costs"
+            picture(found.rows, grid.targets, found.reference.estimated, title).savefig(places[1], dpi=DPI)
+        except OSError as error:
+            raise HistoryError(f"{folder}: cannot write the table and the picture there: {error}.") from error
+        except VemcvxError as error:
+            return f"{files}\npicture     none: {error}"
     return f"{files}, {PICTURE}"
 
 

@@ -1,7 +1,8 @@
 """A function in a process of its own.
 
 What a run holds at its peak is then its own and not what runs before it left behind; BLAS has one thread, so that
-seconds of runs side by side compare; and what runs out of memory or crashes takes nothing else with it.
+seconds of runs side by side compare; and what runs out of memory or crashes takes nothing else with it. The process
+ends when the one that started it does, however that ends: its standard input, which stays open, is closed then.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ import pickle
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from vemcvx.errors import VemcvxError
 
@@ -36,35 +37,58 @@ def alone(function: Callable[..., Any], *given: Any) -> Any:
     ------
     Refused, Crashed
     """
-    with tempfile.TemporaryDirectory(prefix="vemcvx-") as folder:
-        request, reply = Path(folder) / "request", Path(folder) / "reply"
-        request.write_bytes(pickle.dumps((function, given)))
-        path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
-        env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
-        command = [sys.executable, "-c", PROGRAM, str(request), str(reply)]
-        run = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
-        if run.returncode:
-            raise Crashed(_why(run))
-        result, refusal = pickle.loads(reply.read_bytes())
+    request = pickle.dumps((function, given))
+    path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
+    env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
+    # A file without a name: nothing is left of it, whatever happens.
+    with tempfile.TemporaryFile() as said:
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": said}
+        with subprocess.Popen([sys.executable, "-c", PROGRAM], env=env, **pipes) as process:
+            reply = _asked(process, request)
+            code = process.wait()
+        if code or not reply:
+            raise Crashed(_why(code, said))
+    result, refusal = pickle.loads(reply)
     if refusal is not None:
         raise Refused(refusal)
     return result
 
 
-def _why(run: subprocess.CompletedProcess[str]) -> str:
-    if run.returncode < 0:
-        hint = ", as the system does to a process that takes too much memory" if run.returncode == -9 else ""
-        return f"killed by signal {-run.returncode}{hint}"
-    lines = run.stderr.strip().splitlines()
-    return lines[-1] if lines else f"ended with exit code {run.returncode}"
+def _asked(process: subprocess.Popen[bytes], request: bytes) -> bytes:
+    """What the process answers; nothing if it dies before."""
+    try:
+        process.stdin.write(request)  # type: ignore[union-attr]
+        process.stdin.flush()  # type: ignore[union-attr]
+    except OSError:
+        return b""
+    return process.stdout.read()  # type: ignore[union-attr]
+
+
+def _why(code: int, said: IO[bytes]) -> str:
+    if code < 0:
+        hint = ", as the system does to a process that takes too much memory" if code == -9 else ""
+        return f"killed by signal {-code}{hint}"
+    said.seek(0)
+    lines = said.read().decode(errors="replace").strip().splitlines()
+    return lines[-1] if lines else f"ended with exit code {code}"
 
 
 def main() -> None:
     """Do what a request says: the other side of :func:`alone`."""
-    request, reply = map(Path, sys.argv[1:])
-    function, given = pickle.loads(request.read_bytes())
+    # What the function prints must not come between.
+    reply = os.dup(1)
+    os.dup2(2, 1)
+    function, given = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         answer = (function(*given), None)
     except VemcvxError as error:
         answer = (None, str(error))
-    reply.write_bytes(pickle.dumps(answer))
+    with os.fdopen(reply, "wb") as stream:
+        pickle.dump(answer, stream)
+
+
+def _end_with_parent() -> None:
+    # Below Python's own buffer, which a thread that waits would hold at the end of the program.
+    os.read(0, 1)
+    os._exit(1)

@@ -28,9 +28,10 @@ def read_journal(path: Path) -> dict[str, Row]:
 
 def _row(line: bytes) -> Row | None:
     try:
-        return Row(**json.loads(line))
-    except (ValueError, TypeError):
+        row = Row(**json.loads(line))
+    except (ValueError, TypeError, RecursionError):
         return None
+    return row if row.whole else None
 
 
 def append(path: Path, row: Row) -> None:

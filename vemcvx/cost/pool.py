@@ -1,4 +1,6 @@
-"""Who does the work: processes here, or the workers of a dask.distributed cluster, through joblib.
+"""Who does the work: threads here, or the workers of a dask.distributed cluster, through joblib.
+
+Each of them waits for a process of its own (:mod:`vemcvx.cost.alone`), so that threads are enough.
 
 Workers of a cluster must see the folder of the sweep and the problem file under the same paths, and have the same
 packages.
@@ -6,7 +8,6 @@ packages.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ class Pool:
 
 @contextmanager
 def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
-    """Processes here, or the workers of a cluster.
+    """Threads here, or the workers of a cluster.
 
     Raises
     ------
@@ -44,9 +45,7 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
     from joblib import parallel_config
 
     if scheduler is None:
-        with parallel_config(backend="loky"), warnings.catch_warnings():
-            # A process that has grown by 300 MB is replaced by a new one; with a large reference at hand some do.
-            warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)
+        with parallel_config(backend="threading"):
             yield Pool(workers)
         return
     try:

@@ -14,6 +14,7 @@ import hashlib
 import json
 import logging
 import os
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 from vemcvx.adaptivity import adapt
 from vemcvx.budget import error_budget
 from vemcvx.cost.point import Ingredients, Point, Recipe
+from vemcvx.cost.row import of_its_kinds
 from vemcvx.cost.run_point import Ran
 from vemcvx.errors import HistoryError, MeshError, SceneError
 from vemcvx.files.archive import read_archive, write_archive
@@ -42,7 +44,11 @@ MOST_UNKNOWNS = 700_000
 THETA = 0.7
 """Fewer passes than adapt makes by default: the last one costs most."""
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
+FILES = (ARCHIVE, ABOUT, f"new-{ARCHIVE}", f"new-{ABOUT}")
+"""What is written of a reference."""
 SAME_AREA = 1e-9
+MEASURING = threading.Lock()
+"""Overlaps of meshes are kept and shared, and the log is quiet meanwhile: one error is measured at a time."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,8 @@ class Reference:
     cells, unknowns, made : int
         Size, and steps made.
     seconds : float
+    digest : str
+        Of the file with the fields, which tells whether it is whole.
     """
 
     problem: str
@@ -81,6 +89,7 @@ class Reference:
     unknowns: int
     made: int
     seconds: float
+    digest: str = ""
 
     def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
         """Whether it is fine enough for this sweep of this problem."""
@@ -92,16 +101,22 @@ class Reference:
     @property
     def mark(self) -> str:
         """What errors measured against it depend on."""
-        return json.dumps(asdict(self))
+        return json.dumps(asdict(replace(self, seconds=0.0, digest="")))
 
 
 def read_reference(folder: Path) -> Reference | None:
     """What a folder holds of an earlier reference, if it is whole."""
     try:
-        told = json.loads((folder / ABOUT).read_text())
-        return Reference(**{**told, "instants": tuple(told["instants"])}) if (folder / ARCHIVE).is_file() else None
-    except (OSError, ValueError, TypeError, KeyError):
+        told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+        found = Reference(**{**told, "instants": tuple(told["instants"])})
+        return found if of_its_kinds(found) and found.digest == _digest(folder / ARCHIVE) else None
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
 
 
 def build_reference(
@@ -133,8 +148,7 @@ def build_reference(
         history.steps,
         time.perf_counter() - start,
     )
-    _write(folder, history, reference)
-    return reference
+    return _write(folder, history, reference)
 
 
 def _uniform(fine: Ingredients, instants: Floats) -> tuple[History, float | None]:
@@ -146,20 +160,21 @@ def _uniform(fine: Ingredients, instants: Floats) -> tuple[History, float | None
     return history, None
 
 
-def _write(folder: Path, history: History, reference: Reference) -> None:
+def _write(folder: Path, history: History, reference: Reference) -> Reference:
     """The fields, then what is said of them: a process that dies between leaves no reference."""
     (folder / ABOUT).unlink(missing_ok=True)
     new = folder / f"new-{ARCHIVE}"
     write_archive(history, new)
     os.replace(new, folder / ARCHIVE)
-    new = folder / f"new-{ABOUT}"
-    new.write_text(json.dumps(asdict(reference), indent=2) + "\n")
+    reference, new = replace(reference, digest=_digest(folder / ARCHIVE)), folder / f"new-{ABOUT}"
+    new.write_text(json.dumps(asdict(reference), indent=2) + "\n", encoding="utf-8")
     os.replace(new, folder / ABOUT)
+    return reference
 
 
 @lru_cache(maxsize=1)
 def _fields(path: Path, stamp: int) -> tuple[Field, ...]:
-    """The fields at all instants; read once a worker (`stamp` tells a file from the one before it)."""
+    """The fields at all instants; read once a process (`stamp` tells a file from the one before it)."""
     history = read_archive(path)
     times = history.times.tolist()
     return tuple(Field(history.mesh, u, history.moduli, t) for u, t in zip(history.displacement, times, strict=True))
@@ -189,6 +204,11 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
     VemcvxError
         The reference is gone, or was damaged, or does not deform.
     """
+    with MEASURING:
+        return _errors(ran, folder, reference)
+
+
+def _errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
     path = folder / ARCHIVE
     fields = _fields(path, path.stat().st_mtime_ns)
     parts = (ran.mesh.points, ran.mesh.offsets, ran.mesh.vertices)

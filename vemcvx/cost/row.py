@@ -30,8 +30,10 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from typing import Any, get_args, get_origin, get_type_hints
 
 from vemcvx.cost.front import front
 
@@ -74,6 +76,12 @@ class Row:
         return self.status == DONE
 
     @property
+    def whole(self) -> bool:
+        """Whether it says what a row must, in values of their kinds."""
+        needed = self.done and None in (self.error, self.seconds, self.unknowns, self.steps)
+        return of_its_kinds(self) and self.status in (DONE, REFUSED, CRASHED) and not needed
+
+    @property
     def settings(self) -> str:
         """The settings in words."""
         where = "its own mesh" if self.family is None else self.family
@@ -81,6 +89,21 @@ class Row:
         if self.target is not None:
             return f"{where} refined adaptively from n = {self.n}, target {percent(self.target)}, {how}"
         return f"{where} n = {self.n}, {self.steps} steps, {how}"
+
+
+def of_its_kinds(record: Any) -> bool:
+    """Whether every field of a record that was read has a value of its kind, and every number is finite."""
+    hints = get_type_hints(type(record))
+    return all(_of_kind(getattr(record, field.name), hints[field.name]) for field in fields(record))
+
+
+def _of_kind(value: object, kind: Any) -> bool:
+    if isinstance(value, tuple):
+        return get_origin(kind) is tuple and all(_of_kind(part, get_args(kind)[0]) for part in value)
+    kinds = get_args(kind) or (kind,)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return math.isfinite(value) and (float in kinds or (int in kinds and isinstance(value, int)))
+    return type(value) in kinds
 
 
 def percent(share: float) -> str:

@@ -17,12 +17,12 @@ from vemcvx.cost.grid import Grid, common_instants
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.point import Point, Recipe
 from vemcvx.cost.pool import Pool, pool
-from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference
+from vemcvx.cost.reference import FILES, PART, Reference, build_reference, errors, read_reference
 from vemcvx.cost.remaining import seconds_left
 from vemcvx.cost.row import CRASHED, DONE, REFUSED, Row
 from vemcvx.cost.run_point import PARTS, run_point
-from vemcvx.errors import ProblemError, VemcvxError
-from vemcvx.files import writable_folder
+from vemcvx.errors import HistoryError, ProblemError, VemcvxError
+from vemcvx.owned import Owned, path_of
 
 Floats = NDArray[np.float64]
 
@@ -83,14 +83,15 @@ def sweep(
     ProblemError
         There is no such scheduler, or no reference.
     HistoryError
-        The folder cannot be written to.
+        The folder cannot be written to, another sweep is on there, or it holds files of others by the names of ours.
     """
-    folder = writable_folder(folder).resolve()
-    journal = folder / JOURNAL
-    if fresh:
-        journal.unlink(missing_ok=True)
     told = told or (lambda *_: None)
-    with pool(workers, scheduler) as run:
+    with Owned(path_of(folder, "cost").resolve()) as files, pool(workers, scheduler) as run:
+        folder, journal = files.path, files.take(JOURNAL)
+        for name in FILES:
+            files.take(name)
+        if fresh:
+            journal.unlink(missing_ok=True)
         instants = common_instants([recipe(point).times for point in _one_of_each(grid)])
         reference = _reference(recipe, grid, instants, folder, fresh, run, told)
         mark = f"{recipe.mark} {reference.mark}"
@@ -147,10 +148,11 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
     try:
         ran = alone(run_point, recipe, point, np.array(reference.instants))
         error, error_end, apart = errors(ran, folder, reference)
+    except (Crashed, MemoryError, OSError, HistoryError) as crash:
+        # A reference that cannot be read is no fault of the point.
+        return row(CRASHED, message=str(crash) or type(crash).__name__)
     except (Refused, VemcvxError) as refusal:
         return row(REFUSED, message=str(refusal))
-    except (Crashed, MemoryError, OSError) as crash:
-        return row(CRASHED, message=str(crash) or type(crash).__name__)
     said = [ran.message] if ran.message else []
     if apart > 0:
         said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
+from vemcvx.stepping.viscous import shared_lengths
 
 YOUNG, POISSON, H, LENGTH = 10.0, 0.25, 0.5, 2.0
 MU = YOUNG / (2 * (1 + POISSON))
@@ -238,3 +241,76 @@ def test_everything_balances_while_supports_move_and_friction_rubs(family):
         # Where nothing holds a node, nothing is exerted on it.
         free = np.setdiff1d(np.arange(mesh.n_nodes), np.union1d(mesh.boundaries["top"], mesh.boundaries["bottom"]))
         assert np.abs(forces[:, free]).max(initial=0.0) < 1e-10 * np.abs(forces).max()
+
+
+def test_lengths_of_steps_are_shared_when_rounding_explains_that_they_differ():
+    def count(instants):
+        lengths = shared_lengths(instants)
+        assert np.abs(lengths / np.diff(instants) - 1).max() <= 1e-11
+        return len(np.unique(lengths))
+
+    for steps in (41, 1000, 20_000):
+        assert count(np.linspace(0, 1, steps)) == 1
+    assert count(5 + np.linspace(0, 1, 1000)) == 1
+    assert count(np.cumsum([0.0, *[0.1, 0.2] * 10])) == 2
+    assert count(np.array([0.0, 1.0, 2.0 + 1e-14, 3.0])) == 3
+    assert count(100 + np.linspace(0, 1e-3, 8)) > 1
+
+
+def exactly(A, f):
+    """A^{-1} f of rational numbers, by elimination."""
+    rows = [[*row, value] for row, value in zip(A, f, strict=True)]
+    n = len(rows)
+    for i in range(n):
+        for j in range(i + 1, n):
+            share = rows[j][i] / rows[i][i]
+            rows[j] = [other - share * own for other, own in zip(rows[j], rows[i], strict=True)]
+    x = [Fraction(0)] * n
+    for i in reversed(range(n)):
+        x[i] = (rows[i][n] - sum(rows[i][j] * x[j] for j in range(i + 1, n))) / rows[i][i]
+    return x
+
+
+def rational(values):
+    return [Fraction(float(value)) for value in values]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize(
+    ("tau", "times"),
+    [
+        (100.0, np.linspace(0, 1, 8)),
+        (1e4, np.linspace(0, 1, 8)),
+        (1.0, np.array([0.0, 1e3, 1e3 + 1e-3, 1e3 + 2e-3])),
+        (1.0, 100 + np.linspace(0, 1e-3, 5)),
+    ],
+)
+def test_certificate_and_floor_hold_against_rational_numbers(tau, times, moving):
+    """(K + C/k) d = f_n - (m_n - m_{n-1}) / k - K y_{n-1} without rounding, from the y_{n-1} that is stored."""
+
+    def top(x, t):
+        return np.tile([0.1 * np.sin(3 * (t - times[0])), -0.05 * (t - times[0])], (len(x), 1))
+
+    def pull(x, t):
+        return np.tile([0.3 + 0.1 * t, -0.2 * t], (len(x), 1))
+
+    support = vx.PrescribedDisplacement(top, on="left") if moving else vx.Clamp("left")
+    scene = vx.Scene(*solid(tau), support, vx.Traction(pull, on="right"))
+    mesh = vx.meshes.voronoi(2)
+    run, system = vx.simulate(scene, mesh, times, check=False).trajectory, pose(scene, mesh, times).system
+    K, C = ([rational(row) for row in (0.5 * (A + A.T)).toarray()] for A in (system.K, system.damping.C))
+    stretch = system.damping.motion.stretch if moving else lambda t: np.zeros(system.n)
+
+    def times_K(y):
+        return [sum(a * b for a, b in zip(row, y, strict=True)) for row in K]
+
+    for n in range(1, len(times)):
+        s, t = map(Fraction, times[n - 1 : n + 1].tolist())
+        before, here = rational(run.state[n - 1]), rational(run.state[n])
+        pulled = zip(*map(rational, (system.force(times[n]), stretch(times[n]), stretch(times[n - 1]))), strict=True)
+        force = [f - (m - old) / (t - s) - own for (f, m, old), own in zip(pulled, times_K(before), strict=True)]
+        sum_of = [[a + b / (t - s) for a, b in zip(*rows, strict=True)] for rows in zip(K, C, strict=True)]
+        d = exactly(sum_of, force)
+        off = [y - b - e for y, b, e in zip(here, before, d, strict=True)]
+        error = np.sqrt(float(sum(a * b for a, b in zip(off, times_K(off), strict=True))))
+        assert error <= np.sqrt(2 * run.gap[n]) + np.sqrt(2 * run.floor[n])

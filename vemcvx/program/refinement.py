@@ -93,9 +93,14 @@ def full_certificate(
         # What rounding leaves on the kernel is no force to answer; its balance is the condensed program's business.
         N = np.linalg.qr(system.kernel.modes)[0]
         r = r - N @ (N.T @ r)
-    blur *= np.sign(np.cos(np.arange(1.0, system.n + 1.0) ** 2))
+    blur *= signs(system.n)
     equilibrium, floor = 0.5 * condensation.energy(r), 0.5 * condensation.energy(blur)
     return Certificate(equilibrium, own.friction, floor, own.limits)
+
+
+def signs(n: int) -> Floats:
+    """(n,) signs without structure, the same at every call."""
+    return np.sign(np.cos(np.arange(1.0, n + 1.0) ** 2))
 
 
 def pulled(system: System, lam: Floats, p: Floats) -> Floats:

@@ -92,7 +92,7 @@ def march(
     advance = partial(step, run)
     if system.damping is not None:
         state = completed(run, state)
-        advance = ViscousSteps(run, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
+        advance = ViscousSteps(run, instants, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
     for n in range(begin + 1, steps + 1):
         state = drag(system, state, advance(state, n, instants[n]))
         recorder.add(n, state)

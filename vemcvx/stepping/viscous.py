@@ -5,7 +5,12 @@ In the increment d, with K_0 of a and K_1 of b, and w the motion of the supports
     (K_0 + K_1 / k) d = load_n - K_0 y_{n-1} - P'A_1 (u_D,n - u_D,n-1) / k - B'lam - D'p:
 
 the program of a step from zero with another K, factorised once a length of step. The ledger gains what dashpots lose,
-b(du, du) / k. The certificate bounds the error in the norm of K_0 + K_1 / k, which is no less than that of K_0.
+b(du, du) / k. The certificate bounds the error in the norm of K = K_0 + K_1 / k, which is no less than that of K_0.
+
+What its rounding floor has beside that of the program: the force is known to eps (|load_n| + |K_0||y_{n-1}| + ...), y_n
+to eps |y_n|; and lengths of steps that differ as the rounding of instants does share a factorisation, that of k'. They
+leave K_1 d (1/k' - 1/k) out of balance, which because of K_1 / k' <= K' is at most |1 - k'/k| |d|_K' in the norm of
+K'^{-1}.
 """
 
 from __future__ import annotations
@@ -17,7 +22,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.program.certificate import Certificate
+from vemcvx.program.certificate import EPS, Certificate
+from vemcvx.program.extended import residual
+from vemcvx.program.refinement import signs
 from vemcvx.program.system import System
 from vemcvx.stepping.backward_euler import completed, solved
 from vemcvx.stepping.ledger import Drive, Ledger, in_range, strain_energy
@@ -27,6 +34,8 @@ Floats = NDArray[np.float64]
 
 KEPT = 4
 """Factorisations kept, the longest unused goes: two lengths of step that take turns need two."""
+ALIKE = 1e-11
+"""Lengths are not made equal that differ by more than this part, so that errors stay far below accuracies."""
 
 
 class ViscousSteps:
@@ -36,27 +45,30 @@ class ViscousSteps:
     ----------
     run : Run
         The system without its damping.
+    instants : (N + 1,) array
     prepare : callable (System) -> Run
         For the system of one length of step.
     """
 
-    def __init__(self, run: Run, prepare: Callable[[System], Run]):
+    def __init__(self, run: Run, instants: Floats, prepare: Callable[[System], Run]):
         self._run, self._prepare = run, prepare
+        self._lengths = shared_lengths(instants)
         self._runs: OrderedDict[float, Run] = OrderedDict()
 
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`, all its unknowns included."""
-        # Equal steps of np.linspace differ in their last digits; twelve are kept.
-        k = float(f"{t - before.t:.12e}")
-        run, y = self._at(k), before.full
+        k, shared = t - before.t, float(self._lengths[n - 1])
+        run, y = self._at(shared), before.full
         now = self._drive(run, y, before.t, t, k)
         norms = run.system.norms
         weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
         stepped = completed(run, solved(run, _rest(run, before, now), now, weights, n))
         d = stepped.full
         ledger = self._ledger(before, stepped, y, d, t, k)
+        floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))
         state = replace(
             stepped,
+            certificate=replace(stepped.certificate, floor=floor),
             y=(y + d)[run.condensation.touched],
             full=y + d,
             ledger=ledger,
@@ -78,11 +90,28 @@ class ViscousSteps:
         self._runs.move_to_end(k)
         return self._runs[k]
 
+    def _floor(self, run: Run, stepped: State, y: Floats, s: float, off: float) -> float:
+        """The rounding floor of a step from y at the instant s; `off`: the relative change of a shared length."""
+        system, d = self._run.system, stepped.full
+        blur = np.abs(system.force(stepped.t)) + abs(system.K) @ np.abs(y)
+        moved = system.damping.motion  # type: ignore[union-attr]
+        if moved is not None:
+            blur += (np.abs(moved.stretch(stepped.t)) + np.abs(moved.stretch(s))) / (stepped.t - s)
+        random = EPS * signs(len(y))
+        kept = random * np.abs(y + d)
+        roots = [
+            stepped.certificate.floor,
+            0.5 * run.condensation.energy(random * blur),
+            0.5 * float(kept @ (system.K @ kept)),
+            0.5 * off * off * float(d @ (run.system.K @ d)),
+        ]
+        return float(np.sqrt(roots).sum() ** 2)
+
     def _drive(self, run: Run, y: Floats, s: float, t: float, k: float) -> Drive:
         """What drives the increment from the instant s to t."""
         system = self._run.system
         motion, damping = system.motion, system.damping
-        phi = system.force(t) - system.K @ y
+        phi = residual(system.force(t), system.K, y, np.zeros(len(y)))
         drag = np.zeros(0 if system.norms is None else system.norms.B.shape[0])
         if motion is not None:
             drag = motion.drag(t) - motion.drag(s)
@@ -116,6 +145,17 @@ class ViscousSteps:
         lost += past.dissipated + rubbed.dissipated
         energy = strain_energy(system, ahead, t) + 0.5 * float(stepped.p @ (self._run.form.softness * stepped.p))
         return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn)
+
+
+def shared_lengths(instants: Floats) -> Floats:
+    """(N,) the lengths of the steps; those that differ by what the rounding of instants explains are made equal."""
+    lengths = np.diff(instants)
+    order = np.argsort(lengths, kind="stable")
+    blur, shared, least = 2 * EPS * np.abs(instants).max(), lengths.copy(), 0.0
+    for n in order:
+        least = lengths[n] if lengths[n] > least + min(blur, ALIKE * least) else least
+        shared[n] = least
+    return shared
 
 
 def _rest(run: Run, before: State, now: Drive) -> State:

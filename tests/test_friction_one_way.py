@@ -132,3 +132,26 @@ def test_mistakes():
         system = vx.System([[1.0]], lambda t: [t], vx.Norms([[1.0]], 1.0, bias=bias))
         with pytest.raises(vx.SceneError, match=says):
             vx.march(system, [0.0, 1.0])
+
+
+def test_bounds_far_above_every_force_leave_energies_their_digits():
+    """Nothing slips: bounds of 1e8 and 2e8 are as good as 1 and 2, but for the digits that the certificate says."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.column_stack([np.full(len(x), t), np.zeros(len(x))]), on="left"),
+        vx.BilateralContact(on="bottom"),
+    )
+    near, far = (
+        vx.simulate(
+            scene.with_(vx.TrescaFriction(bound=g, backward=2 * g, on="bottom")), vx.meshes.squares(6), [0.0, 0.5, 1.0]
+        )
+        for g in (1e2, 1e8)
+    )
+    assert near.contact.sticking.all()
+    left = far.certificate + far.certificate_floor
+    assert 1e-12 < left.max() < 1e-6
+    # An error e of u is one of (2 + e) e of its energy; work is twice the energy where nothing is lost.
+    for one, other in ((near.energy, far.energy), (near.work, far.work)):
+        assert (np.abs(one - other) <= 3 * left * one.max()).all()
+    assert near.energy[-1] > 1e-4

@@ -1,20 +1,30 @@
 """The unknowns that no norm term and no limit touches, eliminated once (Schur complement).
 
-With interior unknowns i and touched ones c,  S = K_cc - K_ci K_ii^{-1} K_ic  and a force phi acts on c as
-phi_c - K_ci K_ii^{-1} phi_i = S (K^{-1} phi)_c. If c comes last in K = L U, then S = L_cc U_cc: the Schur
-complement costs no more than the factorisation (one solve a touched unknown would cost six of them).
+With interior unknowns i and touched ones c,  S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in K = L U, then S = L_cc
+U_cc: the Schur complement costs no more than the factorisation (one solve a touched unknown would cost six of them).
 
-Given the total force f and the touched displacements y_c, with x = K^{-1} f and rho = S (y_c - x_c),
+A force phi is *reduced* to what it does while the touched unknowns are held, and the force that holds them:
 
-    K y = f + [0; rho],    y'Ky = f'x - x_c'S x_c + y_c'S y_c,    phi'y = phi'x + (K^{-1} phi)_c . rho
+    xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i = phi_c - (K xi)_c.
 
-Where K has a kernel (:mod:`vemcvx.program.kernel`), touched unknowns are anchored: all of this is done with K + E, E
-the diagonal of the anchors' stiffness, of which S + E is the Schur complement, and E is taken away where S is wanted.
+A state with the touched displacements y_c under the total force f, and the work of a force phi on it, are then
+
+    y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
+    y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c:
+
+no energies are subtracted from each other. (With x = K^{-1} f, y'Ky = f'x - x_c'S x_c + y_c'S y_c: where forces pull at
+touched unknowns, or the body bends far when it is let go, all digits can be lost.) Where K is definite tau is taken as
+S x_c, rounded as S is: what no term holds back then moves by x_c, whatever digits S has lost.
+
+Where K has a kernel (:mod:`vemcvx.program.kernel`), touched unknowns are anchored: K + E is factorised, E the diagonal
+of the anchors' stiffness, of which S + E is the Schur complement. E is taken away where S is wanted; K_ii, K_ci, xi and
+tau do not know it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,21 +45,36 @@ Ints = NDArray[np.int64]
 SAME_FIELD = 8 * float(np.finfo(float).eps)
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
+HELD = 1e-24
+"""Touched unknowns are held well enough when the energy of what they still move is this part of the whole."""
+MOST_ROUNDS = 5
+"""Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """A force phi (n,), its response x = K^{-1} phi (n,), and what it does to the touched unknowns (m,)."""
+    """A force phi (n,), and what it does.
+
+    Attributes
+    ----------
+    x : (n,) array
+        Its response K^{-1} phi.
+    inside : (n,) array
+        xi, its response while the touched unknowns are held.
+    touched : (m,) array
+        tau, the force that it makes there.
+    """
 
     phi: Floats
     x: Floats
+    inside: Floats
     touched: Floats
 
     def __add__(self, other: Reduced) -> Reduced:
-        return Reduced(self.phi + other.phi, self.x + other.x, self.touched + other.touched)
+        return Reduced(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def __sub__(self, other: Reduced) -> Reduced:
-        return Reduced(self.phi - other.phi, self.x - other.x, self.touched - other.touched)
+        return Reduced(*(getattr(self, f.name) - getattr(other, f.name) for f in fields(self)))
 
 
 class Condensation:
@@ -94,18 +119,25 @@ class Condensation:
         self._S = self.form.K
         if anchor is not None:
             self.form = _unanchored(self.form, anchor[self.touched], system.kernel.modes[self.touched])
-        self._fields = _Fields(n)
+        self._inner = np.ones(n, dtype=bool)
+        self._inner[self.touched] = False
+        self._rows = system.K[self.touched]
+        self._fields = _Fields(n, 2 * n + len(self.touched), self._done)
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
-        """The response to a force; if they are remembered, a combination of forces seen before costs no solve.
-
-        Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
-        """
+        """What a force does; if they are remembered, a combination of forces seen before costs no solve."""
         # Squares of forces, of any unit, are numbers when the largest is of size one.
-        unit = power_of_two(np.abs(phi).max(initial=0.0))
-        x = self._respond(phi / unit) if remembered else self._factor.solve(phi / unit)
+        unit, n = power_of_two(np.abs(phi).max(initial=0.0)), len(phi)
         with np.errstate(over="ignore", invalid="ignore"):
-            return Reduced(phi, unit * x, phi if self.whole else unit * (self._S @ x[self.touched]))
+            done = unit * (self._fields.response(phi / unit) if remembered else self._done(phi / unit))
+        # Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
+        return Reduced(phi, done[:n], done[n : 2 * n], phi if self.whole else done[2 * n :])
+
+    def less(self, f: Reduced, c: Floats) -> Reduced:
+        """The force without B'c, which pulls at touched unknowns alone: exact however large c (k,) is."""
+        pulled = np.zeros_like(f.phi)
+        pulled[self.touched] = self.form.rows.pull(c)
+        return Reduced(f.phi - pulled, f.x - self.reduce(pulled).x, f.inside, f.touched - pulled[self.touched])
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""
@@ -117,64 +149,64 @@ class Condensation:
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the touched ones, K y = f + [0; rho]."""
-        if self.whole:
-            return y_c.copy()
-        if len(self.touched) == 0:
-            return f.x.copy()
-        total = f.phi.copy()
-        total[self.touched] += self._S @ (y_c - f.x[self.touched])
-        y = self._factor.solve(total)
-        # The touched unknowns are known; what the solve returns for them differs by its rounding. Of that the anchors,
-        # soft as they are, leave most in rigid motions, which have to go everywhere lest they become strain.
-        if self.system.kernel is not None:
-            N = self.system.kernel.modes
-            y += N @ np.linalg.lstsq(N[self.touched], y_c - y[self.touched], rcond=None)[0]
+        y = f.inside.copy()
+        if self._inner.any() and y_c.any():
+            held = np.zeros_like(y)
+            held[self.touched] = self._S @ y_c
+            y += self._with_touched(self._factor.solve(held), y_c)
         y[self.touched] = y_c
         return y
 
     def mend(self, y: Floats, r: Floats) -> Floats:
         """y (n,) after one round of iterative refinement inside, for the residual r; touched unknowns stay."""
-        inside = r.copy()
-        inside[self.touched] -= self._S @ self._factor.solve(r)[self.touched]
-        better = y + self._factor.solve(inside)
+        better = y + self._held(np.where(self._inner, r, 0.0))
         better[self.touched] = y[self.touched]
         return better
 
     def square(self, y_c: Floats, f: Reduced) -> float:
         """y'Ky."""
-        if self.whole:
-            return float(y_c @ (self.form.K @ y_c))
-        inside = float(f.phi @ f.x)
-        rest = inside - float(f.x[self.touched] @ f.touched)
-        # Where (almost) nothing is inside, the difference is rounding, and its root would be 1e-8.
-        rest = 0.0 if abs(rest) <= SAME_FIELD * abs(inside) else rest
-        return rest + float(y_c @ (self.form.K @ y_c))
+        return float(f.phi @ f.inside) + float(y_c @ (self.form.K @ y_c))
 
     def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
         """phi'y, the work of the force phi on the state (y_c, f)."""
-        if self.whole:
-            return float(phi.phi @ y_c)
-        rho = self._S @ y_c - f.touched
-        return float(phi.phi @ f.x + phi.x[self.touched] @ rho)
+        return float(phi.phi @ f.inside + phi.touched @ y_c)
 
-    def _respond(self, phi: Floats) -> Floats:
-        fields = self._fields
-        rest = fields.compress(phi)
-        size = float(rest @ rest)
-        if size == 0.0:
-            return np.zeros_like(phi)
-        x = np.zeros_like(phi)
-        for q, square, response in fields.basis:
-            share = float(q @ rest) / square
-            rest = rest - share * q
-            x += share * response
-        left = float(rest @ rest)
-        if left <= SAME_FIELD * SAME_FIELD * size:
-            return x
-        if len(fields.basis) == MOST_FIELDS:
-            return self._factor.solve(phi)
-        fields.basis.append((rest, left, self._factor.solve(fields.expand(rest))))
-        return x + fields.basis[-1][2]
+    def _done(self, phi: Floats) -> Floats:
+        """x, xi and tau of a force phi (n,), one below the other."""
+        x, c = self._factor.solve(phi), self.touched
+        xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
+        definite = self.system.kernel is None
+        return np.concatenate([x, xi, self._S @ x[c] if definite else phi[c] - self._rows @ xi])
+
+    def _held(self, phi: Floats, x: Floats | None = None) -> Floats:
+        """xi (n,) of a force phi (n,), whose response is x."""
+        c = self.touched
+        x = self._factor.solve(phi) if x is None else x
+        if len(c) == 0 or not phi[self._inner].any():
+            return x if len(c) == 0 else np.zeros_like(phi)
+        tau, size = self._S @ x[c], np.inf
+        for _ in range(MOST_ROUNDS):
+            held = phi.copy()
+            held[c] -= tau
+            xi = self._factor.solve(held)
+            # By so much tau was not exact yet.
+            pushed = self._S @ xi[c]
+            size, before = float(abs(pushed @ xi[c])), size
+            if size <= HELD * float(abs(phi @ xi)) or size > 0.25 * before:
+                break
+            tau = tau + pushed
+        return self._with_touched(xi, np.zeros(len(c)))
+
+    def _with_touched(self, y: Floats, y_c: Floats) -> Floats:
+        """y (n,) with the touched unknowns y_c, which it has but for rounding.
+
+        Of that the anchors, soft as they are, leave most in rigid motions; these go everywhere lest they become strain.
+        """
+        if self.system.kernel is not None:
+            N = self.system.kernel.modes
+            y = y + N @ np.linalg.lstsq(N[self.touched], y_c - y[self.touched], rcond=None)[0]
+        y[self.touched] = y_c
+        return y
 
 
 def _anchors(system: System, touched: Ints, linear: LinearSolver) -> Floats | None:
@@ -200,22 +232,48 @@ def _unanchored(form: Form, anchor: Floats, modes: Floats) -> Form:
 
 
 class _Fields:
-    """Forces seen so far, on the unknowns that any of them loads, with what they cause everywhere."""
+    """Responses to forces seen so far, on the unknowns that any of them loads, and to combinations of them.
 
-    def __init__(self, n: int):
-        self._n = n
+    Parameters
+    ----------
+    n, k : int
+    solve : callable (n,) -> (k,)
+        The response to a force: linear.
+    """
+
+    def __init__(self, n: int, k: int, solve: Callable[[Floats], Floats]):
+        self._n, self._k, self._solve = n, k, solve
         self._loaded = np.zeros(0, dtype=np.int64)
-        self.basis: list[tuple[Floats, float, Floats]] = []
+        self._basis: list[tuple[Floats, float, Floats]] = []
 
-    def compress(self, phi: Floats) -> Floats:
+    def response(self, phi: Floats) -> Floats:
+        """The response (k,) to a force."""
+        rest = self._compress(phi)
+        size = float(rest @ rest)
+        x = np.zeros(self._k)
+        if size == 0.0:
+            return x
+        for q, square, response in self._basis:
+            share = float(q @ rest) / square
+            rest = rest - share * q
+            x += share * response
+        left = float(rest @ rest)
+        if left <= SAME_FIELD * SAME_FIELD * size:
+            return x
+        if len(self._basis) == MOST_FIELDS:
+            return self._solve(phi)
+        self._basis.append((rest, left, self._solve(self._expand(rest))))
+        return x + self._basis[-1][2]
+
+    def _compress(self, phi: Floats) -> Floats:
         """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""
         if np.count_nonzero(phi) != np.count_nonzero(phi[self._loaded]):
             loaded = np.union1d(self._loaded, np.flatnonzero(phi))
-            self.basis = [(self.expand(q)[loaded], square, x) for q, square, x in self.basis]
+            self._basis = [(self._expand(q)[loaded], square, x) for q, square, x in self._basis]
             self._loaded = loaded
         return phi[self._loaded]
 
-    def expand(self, compressed: Floats) -> Floats:
+    def _expand(self, compressed: Floats) -> Floats:
         """The force (n,) with these entries."""
         phi = np.zeros(self._n)
         phi[self._loaded] = compressed

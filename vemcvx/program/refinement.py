@@ -25,15 +25,20 @@ ROUNDS = 4
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
-    """Whether one solve with the factors misses `accuracy` by less than a factor of a hundred.
+    """Whether one solve with the factors, or with S, misses `accuracy` by less than a factor of a hundred.
 
-    A residual in double precision is good enough to tell. Tried on a force of one on every unknown, which the softest
-    motions answer; the rounding of S is of the same size.
+    Residuals in double precision are good enough to tell. Tried on the response x to a force of one on every unknown,
+    which the softest motions answer, and on what S makes of it: S x_c is what K (x - xi) is on the touched unknowns.
     """
+    form, c, K = condensation.form, condensation.touched, condensation.system.K
     force = np.ones(condensation.regular.shape[0])
     x = condensation.solve(force)
     r = force - condensation.regular @ x
-    return float(abs(r @ condensation.solve(r))) > (0.01 * accuracy) ** 2 * float(abs(force @ x))
+    off = float(abs(r @ condensation.solve(r)))
+    if 0 < len(c) < len(x):
+        left = (K @ (x - condensation.reduce(K @ x, remembered=False).inside))[c] - form.K @ x[c]
+        off = max(off, float(abs(left @ form.factor.solve(left))))
+    return off > (0.01 * accuracy) ** 2 * float(abs(force @ x))
 
 
 def refined(

@@ -279,10 +279,15 @@ class System:
         return self.K.shape[0]
 
     def force(self, t: float) -> Floats:
-        """The load vector (n,) at the instant `t`, checked; the bias of norm terms taken off."""
+        """The load vector (n,) at the instant `t`, the bias of norm terms taken off."""
+        f = self.push(t)
+        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.tilt(t)
+
+    def push(self, t: float) -> Floats:
+        """The load vector (n,) at the instant `t`, checked."""
         wanted = f"({self.n},) forces, one an unknown"
         f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted, copy=False)
         if f.shape != (self.n,):
             raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
         finite(f, f"System: load({t:.6g})")
-        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.tilt(t)
+        return f

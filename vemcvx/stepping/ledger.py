@@ -90,8 +90,8 @@ class Ledger:
 
 def drive(system: System, condensation: Condensation, t: float) -> Drive:
     """Evaluate load and supports at `t`."""
-    force = in_range(condensation.reduce(system.force(t)), t)
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
+    force = condensation.less(in_range(condensation.reduce(system.push(t)), t), bias)
     reach = system.reach(t)
     if system.motion is None:
         return Drive(t, force, None, np.zeros_like(bias), None, reach, bias)

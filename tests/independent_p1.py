@@ -1,0 +1,500 @@
+"""Frictional contact on linear triangles, written again from scratch: scikit-fem assembles, cvxpy and Clarabel solve.
+
+Nothing of the package is used. A step of backward Euler is the convex program of all nodal displacements u,
+
+    minimise  1/2 u'Ku + 1/(2k) (u - u_prev)'C(u - u_prev) - f'u + sum_i w+_i (s_i)_+ + w-_i (s_i)_-
+              + sum_j k_j/2 (n_j.u - gap_j)_+^2           s_i = t_i.(u - u_prev)
+    subject to  E u = h,   n_j.u <= gap_j,
+
+handed to Clarabel at 1e-13; on the sets it finds, its optimality conditions are solved once more as a dense linear
+system, and all inequalities are checked. Coulomb's friction is a fixed point of such programs, w = mu p, each of which
+begins with the sets of the one before.
+
+Signs: normals point out of the body, tangents are normals turned by +90 degrees; a nodal force of friction on the body
+is -lam t, the obstacle's is -p n.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import cvxpy as cp
+import numpy as np
+import skfem
+from skfem.helpers import ddot, div, dot, sym_grad, trace
+
+FIXED_POINT = 1e-13
+MOST_PROGRAMS = 200
+MOST_SETS = 30
+
+
+@skfem.BilinearForm
+def isotropic(u, v, w):
+    return w.lam * trace(sym_grad(u)) * trace(sym_grad(v)) + 2 * w.mu * ddot(sym_grad(u), sym_grad(v))
+
+
+@skfem.BilinearForm
+def anisotropic(u, v, w):
+    e, g = ([q[0, 0], q[1, 1], 2 * q[0, 1]] for q in (sym_grad(u), sym_grad(v)))
+    return sum(w[f"c{i}{j}"] * e[i] * g[j] for i in range(3) for j in range(3))
+
+
+@skfem.LinearForm
+def swelling(v, w):
+    return w.sigma * div(v)
+
+
+@skfem.LinearForm
+def stressed(v, w):
+    e = sym_grad(v)
+    return w.xx * e[0, 0] + w.yy * e[1, 1] + 2 * w.xy * e[0, 1]
+
+
+@dataclass
+class Rows:
+    """Directions at nodes: row i is direction_i . u(node_i), with the length int phi_i of its side."""
+
+    nodes: np.ndarray
+    directions: np.ndarray
+    lengths: np.ndarray
+
+    def matrix(self, n_nodes):
+        out = np.zeros((len(self.nodes), n_nodes, 2))
+        out[np.arange(len(self.nodes)), self.nodes] = self.directions
+        return out.reshape(len(self.nodes), -1)
+
+
+@dataclass
+class Body:
+    """Linear elasticity on triangles of a box, and all that acts on it; built up by the methods below."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    lam: object = 0.0
+    K: np.ndarray = None
+    C: np.ndarray = None
+    loads: list = field(default_factory=list)
+    held: list = field(default_factory=list)
+    """(node, direction, t -> value)"""
+    walls: list = field(default_factory=list)
+    """(rows, t -> gap, stiffness or None)"""
+    rubs: list = field(default_factory=list)
+    """(rows, t -> forward, t -> backward, coefficient, cap)"""
+
+    def __post_init__(self):
+        self.mesh = skfem.MeshTri(self.points.T.copy(), self.triangles.T.copy())
+        self.basis = skfem.Basis(self.mesh, skfem.ElementVector(skfem.ElementTriP1()), intorder=2)
+        self.scalar = skfem.Basis(self.mesh, skfem.ElementTriP1(), intorder=2)
+        self.n = len(self.points)
+        # Entries of skfem's vectors in our order, component after component at each node.
+        self.order = self.basis.nodal_dofs.T.ravel()
+        self.K, self.C = np.zeros((2 * self.n, 2 * self.n)), np.zeros((2 * self.n, 2 * self.n))
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        at = {"left": (0, low[0]), "right": (0, high[0]), "bottom": (1, low[1]), "top": (1, high[1])}
+        self.sides = {
+            name: self.mesh.facets_satisfying(lambda x, a=a, c=c: np.abs(x[a] - c) < 1e-9, boundaries_only=True)
+            for name, (a, c) in at.items()
+        }
+        self.normals = {"left": (-1.0, 0.0), "right": (1.0, 0.0), "bottom": (0.0, -1.0), "top": (0.0, 1.0)}
+        self.centroids = self.points[self.triangles].mean(axis=1)
+
+    # Assembly
+
+    def _matrix(self, form, **data):
+        cells = {name: np.broadcast_to(np.reshape(v, (-1, 1)), (len(self.triangles), 3)) for name, v in data.items()}
+        return form.assemble(self.basis, **cells).toarray()[np.ix_(self.order, self.order)]
+
+    def _vector(self, form, basis, **data):
+        return form.assemble(basis, **data)[self.order]
+
+    def nodes(self, side):
+        return np.unique(self.mesh.facets[:, self.sides[side]])
+
+    def rows(self, side, tangents=False):
+        """Normals (or tangents) at the nodes of a side."""
+        basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=4)
+        lengths = skfem.LinearForm(lambda v, w: v).assemble(basis)
+        nodes, n = self.nodes(side), np.array(self.normals[side])
+        direction = np.array([-n[1], n[0]]) if tangents else n
+        return Rows(nodes, np.tile(direction, (len(nodes), 1)), lengths[nodes])
+
+    def integral(self, side, g):
+        """int g phi_i over a side, (nodes of it,), for a polynomial g(x)."""
+        basis = skfem.FacetBasis(self.mesh, skfem.ElementTriP1(), facets=self.sides[side], intorder=8)
+        return skfem.LinearForm(lambda v, w: g(np.array(w.x)) * v).assemble(basis)[self.nodes(side)]
+
+    # Physics
+
+    def isotropic(self, young, poisson, plane="strain"):
+        young, poisson = (np.broadcast_to(v, len(self.triangles)).astype(float) for v in (young, poisson))
+        mu = young / 2 / (1 + poisson)
+        lam = young * poisson / (1 + poisson) / (1 - 2 * poisson)
+        self.blocked = young / (1 - 2 * poisson)
+        if plane == "stress":
+            lam, self.blocked = young * poisson / (1 - poisson**2), young / (1 - poisson)
+        self.K = self.K + self._matrix(isotropic, lam=lam, mu=mu)
+        return self
+
+    def orthotropic(self, E1, E2, nu12, G, angle):
+        """Plane stress; axis 1 at an angle from x."""
+        inverse = np.array([[1 / E1, -nu12 / E1, 0], [-nu12 / E1, 1 / E2, 0], [0, 0, 1 / G]])
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c * c, s * s, 2 * c * s], [s * s, c * c, -2 * c * s], [-c * s, c * s, c * c - s * s]])
+        # Stresses along the axes are turn @ stresses along x, y; strains (2 e_xy) turn by the inverse transpose.
+        strains = np.linalg.inv(turn).T
+        law = np.linalg.inv(turn) @ np.linalg.inv(inverse) @ strains
+        self.K = self.K + self._matrix(anisotropic, **{f"c{i}{j}": law[i, j] for i in range(3) for j in range(3)})
+        return self
+
+    def viscous(self, shear, volume):
+        self.C = self.C + self._matrix(isotropic, lam=volume, mu=shear)
+        return self
+
+    def springs(self, side, normal, tangential):
+        basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=4)
+
+        @skfem.BilinearForm
+        def form(u, v, w):
+            un, vn = dot(u, w.n), dot(v, w.n)
+            return normal * un * vn + tangential * (dot(u, v) - un * vn)
+
+        self.K = self.K + form.assemble(basis).toarray()[np.ix_(self.order, self.order)]
+        return self
+
+    def traction(self, side, force):
+        """force(x, y, t) -> two components."""
+        basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=6)
+
+        def load(t):
+            def form(v, w):
+                fx, fy = force(w.x[0], w.x[1], t)
+                return fx * v[0] + fy * v[1]
+
+            return self._vector(skfem.LinearForm(form), basis)
+
+        self.loads.append(load)
+        return self
+
+    def pressure(self, side, value):
+        n = self.normals[side]
+        return self.traction(side, lambda x, y, t: (-value(x, y, t) * n[0], -value(x, y, t) * n[1]))
+
+    def body_force(self, force):
+        """Affine in space: its mean over a triangle is its value at the centroid."""
+
+        def load(t):
+            x, y = self.centroids.T
+            fx, fy = (np.broadcast_to(np.reshape(f + 0 * x, (-1, 1)), (len(x), 3)) for f in force(x, y, t))
+            return self._vector(skfem.LinearForm(lambda v, w: w.fx * v[0] + w.fy * v[1]), self.basis, fx=fx, fy=fy)
+
+        self.loads.append(load)
+        return self
+
+    def heat(self, expansion, temperature):
+        def load(t):
+            sigma = self.blocked * expansion * temperature(*self.centroids.T, t)
+            return self._vector(swelling, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3)))
+
+        self.loads.append(load)
+        return self
+
+    def prestress(self, stress):
+        """stress(x, y, t) -> xx, yy, xy at centroids; it acts as -int sigma : eps(v)."""
+
+        def load(t):
+            x, y = self.centroids.T
+            parts = [np.broadcast_to(np.reshape(s + 0 * x, (-1, 1)), (len(x), 3)) for s in stress(x, y, t)]
+            return -self._vector(stressed, self.basis, xx=parts[0], yy=parts[1], xy=parts[2])
+
+        self.loads.append(load)
+        return self
+
+    def point_force(self, node, force):
+        def load(t):
+            f = np.zeros(2 * self.n)
+            f[2 * node : 2 * node + 2] = force(t)
+            return f
+
+        self.loads.append(load)
+        return self
+
+    def move(self, side, value):
+        """u = value(x, y, t), both components."""
+        for node in self.nodes(side):
+            x, y = self.points[node]
+            for a in range(2):
+                self.held.append((node, np.eye(2)[a], lambda t, x=x, y=y, a=a: value(x, y, t)[a]))
+        return self
+
+    def guide(self, side, direction, value):
+        """One component of u on a side: direction . u = value(x, y, t)."""
+        for node in self.nodes(side):
+            x, y = self.points[node]
+            self.held.append((node, np.asarray(direction, float), lambda t, x=x, y=y: value(x, y, t)))
+        return self
+
+    def clamp(self, side):
+        return self.move(side, lambda x, y, t: (0.0, 0.0))
+
+    def bilateral(self, side):
+        """n . u = 0, where nothing else is prescribed."""
+        for node in self.nodes(side):
+            if not any(other == node for other, _, _ in self.held):
+                self.held.append((node, np.array(self.normals[side]), lambda t: 0.0))
+        return self
+
+    def wall(self, side, gap=None, stiffness=None):
+        """n . u <= gap(x, y, t), rigid or a spring per area."""
+        rows = self._free(self.rows(side))
+        x, y = self.points[rows.nodes].T
+        self.walls.append((rows, lambda t: np.zeros(len(x)) if gap is None else gap(x, y, t) + 0 * x, stiffness))
+        return self
+
+    def rub(self, side, forward=None, backward=None, coefficient=None, integrated=False):
+        """Friction on a side: bounds (x, y, t), or a coefficient (x, y) of the pressure of the wall there."""
+        rows = self._free(self.rows(side, tangents=True))
+        x, y = self.points[rows.nodes].T
+
+        def weights(bound):
+            if integrated:
+                which = np.isin(self.nodes(side), rows.nodes)
+                return lambda t: self.integral(side, lambda X: bound(X[0], X[1], t))[which]
+            return lambda t: rows.lengths * (bound(x, y, t) + 0 * x)
+
+        if coefficient is not None:
+            self.rubs.append((rows, None, None, coefficient(x, y) + 0 * x))
+        else:
+            self.rubs.append((rows, weights(forward), weights(backward or forward), None))
+        return self
+
+    def _free(self, rows):
+        """The rows that what is prescribed leaves free to move."""
+        keep = []
+        for node, direction in zip(rows.nodes, rows.directions, strict=True):
+            fixed = np.array([d for other, d, _ in self.held if other == node]).reshape(-1, 2).T
+            left = direction - fixed @ np.linalg.lstsq(fixed, direction, rcond=None)[0]
+            keep.append(np.linalg.norm(left) > 1e-9)
+        return Rows(rows.nodes[keep], rows.directions[keep], rows.lengths[keep])
+
+
+@dataclass
+class State:
+    """What is known at an instant."""
+
+    u: np.ndarray
+    lam: np.ndarray
+    p: np.ndarray
+    q: np.ndarray
+    """reactions along what is prescribed"""
+    sets: tuple = ()
+    """which way friction rows slip (0: they stick), and which walls press"""
+
+
+@dataclass
+class Result:
+    """The history of a body: instants first; nodal forces (2 n,), all on the body."""
+
+    displacement: np.ndarray
+    lam: np.ndarray
+    pressures: np.ndarray
+    forces: np.ndarray
+    """K u + C u' - f: what supports, walls and friction exert"""
+    energy: np.ndarray
+    dissipated: np.ndarray
+    work: np.ndarray
+    slipping: np.ndarray
+    touching: np.ndarray
+
+
+class March:
+    """Backward Euler for a body."""
+
+    def __init__(self, body):
+        self.body, n = body, body.n
+        stack = lambda rows: np.vstack([r.matrix(n) for r in rows]) if rows else np.zeros((0, 2 * n))  # noqa: E731
+        self.T, self.N = stack([r[0] for r in body.rubs]), stack([r[0] for r in body.walls])
+        self.E = np.zeros((len(body.held), 2 * n))
+        for i, (node, direction, _) in enumerate(body.held):
+            self.E[i, 2 * node : 2 * node + 2] = direction
+        lengths = [np.full(len(r.nodes), np.inf if k is None else k) * r.lengths for r, _, k in body.walls]
+        self.spring = np.concatenate(lengths) if lengths else np.zeros(0)
+        self.soft = np.isfinite(self.spring)
+        self.press = self._pressing()
+
+    def _pressing(self):
+        """(rubs, walls) mu where a wall presses on the node of a friction row."""
+        out = []
+        for rows, _, _, mu in self.body.rubs:
+            found = np.zeros((len(rows.nodes), len(self.spring)))
+            if mu is not None:
+                column = 0
+                for wall, _, _ in self.body.walls:
+                    for j, node in enumerate(wall.nodes):
+                        across = np.abs(np.einsum("d,id->i", wall.directions[j], rows.directions)) < 1e-9
+                        found[(rows.nodes == node) & across, column + j] = mu[(rows.nodes == node) & across]
+                    column += len(wall.nodes)
+            out.append(found)
+        return np.vstack(out) if out else np.zeros((0, len(self.spring)))
+
+    def gaps(self, t):
+        return np.concatenate([gap(t) for _, gap, _ in self.body.walls]) if self.body.walls else np.zeros(0)
+
+    def bounds(self, t, p):
+        """Weights forward and backward."""
+        pair = []
+        for which in (1, 2):
+            parts = [np.zeros(len(r[0].nodes)) if r[3] is not None else r[which](t) for r in self.body.rubs]
+            pair.append((np.concatenate(parts) if parts else np.zeros(0)) + self.press @ p)
+        return pair
+
+    def load(self, t):
+        return sum((load(t) for load in self.body.loads), np.zeros(2 * self.body.n))
+
+    def held(self, t):
+        return np.array([float(value(t)) for _, _, value in self.body.held])
+
+    def run(self, times):
+        body = self.body
+        now = State(np.zeros(2 * body.n), np.zeros(len(self.T)), np.zeros(len(self.N)), np.zeros(len(self.E)))
+        states, forces, loss, work = [now], [np.zeros(2 * body.n)], [0.0], [0.0]
+        for s, t in pairwise(times):
+            before, now = now, self._step(now, s, t)
+            du, f, k = now.u - before.u, self.load(t), t - s
+            slip, (forward, backward) = self.T @ du, self.bounds(t, now.p)
+            rubbed = forward @ np.maximum(slip, 0) + backward @ np.maximum(-slip, 0)
+            forces.append(body.K @ now.u + body.C @ du / k - f)
+            moved = self.held(t) - self.held(s) if len(self.E) else np.zeros(0)
+            pushed = now.p @ (self.gaps(t) - self.gaps(s))
+            loss.append(loss[-1] + rubbed + du @ (body.C @ du) / k)
+            work.append(work[-1] + f @ du - now.q @ moved - pushed)
+            states.append(now)
+        # A spring that is pressed by z stores k z^2 / 2 = p^2 / 2k.
+        give = np.divide(1.0, self.spring, out=np.zeros_like(self.spring), where=self.soft)
+        stored = [0.5 * float(s.u @ (body.K @ s.u) + s.p @ (give * s.p)) for s in states]
+        U = np.array([s.u for s in states])
+        slips = np.abs(np.diff(U, axis=0) @ self.T.T)
+        return Result(
+            U.reshape(len(times), -1, 2),
+            np.array([s.lam for s in states]),
+            np.array([s.p for s in states]),
+            np.array(forces).reshape(len(times), -1, 2),
+            np.array(stored),
+            np.array(loss),
+            np.array(work),
+            slips > 1e-12 * np.abs(U).max(),
+            np.array([s.p for s in states]) > 0,
+        )
+
+    def _step(self, before, s, t):
+        """A convex program, or a fixed point of them."""
+        p = before.p
+        if not self.press.any():
+            return self._program(before, s, t, self.bounds(t, p))
+        if not p.any():
+            # Where nothing has pressed yet, what presses on a floor that holds tight is a beginning.
+            tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
+            p = self._program(before, s, t, (tight, tight)).p
+        state = None
+        for _ in range(MOST_PROGRAMS):
+            state = self._program(before, s, t, self.bounds(t, p), state)
+            change = np.abs(state.p - p).max()
+            p = state.p
+            if change <= FIXED_POINT * max(np.abs(p).max(), 1e-300):
+                return state
+        raise AssertionError(f"Coulomb's fixed point did not converge at t = {t}: {change}")
+
+    def _program(self, before, s, t, bounds, near=None):
+        """The answer of a convex program; from the sets of a state `near` it, if there is one."""
+        body, k = self.body, t - s
+        H = body.K + body.C / k
+        f, gap, h = self.load(t) + body.C @ before.u / k, self.gaps(t), self.held(t)
+        problem = H, f, gap, h, bounds, self.T @ before.u
+        sets = self._clarabel(*problem) if near is None else near.sets
+        return self._polished(*problem, sets)
+
+    def _clarabel(self, H, f, gap, h, bounds, b):
+        """Multipliers and sets of the program as Clarabel has them; variables in a unit of their own."""
+        unit = np.abs(np.linalg.lstsq(H, f, rcond=1e-12)[0]).max() + np.abs(h).max(initial=0.0)
+        unit = unit if unit > 0 else 1.0
+        scale = np.abs(H.diagonal()).max()
+        force = scale * unit
+        u, over = cp.Variable(len(f)), cp.Variable(int(self.soft.sum()) or 1, nonneg=True)
+        slip = self.T @ u - b / unit
+        up, down = bounds[0] / force, bounds[1] / force
+        forward, backward = cp.Variable(len(self.T) or 1, nonneg=True), cp.Variable(len(self.T) or 1, nonneg=True)
+        cost = 0.5 * cp.quad_form(u, cp.psd_wrap(H / scale)) - (f / force) @ u
+        rules, split, rigid = [], None, None
+        if len(self.T):
+            split = slip == forward - backward
+            rules, cost = [*rules, split], cost + up @ forward + down @ backward
+        if len(self.E):
+            rules.append(self.E @ u == h / unit)
+        if len(self.N):
+            room = self.N @ u - gap / unit
+            if self.soft.any():
+                rules.append(room[np.flatnonzero(self.soft)] <= over)
+                cost = cost + 0.5 * cp.sum_squares(cp.multiply(np.sqrt(self.spring[self.soft] / scale), over))
+            if (~self.soft).any():
+                rigid = room[np.flatnonzero(~self.soft)] <= 0
+                rules.append(rigid)
+        tight = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13, "max_iter": 200}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Clarabel may stop a digit short of 1e-13; the polish finds the rest
+            cp.Problem(cp.Minimize(cost), rules).solve(solver=cp.CLARABEL, **tight)
+        s = self.T @ u.value - b / unit
+        lam = np.asarray(split.dual_value) if split is not None else np.zeros(0)
+        room = self.N @ u.value - gap / unit
+        acts = room > 0
+        if rigid is not None:
+            acts[~self.soft] = np.asarray(rigid.dual_value) > -room[~self.soft]
+        # A row sticks where its slip is nearer to zero than its multiplier to the bounds.
+        sign = np.where(np.abs(s) <= np.minimum(up - lam, down + lam), 0, np.sign(s)).astype(int)
+
+        return sign, acts
+
+    def _polished(self, H, f, gap, h, bounds, b, sets):
+        """The optimality conditions on the sets, as a dense linear system; sets mended where a sign is wrong."""
+        sign, acts = sets
+        n = len(f)
+        for _ in range(MOST_SETS):
+            stick, hard = np.flatnonzero(sign == 0), np.flatnonzero(acts & ~self.soft)
+            bent = np.flatnonzero(acts & self.soft)
+            slides = np.where(sign > 0, bounds[0], np.where(sign < 0, -bounds[1], 0.0))
+            stiff = H + self.N[bent].T @ (self.spring[bent, None] * self.N[bent])
+            right = f - self.T.T @ slides + self.N[bent].T @ (self.spring[bent] * gap[bent])
+            A = np.vstack([self.E, self.T[stick], self.N[hard]])
+            c = np.concatenate([h, b[stick], gap[hard]])
+            x = _solved(stiff, A, right, c)
+            u, m = x[:n], x[n:]
+            q, lam, p = m[: len(self.E)], slides.copy(), np.zeros(len(self.N))
+            lam[stick] = m[len(self.E) : len(self.E) + len(stick)]
+            p[hard] = m[len(self.E) + len(stick) :]
+            room, slip = self.N @ u - gap, self.T @ u - b
+            p[bent] = self.spring[bent] * room[bent]
+            size, force = np.abs(u).max() + 1e-300, np.abs(H @ u).max() + np.abs(f).max() + 1e-300
+            little, weak = 1e-12 * size, 1e-12 * force
+            new_sign = sign.copy()
+            held = sign == 0
+            new_sign[held & (lam > bounds[0] + weak)] = 1
+            new_sign[held & (lam < -bounds[1] - weak)] = -1
+            new_sign[(sign > 0) & (slip < -little)] = 0
+            new_sign[(sign < 0) & (slip > little)] = 0
+            new_acts = np.where(acts, p > -weak, room > little)
+            if (new_sign == sign).all() and (new_acts == acts).all():
+                return State(u, lam, p, q, (sign, acts))
+            sign, acts = new_sign, new_acts
+        raise AssertionError("the polish did not find the sets")
+
+
+def _solved(H, A, f, c):
+    """x with H x + A'm = f, A x = c, refined once."""
+    n, k = len(f), len(c)
+    M = np.zeros((n + k, n + k))
+    size = H.diagonal().max()
+    M[:n, :n], M[:n, n:], M[n:, :n] = H / size, A.T, A
+    right = np.concatenate([f / size, c])
+    x = np.linalg.solve(M, right)
+    x = x + np.linalg.solve(M, right - M @ x)
+    return np.concatenate([x[:n], size * x[n:]])

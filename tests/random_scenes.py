@@ -38,3 +38,62 @@ def random_scene(seed):
 def coarse_mesh(seed, n=6):
     """Of a family that goes with the seed."""
     return vx.meshes.FAMILIES[FAMILIES[seed % len(FAMILIES)]](n)
+
+
+KINDS = ("heat", "bump", "patch", "dip", "Coulomb", "free", "turn", "smooth")
+"""Of the declared family: scene number k is of the kind KINDS[k % 8]; forty of them are five of each."""
+
+
+def declared_scene(seed):
+    """A scene of the declared family, and what its history begins from.
+
+    Blocks of random stiffness and Poisson's ratio, with one thing each that steps, nodes or quadrature points miss:
+    heat that varies in space and time, a bump of the obstacle, a patch of the bound, a bound that dips for a moment
+    under a load that stays, Coulomb's law under a load that turns, a body that only friction holds, a load that turns
+    between two steps, one that is smooth.
+    """
+    rng = np.random.default_rng(1000 + seed)
+    young, poisson = 10 ** rng.uniform(-2, 4), rng.uniform(0, 0.4)
+    steel, clamp = vx.Elasticity(young, poisson), vx.Clamp(on="right")
+    size, place, when = young * rng.uniform(0.02, 0.06), rng.uniform(0.25, 0.6), rng.uniform(0.25, 0.75)
+
+    def pull(course, push=size, on="left"):
+        return vx.Traction(lambda x, t: course(t) * push * np.column_stack([1.3 - x[:, 1], 0.0 * x[:, 0]]), on=on)
+
+    def press(course, push=size):
+        return vx.Pressure(lambda x, t: np.full(len(x), push * course(t)), on="top")
+
+    def ramp(t):
+        return t
+
+    def turn(t):
+        return np.interp(t, [0.0, when, 1.0], [0.0, 1.0, -0.8])
+
+    def wave(t):
+        return np.sin(np.pi * (1 + when) * t)
+
+    rough = vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=0.3 * size, on="bottom")
+    kind = KINDS[seed % len(KINDS)]
+    if kind == "heat":
+        bell = vx.ThermalStrain(
+            0.05, lambda x, t: wave(t) * np.exp(-(((x[:, 0] - place) ** 2 + (x[:, 1] - 0.4) ** 2) / 0.08))
+        )
+        return vx.Scene(steel, clamp, *rough, bell), None
+    if kind == "bump":
+        bump = vx.UnilateralContact(on="bottom", gap=lambda x, t: np.where(np.abs(x[:, 0] - place) < 0.05, 0.0, 0.01))
+        return vx.Scene(steel, clamp, bump, press(ramp), pull(ramp, 0.2 * size)), None
+    if kind == "patch":
+        patch = vx.TrescaFriction(lambda x, t: np.where(np.abs(x[:, 0] - place) < 0.07, 4 * size, 0.0), on="bottom")
+        return vx.Scene(steel, clamp, vx.BilateralContact(on="bottom"), patch, pull(ramp)), None
+    if kind == "dip":
+        dip = vx.TrescaFriction(
+            lambda x, t: np.full(len(x), size * (0.01 if 0.0 < t - when < 0.05 else 0.8)), on="bottom"
+        )
+        return vx.Scene(steel, clamp, vx.BilateralContact(on="bottom"), dip, pull(lambda t: 1.0)), "settled"
+    if kind == "Coulomb":
+        pressed = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(rng.uniform(0.1, 0.4), on="bottom")
+        return vx.Scene(steel, clamp, *pressed, press(lambda t: min(4 * t, 1.0)), pull(turn, 0.5 * size)), None
+    if kind == "free":
+        held = vx.BilateralContact(on="bottom"), vx.TrescaFriction(lambda x, t: size * (0.5 + x[:, 0]), on="bottom")
+        return vx.Scene(steel, *held, pull(turn, 0.9 * size)), None
+    return vx.Scene(steel, clamp, *rough, pull(turn if kind == "turn" else wave)), None

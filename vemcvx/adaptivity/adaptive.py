@@ -11,27 +11,28 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.adaptivity.instants import follow_load
-from vemcvx.adaptivity.marking import cells_to_refine, steps_to_split
-from vemcvx.budget import ErrorBudget, budget_of, check_estimable
-from vemcvx.budget.missed import PROBES
+from vemcvx.adaptivity.instants import split_steps
+from vemcvx.adaptivity.marking import cells_to_refine
+from vemcvx.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
+from vemcvx.budget.course import course
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.history.outputs import record
 from vemcvx.meshes import PolygonMesh
-from vemcvx.program.condensation import Condensation
 from vemcvx.real import brief
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import Posed, pose
+from vemcvx.scene.pose import pose
 from vemcvx.simulate import check_kinds
 from vemcvx.solvers import Solver
+from vemcvx.stepping.backward_euler import completed
+from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.march import checked_times, march
+from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory
 
 Floats = NDArray[np.float64]
@@ -40,11 +41,15 @@ Marks = tuple[NDArray[np.bool_], Floats]
 
 log = logging.getLogger("vemcvx")
 
-TIME_SHARE, LOAD_SHARE, ALGEBRA_SHARE = 0.3, 0.05, 0.01
-"""Parts of the target for time as a whole, for what steps miss of the load, and for the algebra."""
+TIME_SHARE, ALGEBRA_SHARE = 0.3, 0.01
+"""Parts of the target for time and for the algebra."""
 THETA = 0.6
 NEAR = 1.5
-"""Steps are split once the error of the mesh is this near to what it may be: before, they would be for nothing."""
+"""Steps are split once the error of the mesh is this near to what it may be."""
+SOON = 2.0
+"""Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse mesh."""
+MOST_STEPS = 4000
+"""Beyond so many, steps are not split before the mesh is."""
 MOST_LOOKED_AT = 8
 """Instants at which the mesh is judged; each costs one back-substitution a pass."""
 
@@ -102,7 +107,7 @@ class Adapted:
             for p in self.passes
         ]
         met = "met" if self.met else "not met"
-        return "\n".join([head, *rows, f"target {self.target:.2%} of the energy norm: {met}"])
+        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of the energy norm: {met}"])
 
 
 def adapt(
@@ -152,45 +157,52 @@ def adapt(
     wanted = checked_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
-    instants, passes = wanted, []
+    instants, finer, passes = wanted, None, []
     while True:
         start = time.perf_counter()
-        posed = pose(scene, mesh, instants)
-        check_estimable(posed, "adapt")
         if not passes:
-            # Nothing is left out here: what is zero at the instants asked for need not be so between them.
-            instants, missed = _begin(pose(scene, mesh), instants, target)
-            posed = pose(scene, mesh, instants)
+            instants, finer = _begin(scene, mesh, wanted, target, initial)
+        posed = pose(scene, mesh, instants)
         looked_at = _looked_at(instants, wanted)
         kept = np.searchsorted(instants, wanted)
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
         history = record(posed, trajectory, time.perf_counter() - start - sum(trajectory.seconds.values()), Memory())
-        # Known from the first pass, and no more since: steps were but split.
-        known = np.append(missed, np.zeros(len(instants) - 2))
-        budget = budget_of(posed, history, [history.row(int(n)) for n in looked_at], known)
+        rows = [history.row(int(n)) for n in looked_at]
+        fresh = finer is None or (len(passes) > 0 and passes[-1].space <= SOON * target)
+        finer = in_time(posed, trajectory) if fresh or finer is None else finer
+        budget = budget_of(posed, history, rows, finer)
+        if budget.largest["total"] <= target and not fresh:
+            finer = in_time(posed, trajectory)
+            budget = budget_of(posed, history, rows, finer)
         worst = budget.largest
         now = Pass(mesh.n_cells, posed.system.n, len(instants) - 1, *_parts(worst), time.perf_counter() - start)
         passes.append(now)
+        for words in budget.jumps if not passes[:-1] else ():
+            log.info("%s", words)
         log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
         if progress is not None:
             progress(now)
-        marked, finer = _next(budget, worst, target, theta, instants)
-        done = now.total <= target or not (marked.any() or len(finer) > len(instants))
+        marked, split = _next(budget, finer, instants, target, theta)
+        done = now.total <= target or not (marked.any() or len(split) > len(instants))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             return Adapted(replace(history, errors={**worst, "target": target}), budget, tuple(passes), target)
         mesh = mesh.refine(marked) if marked.any() else mesh
-        instants = finer
+        instants, finer = split, finer if len(split) == len(instants) else None
 
 
-def _next(budget: ErrorBudget, worst: dict[str, float], target: float, theta: float, instants: Floats) -> Marks:
+def _for_space(budget: ErrorBudget, target: float) -> float:
+    """What the error of the mesh may be."""
+    worst = budget.largest
+    return max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
+
+
+def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, theta: float) -> Marks:
     """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
-    for_space = max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
+    for_space = _for_space(budget, target)
     marked = cells_to_refine(budget.cells**2, for_space**2, theta)
-    if worst["space"] > NEAR * for_space:
+    if budget.largest["space"] > NEAR * for_space or budget.largest["time"] <= TIME_SHARE * target:
         return marked, instants
-    parts = steps_to_split(budget.lags, (TIME_SHARE * target) ** 2)
-    pieces = [np.linspace(a, b, m + 1)[1:] for (a, b), m in zip(pairwise(instants), parts, strict=True)]
-    return marked, np.concatenate([instants[:1], *pieces])
+    return marked, split_steps(instants, finer, TIME_SHARE * target * (budget.scale or finer.norm))
 
 
 def _check(target: object, theta: object, initial: object, most: object, progress: object) -> None:
@@ -211,18 +223,23 @@ def _check(target: object, theta: object, initial: object, most: object, progres
         )
 
 
-def _begin(posed: Posed, instants: Floats, target: float) -> tuple[Floats, float]:
-    """Instants that follow the load, and what their steps still miss of it, on the coarse mesh.
+def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initial: str | None) -> tuple[Floats, Finer]:
+    """Instants with which the coarse mesh loses little to time, and the run beside one in finer steps.
 
-    Its energy is that of the body but for the mesh's error.
+    Nothing is left out here: what is zero at the instants asked for need not be so between them.
     """
-    solve = Condensation(posed.system, condense=False).solve
-    # Loads with a whole number of cycles vanish at the ends, but for rounding.
-    between = [a + s * (b - a) for a, b in pairwise(instants) for s in PROBES]
-    seen = np.union1d(instants, between)
-    sizes = [float(f @ solve(f)) for f in (posed.system.force(float(t)) for t in seen)]
-    times, missed = follow_load(posed, instants, LOAD_SHARE * target * float(np.sqrt(max(sizes))), solve)
-    return times, float(np.linalg.norm(missed))
+    posed = pose(scene, mesh)
+    check_estimable(posed, "adapt")
+    run = prepare(posed.system, None, False, True)
+    state = completed(run, initial_state(run, float(wanted[0]), initial))
+    known, times = course(posed.system, wanted), wanted
+    while True:
+        finer = beside_finer(run, times, state.full, known)
+        allowed = TIME_SHARE * target * finer.norm
+        split = split_steps(times, finer, allowed)
+        if len(split) == len(times) or len(split) > MOST_STEPS:
+            return times, finer
+        times = split
 
 
 def _lenient(solver: Solver | None, target: float) -> Solver | None:

@@ -1,75 +1,48 @@
-"""Instants that follow the load: where it bends there has to be one.
+"""Which steps to split, and where.
 
-What steps miss of it (:mod:`vemcvx.budget.missed`) is looked at step by step. A load made of straight pieces is missed
-most just where it bends, and that instant is found to round-off; a curved one is halved until what is missed is small.
+A step that loses much has data that bend or jump inside it, and these are instants from then on; or it is halved. The
+steps that together make up a given part of the loss are split at once: the smallest set, as of cells
+(:mod:`vemcvx.adaptivity.marking`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.missed import missed_by
-from vemcvx.scene.pose import Posed
+from vemcvx.adaptivity.marking import largest
+from vemcvx.budget import Finer
+from vemcvx.budget.course import HAIR
 
 Floats = NDArray[np.float64]
 
-NEAR = 1e-3
-"""The search knows a bend to 1e-8 of the step; lines through two points on either side meet there to round-off."""
-ROUNDS, MOST = 40, 4000
-"""Beyond so many instants a load is not followed further: it jumps, or the accuracy asked of it is rounding."""
+SPLIT = 0.8
+"""Part of the squared loss that is split at once."""
+GREATLY = 4.0
+"""Steps are cut into more than two at once where the error exceeds this many times what is allowed."""
 
 
-def follow_load(
-    posed: Posed, times: Floats, allowed: float, respond: Callable[[Floats], Floats]
-) -> tuple[Floats, Floats]:
-    """Instants between `times` so that what steps miss of the load is together no more than `allowed`.
+def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
+    """The instants of a run, more where its steps lose most.
 
     Parameters
     ----------
-    respond : callable
-        K^{-1}, for the dual norm of a force.
-
-    Returns
-    -------
     times : (N + 1,) array
-    missed : (N,) array
-        Energy norm of what each step misses, doubled.
+    finer : Finer
+        The run beside one in finer steps.
+    allowed : float
+        The energy error that is wanted.
     """
-    missed = {}
-    for _ in range(ROUNDS):
-        for ends in pairwise(times):
-            if ends not in missed:
-                missed[ends] = missed_by(posed, *ends, respond)
-        found = np.array([missed[ends][0] for ends in pairwise(times)])
-        coarse = found > allowed / np.sqrt(len(found))
-        if np.linalg.norm(found) <= allowed or not coarse.any() or len(times) + coarse.sum() > MOST:
-            break
-        bends = [
-            _bend(posed, times[n], times[n + 1], missed[times[n], times[n + 1]][1]) for n in np.flatnonzero(coarse)
-        ]
-        times = np.union1d(times, bends)
-    return times, found
-
-
-def _bend(posed: Posed, a: float, b: float, response: Floats) -> float:
-    """Where the load's work on the response leaves the straight line most."""
-    from scipy.optimize import minimize_scalar
-
-    start, stop = (float(posed.system.force(t) @ response) for t in (a, b))
-
-    def off(s: float) -> float:
-        return -abs(float(posed.system.force(a + s * (b - a)) @ response) - ((1 - s) * start + s * stop))
-
-    peak = float(minimize_scalar(off, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).x)
-    # Data need not exist outside the step.
-    near = min(NEAR, 0.4 * peak, 0.4 * (1.0 - peak))
-    far_left, left, right, far_right = (off(peak + k * near) for k in (-2, -1, 1, 2))
-    rise, fall = (left - far_left) / near, (far_right - right) / near
-    meet = peak
-    if abs(rise - fall) > 0:
-        meet += (right - left - near * (rise + fall)) / (rise - fall)
-    return float(a + (meet if abs(meet - peak) < near else peak) * (b - a))
+    error = float(finer.errors.max())
+    lost = np.where(np.diff(times) > HAIR * (times[-1] - times[0]), finer.added, 0.0)
+    if error <= allowed or not lost.any():
+        return times
+    marked = largest(lost**2, SPLIT)
+    # Where loads are smooth the error falls with the square of the step.
+    parts = 2 if error <= GREATLY * allowed else 3
+    new = [times]
+    for n in np.flatnonzero(marked):
+        a, b = times[n], times[n + 1]
+        inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
+        new.append(inside if len(inside) else np.linspace(a, b, parts + 1)[1:-1])
+    return np.unique(np.concatenate(new))

@@ -1,6 +1,6 @@
-"""Which cells to refine, and which steps to split.
+"""Which cells to refine: the largest indicators.
 
-Cells: the smallest set that carries a given part theta of the squared indicators (Dorfler, *A convergent adaptive
+The smallest set that carries a given part theta of the squared indicators (Dorfler, *A convergent adaptive
 algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Where less is enough to reach the target, less is
 taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does.
 """
@@ -18,8 +18,6 @@ GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
 MARGIN = 0.9
 """Of the target: what the last pass aims at, so that it need not be followed by another."""
-MOST_PARTS = 100
-"""A step is split into in one pass: beyond, the lag of a single long step says little about that of its parts."""
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
@@ -35,26 +33,10 @@ def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
     """
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
-    return _largest(squares, min(theta, max(excess, 0.0)))
+    return largest(squares, min(theta, max(excess, 0.0)))
 
 
-def steps_to_split(lags: Floats, goal: float) -> Ints:
-    """Into how many equal parts to split each step, (N,), so that the lags add up to no more than the goal.
-
-    The error is of first order, so m parts together have 1/m^2 of the lag of the whole (seen: 16 parts, 1/280). For a
-    given sum the fewest parts then go with the third root.
-    """
-    wanted = MARGIN**2 * goal
-    if lags.sum() <= wanted:
-        return np.ones(len(lags), dtype=np.int64)
-    root = np.cbrt(lags)
-    parts = np.round(root * np.sqrt(root.sum() / wanted))
-    if (lags / np.maximum(parts, 1.0) ** 2).sum() > goal:
-        parts = np.ceil(root * np.sqrt(root.sum() / wanted))
-    return np.clip(parts, 1, MOST_PARTS).astype(np.int64)
-
-
-def _largest(values: Floats, part: float) -> Bools:
+def largest(values: Floats, part: float) -> Bools:
     """The fewest entries that make up this part of the sum."""
     if part <= 0.0:
         return np.zeros(len(values), dtype=bool)

@@ -3,8 +3,9 @@
     total = algebra + space + time
 
 algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is estimated,
-by the residuals of :mod:`vemcvx.budget.residual`. time is what steps lag (:mod:`vemcvx.budget.lag`) and what they miss
-of the load (:mod:`vemcvx.budget.missed`). All are relative energy errors: parts of the largest energy norm of the run.
+by the residuals of :mod:`vemcvx.budget.residual`. time is the distance from the same run in finer steps, on the same
+mesh (:mod:`vemcvx.budget.finer`). All are relative energy errors: parts of the largest energy norm of the run; where
+nothing has moved, of the estimate, so that all is missing.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.lag import lagged
-from vemcvx.budget.missed import missed_loads
+from vemcvx.budget.finer import Finer, beside_finer
 from vemcvx.budget.oscillation import Closer
 from vemcvx.budget.residual import indicators
 from vemcvx.budget.skeleton import skeleton
@@ -26,6 +26,8 @@ from vemcvx.history import History
 from vemcvx.real import brief
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import Posed, pose
+from vemcvx.stepping.state import prepare
+from vemcvx.stepping.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -46,10 +48,10 @@ class ErrorBudget:
         squares.
     cells : (n_cells,)
         The largest eta_K (:mod:`vemcvx.budget.residual`) of each cell over the steps looked at.
-    lags : (N,)
-        What each step adds to the square of the lag, in squares of `scale`.
-    missed : (N,)
-        What each step misses of the load.
+    added : (N,)
+        What each step adds to the error of time: the norm of the change.
+    jumps : tuple of str
+        A sentence for each instant at which data jump.
     scale : float
         The energy norm to which all are relative, the root of force times length.
     """
@@ -60,8 +62,8 @@ class ErrorBudget:
     time: Floats
     parts: dict[str, Floats]
     cells: Floats
-    lags: Floats
-    missed: Floats
+    added: Floats
+    jumps: tuple[str, ...]
     scale: float
 
     @property
@@ -107,31 +109,44 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     return budget_of(posed, history, rows)
 
 
-def budget_of(posed: Posed, history: History, rows: Sequence[int], missed: Floats | None = None) -> ErrorBudget:
-    """The budget of a run whose posed scene is at hand, at rows of its arrays; `missed` (N,) if that is known."""
+def budget_of(posed: Posed, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
+    """The budget of a run whose posed scene is at hand, at rows of its arrays; `finer` if that is known."""
     check_estimable(posed, "error_budget")
     run, edges = history.trajectory, skeleton(posed)
-    scale = float(run.norm.max())
     closer = Closer(posed, edges)
     squares = [indicators(posed, edges, closer, instant(history, k)) for k in rows]
-    # Where nothing has moved, and something should have, all is missing.
-    unit = scale or float(np.sqrt(max(sum(part.sum() for part in parts.values()) for parts in squares))) or 1.0
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
-    lags = lagged(run)
-    missed = missed_loads(posed, run.times) if missed is None else missed
-    behind = np.sqrt(np.append(0.0, np.cumsum(lags))) + np.sqrt(np.append(0.0, np.cumsum(missed**2)))
-    parts = {name: np.sqrt([part[name].sum() for part in squares]) / unit for name in squares[0]}
+    finer = in_time(posed, run) if finer is None else finer
+    parts = {name: np.sqrt([part[name].sum() for part in squares]) for name in squares[0]}
+    space = np.sqrt(np.sum([share**2 for share in parts.values()], axis=0))
+    time = np.maximum.accumulate(finer.errors)[steps]
+    scale = float(run.norm.max())
+    unit = scale or float((space + time).max()) or 1.0
     return ErrorBudget(
         steps,
         run.certificate_total[steps] * np.maximum.accumulate(run.norm)[steps] / unit,
-        np.sqrt(np.sum([share**2 for share in parts.values()], axis=0)),
-        behind[steps] / unit,
-        parts,
+        space / unit,
+        time / unit,
+        {name: share / unit for name, share in parts.items()},
         np.sqrt(np.max([sum(part.values()) for part in squares], axis=0)) / unit,
-        lags / unit**2,
-        missed / unit,
+        finer.added / unit,
+        finer.jumps,
         scale,
     )
+
+
+def in_time(posed: Posed, run: Trajectory) -> Finer:
+    """A run of a posed scene beside one in finer steps.
+
+    What was left out because it is zero at the run's instants may act between them: nothing is left out here.
+    """
+    if run.initial is None:
+        raise HistoryError("error_budget: this run does not say where it began; simulate the scene again.")
+    whole = pose(posed.scene, posed.space.mesh) if posed.void else posed
+    start, y = float(run.times[0]), run.initial
+    if whole is not posed:
+        y = whole.supports.gather(posed.displacement(y, start) - whole.supports.motion(start))
+    return beside_finer(prepare(whole.system, None, False, True), run.times, y)
 
 
 def check_estimable(posed: Posed, subject: str) -> None:

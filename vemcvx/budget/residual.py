@@ -3,8 +3,8 @@
     eta_K^2 = c^2 (  h_K^2 / (10 mu) |f|^2_K                                         what the body force leaves
                    + sum over inner edges     h_e / (4 mu) |[sigma n]|^2_e / 2       jumps, half to each neighbour
                    + sum over boundary edges  h_e / (2 mu) |t - sigma n|^2_e         loads, friction, contact, springs
-                   + tau |(I - Pi) u|^2 at the vertices )                            the stabilisation, as in K
-                   + what of the data was not assembled:  :mod:`vemcvx.budget.oscillation`
+                   + tau |(I - Pi) u|^2 at the vertices                              the stabilisation, as in K
+                   + what of the data was not assembled )                            :mod:`vemcvx.budget.oscillation`
 
 with sigma = C eps(Pi u) + sigma_0, h_K = |K|^{1/2}, h_e the mean over the neighbours, and boundary residuals only in
 the directions that supports leave free. In the order of Verfurth, *A Posteriori Error Estimation Techniques for Finite

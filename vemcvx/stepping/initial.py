@@ -63,6 +63,11 @@ def _off(settled: State, jump: float) -> Certificate:
     return replace(settled.certificate, equilibrium=0.5 * error * error, friction=none, limits=np.zeros_like(settled.p))
 
 
+def settled_from(run: Run, t: float, y: Floats) -> State:
+    """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
+    return _at_rest(run, _settle(run, _state(run, drive(run.system, run.condensation, t), y)))
+
+
 def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
     n = run.system.n
     if initial is None:

@@ -52,8 +52,8 @@ SCALARS = (
     *("iterations", "safeguards", "contraction", "stuck", "lag", "unit"),
 )
 COUNTS = ("iterations", "safeguards", "stuck")
-EVERY_STEP = ("scalars", "data")
-"""Arrays with a row for every step; the others have one for every stored step."""
+EVERY_STEP = ("scalars", "data", "initial")
+"""Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
 
 
 class Recorder:
@@ -91,6 +91,7 @@ class Recorder:
             "sticking": ((rows, terms), bool),
             "worn": ((rows, terms), float),
             "scalars": ((len(self._times), len(SCALARS)), float),
+            "initial": ((1, self._run.system.n), float),
             **({"velocity": ((rows, self._run.system.n), float)} if self._run.system.damping is not None else {}),
             "data": ((len(self._times) if self._storage.lasting else 0,), np.int64),
         }
@@ -140,7 +141,7 @@ class Recorder:
             self._storage.clear()
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
         left, stored = state, n in self._row
-        if stored:
+        if stored or n == 0:
             state = completed(self._run, state)
             if n > 0 and self._run.check:
                 self._run.insist(state, n)
@@ -154,6 +155,8 @@ class Recorder:
             state.unit(self._run.solver.accuracy),
         )
         self._enter(n, "scalars", scalars)
+        if n == 0:
+            self._enter(0, "initial", state.full)
         if stored:
             row = self._row[n]
             self._enter(row, "state", state.full)
@@ -189,6 +192,7 @@ class Recorder:
             times=self._times,
             stored=self._kept,
             **{name: values for name, values in rows.items() if name not in EVERY_STEP},
+            initial=rows["initial"][0],
             **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),

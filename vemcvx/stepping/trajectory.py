@@ -51,7 +51,7 @@ class Trajectory:
     contraction : (N + 1,) array
         Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
     lag : (N + 1,) array
-        What each step may have lost to time, energy times two: see :mod:`vemcvx.budget.lag`.
+        What each step may have lost to time, energy times two: w_prev |s| - lam_prev . s and its like.
     unit : (N + 1,) array
         The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
         are zero at the accuracy asked (:mod:`vemcvx.stepping.acceptance`).
@@ -59,6 +59,8 @@ class Trajectory:
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
         Name and settings of the solver that answered.
+    initial : (n,) array or None
+        y at the initial instant, stored or not.
     velocity : (S, n) array or None
         (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
     """
@@ -85,6 +87,7 @@ class Trajectory:
     seconds: dict[str, float]
     solver: str
     unit: Floats | None = None
+    initial: Floats | None = None
     velocity: Floats | None = None
 
     @property

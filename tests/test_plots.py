@@ -228,6 +228,15 @@ def test_what_there_is_to_show_is_written(history, loose, tmp_path):
     assert [path.name for path in write_plots(start, tmp_path / "new")] == ["deformed_mesh.png"]
 
 
+def test_pictures_of_others_stay(loose, tmp_path):
+    (tmp_path / "stick_slip_map.png").write_bytes(b"a thesis")
+    with pytest.raises(vx.HistoryError, match=r"stick_slip_map\.png: not drawn by this version, so it is not replaced"):
+        write_plots(loose, tmp_path)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("stick_slip_map.png", b"a thesis")]
+    with pytest.raises(vx.HistoryError, match="wanted a path"):
+        write_plots(loose, 5)
+
+
 def test_pictures_say_what_they_miss(history, loose, tmp_path):
     for draw in (friction_traction, stick_slip_map):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no contact nodes"):

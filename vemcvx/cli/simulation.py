@@ -113,8 +113,10 @@ def _refuse_early(asked: Run, drawings: Path) -> None:
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
     if asked.plot:
         from vemcvx.canvas import new_figure
+        from vemcvx.plots.pictures import check_pictures
 
         new_figure()
+        check_pictures(drawings)
     if asked.plot or asked.out:
         writable_folder(drawings)
     if asked.out:

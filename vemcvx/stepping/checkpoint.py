@@ -36,8 +36,11 @@ PRESSURES = (0.0, 1e-150, 1.0, 1e150)
 
 def fixed_marks(run: Run, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
     """Marks of what two runs must share if one is to go on where the other stopped, by what users call it."""
+    from vemcvx import __version__
+
     condensation = run.condensation
     return {
+        "version": _mark(__version__),
         "scene or mesh": _mark(run.system),
         "times": _mark(times),
         "store": _mark(kept),

@@ -123,12 +123,13 @@ class Folder:
         if 0 in shape:
             return np.zeros(shape, dtype)
         try:
-            old = np.lib.format.open_memmap(file, mode="r+")
-        except (OSError, ValueError, EOFError) as error:
-            raise HistoryError(f"{file}: missing or damaged: {error}. Run without resume.") from error
-        if old.shape != shape or old.dtype != np.dtype(dtype):
-            raise HistoryError(f"{file}: found an array {old.dtype} {old.shape}, wanted {shape}. Run without resume.")
-        return old
+            # To be written to, a file that was cut short would be filled up with zeros.
+            old = np.lib.format.open_memmap(file, mode="r")
+            if old.shape != shape or old.dtype != np.dtype(dtype):
+                raise ValueError(f"found {old.dtype} of shape {old.shape}, wanted {np.dtype(dtype)} of shape {shape}")
+            return np.lib.format.open_memmap(file, mode="r+")
+        except Exception as error:  # damage shows as whatever numpy or the parser of headers stumbles over
+            raise HistoryError(f"{file}: missing, cut short or damaged: {error}. Run without resume.") from error
 
     def clear(self) -> None:
         """Forget an earlier run."""

@@ -10,6 +10,7 @@ from rich.table import Table
 from vemcvx import effects
 from vemcvx.cli.problem_file import Problem
 from vemcvx.effects import Effect
+from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
 from vemcvx.scene import Scene
@@ -42,6 +43,7 @@ def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...
         ("unknowns", f"{posed.system.n} in all, {len(seen.touched)} after condensation"),
         ("program", _program(seen.form, posed.system.damping is not None)),
         ("terms", _terms(seen.form)),
+        ("certificate", _certificate(posed.system.norms)),
         *_solvers(seen),
         ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
     ]
@@ -83,6 +85,14 @@ def _terms(form: Form) -> str:
     )
     found = [(form.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
     return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
+
+
+def _certificate(norms: Norms | None) -> str:
+    """What the certificate of a step is: see :mod:`vemcvx.stepping.fixed_point`."""
+    if norms is None or norms.law is None:
+        return "a bound"
+    settled = "a bound on the distance to a solution, by its sets; where they do not settle "
+    return (settled if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
 
 
 def _solvers(seen: Condensation) -> list[tuple[str, str]]:

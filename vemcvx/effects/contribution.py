@@ -95,6 +95,8 @@ class Friction:
     """t -> (m,), by how much slip along the tangent (normal turned by +90 degrees) costs more than half of both ways"""
     ends: EdgeEnds | None = None
     """the edges of each row; without, `lengths` are of an edge that no other part has"""
+    slope: Callable[[float, Floats], Floats] | None = None
+    """(t, normal forces (m,)) -> (m,), the derivative of `law`, which is piecewise affine; the right one at corners"""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ class CoulombFriction(Effect):
 
     Needs UnilateralContact or NormalCompliance on the same boundary. No energy has this law as its optimality
     condition; every step is a fixed point of convex Tresca problems, weights = coefficient * nodal pressure (Necas,
-    Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by :mod:`vemcvx.stepping.fixed_point`, which
-    reports how fast it contracts and raises NotContracting when it does not. Small coefficients contract.
+    Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by :mod:`vemcvx.stepping.fixed_point`. What is
+    certified is the distance to a solution of the step: for small coefficients there is no other.
 
     Parameters
     ----------
@@ -62,9 +62,19 @@ class CoulombFriction(Effect):
             bound = positive(self.coefficient, x, t, "coefficient") * np.maximum(pressure, 0.0)
             return (bound if self.cap is None else np.minimum(bound, positive(self.cap, x, t, "cap")))[None]
 
+        def slope(t: float, forces: Floats) -> Floats:
+            mu = positive(self.coefficient, t, "coefficient")
+            if self.cap is None:
+                return mu
+            return np.where(mu * forces < positive(self.cap, t, "cap") * rows.lengths, mu, 0.0)
+
         none = np.zeros(len(rows.nodes))
         return Contribution(
-            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, lambda t: none, law, ends=rows.ends),),
+            frictions=(
+                Friction(
+                    *(subject, rows.nodes, rows.normals, rows.lengths), lambda t: none, law, ends=rows.ends, slope=slope
+                ),
+            ),
             surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
             given=(Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else (),
         )

@@ -59,6 +59,7 @@ def summary(history: History, origin: Origin, writing: float) -> dict[str, Any]:
         "solver": history.solver,
         "accuracy": _accuracy(history.solver),
         "certified_energy_error": _finite(run.certificate.max()),
+        "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
         "energy": _finite(run.energy[-1]),
         "dissipated": _finite(run.dissipated[-1]),

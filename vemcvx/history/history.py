@@ -127,6 +127,16 @@ class History:
         return self.trajectory.certificate[self.stored]
 
     @property
+    def certificate_kind(self) -> str:
+        """What `certificate` is: "bound", or "estimate" if it is no more than that in some step.
+
+        Estimates are for friction that depends on pressure (Coulomb), in steps where what sticks, slips and touches
+        does not settle; a bound is then on the distance to *a* solution of the step, which for coefficients that are
+        not small need not be the only one.
+        """
+        return self.trajectory.certificate_kind
+
+    @property
     def certificate_floor(self) -> Floats:
         """(S,) what round-off alone may account for in `certificate`."""
         return self.trajectory.certificate_floor[self.stored]
@@ -148,7 +158,7 @@ class History:
 
     @property
     def contraction(self) -> Floats:
-        """(S,) rate with which Coulomb's fixed point contracted in each step; NaN where there was none to find."""
+        """(S,) rate with which Coulomb's fixed point contracted in each step; NaN where two programs were enough."""
         return self.trajectory.contraction[self.stored]
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.history.history import History
 
@@ -19,6 +20,7 @@ def in_words(history: History) -> str:
         f"solver      {history.solver}",
         f"certified   {run.certificate.max():.1e} relative energy error a step "
         f"(floor {run.certificate_floor.max():.1e}), {run.certificate_total[-1]:.1e} accumulated",
+        *_kind(run.estimated),
         *_errors(history.errors),
         f"iterations  {int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
         f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards",
@@ -27,6 +29,16 @@ def in_words(history: History) -> str:
         "seconds     " + ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items()),
     ]
     return "\n".join(lines)
+
+
+def _kind(estimated: NDArray[np.bool_]) -> list[str]:
+    """Where the certificates are no bounds."""
+    if not estimated.any():
+        return []
+    return [
+        f"            an estimate in {estimated.sum()} of {len(estimated) - 1} steps, where what sticks, slips and "
+        "touches did not settle; else a bound"
+    ]
 
 
 def _errors(errors: dict[str, float] | None) -> list[str]:

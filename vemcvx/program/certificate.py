@@ -54,21 +54,35 @@ class Certificate:
         What round-off alone may hide in, or add to, the gap: see :func:`certify`.
     limits : (r,) array
         The part of every limit.
+    distance : float
+        1/2 |d - d'|_K^2 to a solution d' that is at hand, where weights depend on the answer and no gap bounds it
+        (:mod:`vemcvx.stepping.fixed_point`).
+    estimate : bool
+        Whether that is an estimate, not a bound.
     """
 
     equilibrium: float
     friction: Floats
     floor: float
     limits: Floats = field(default_factory=lambda: np.zeros(0))
+    distance: float = 0.0
+    estimate: bool = False
 
     def times(self, unit: float) -> Certificate:
         """The same certificate in other units of energy."""
-        return Certificate(unit * self.equilibrium, unit * self.friction, unit * self.floor, unit * self.limits)
+        parts = unit * self.equilibrium, unit * self.friction, unit * self.floor, unit * self.limits
+        return Certificate(*parts, unit * self.distance, self.estimate)
+
+    def away(self, error: float, estimate: bool | None = None) -> Certificate:
+        """The certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
+        none = np.zeros_like(self.friction), np.zeros_like(self.limits)
+        kind = self.estimate if estimate is None else estimate
+        return Certificate(0.0, none[0], self.floor, none[1], 0.5 * error * error, kind)
 
     @property
     def gap(self) -> float:
         """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing."""
-        gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum())
+        gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum()) + self.distance
         return gap if gap >= 0 else np.inf
 
     @property

@@ -8,6 +8,8 @@ moves by S_FF^{-1} r_F, the multipliers of what sticks and the unknowns inside f
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,15 +85,17 @@ def refined(
 
 
 def full_certificate(
-    condensation: Condensation, force: Floats, y: Floats, lam: Floats, p: Floats, own: Certificate
+    condensation: Condensation, force: Floats, y: Floats, held: Floats, own: Certificate
 ) -> Certificate:
-    """The certificate of the full system: r = force - B'lam - D'p - K y over all unknowns, in extended precision.
+    """The certificate of the full system: r = force - held - K y over all unknowns, in extended precision.
+
+    `held` (n,) is B'lam + D'p; or, where the condensed program's certificate knows the error of the touched unknowns
+    without the multipliers, what holds those in place: r is then what condensing has lost.
 
     The floor is what the rounding of K's and the force's own entries, of size EPS and of random signs, brings about.
     Norm terms and limits see touched unknowns only; their parts are those of the condensed program's `own` certificate.
     """
     system = condensation.system
-    held = pulled(system, lam, p)
     r = residual(force, system.K, y, held)
     blur = EPS * (np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y))
     if system.kernel is not None:
@@ -100,7 +104,7 @@ def full_certificate(
         r = r - N @ (N.T @ r)
     blur *= signs(system.n)
     equilibrium, floor = 0.5 * condensation.energy(r), 0.5 * condensation.energy(blur)
-    return Certificate(equilibrium, own.friction, floor, own.limits)
+    return replace(own, equilibrium=equilibrium, floor=floor)
 
 
 def signs(n: int) -> Floats:

@@ -45,6 +45,9 @@ class Norms:
     bias : (m * block,) array, or callable t -> (m * block,), optional
         c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
         as a force -B'c, whose work is friction's.
+    slope : callable (t, p) -> (m, r), optional
+        The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
+        are then solved whole, and their certificates are bounds instead of estimates.
     """
 
     B: sp.csr_matrix
@@ -53,6 +56,7 @@ class Norms:
     places: Callable[[int], str] | None = None
     law: Callable[[float, Floats], Floats] | None = None
     bias: ArrayLike | Callable[[float], ArrayLike] | None = None
+    slope: Callable[[float, Floats], ArrayLike | sp.csr_matrix] | None = None
 
     def __post_init__(self) -> None:
         B = checked_matrix(self.B, "Norms: B")
@@ -81,6 +85,13 @@ class Norms:
     def weights_under(self, t: float, p: Floats) -> Floats:
         """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
         return self.weights(t) if self.law is None else self._checked(self.law(t, p))
+
+    def slope_under(self, t: float, p: Floats) -> sp.csr_matrix:
+        """The derivative (m, r) of the weights there; `slope` must be given."""
+        J = checked_matrix(self.slope(t, p), "Norms: slope")  # type: ignore[misc]
+        if J.shape != (self.count, len(p)):
+            raise SceneError(f"Norms: slope: found shape {J.shape}; wanted ({self.count}, {len(p)}), a row a term.")
+        return J
 
     def tilt(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.

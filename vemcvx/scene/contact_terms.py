@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,8 +17,16 @@ from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms
 
 Floats = NDArray[np.float64]
-Law = Callable[[float, Floats], Floats] | None
-"""(t, forces of the limits) -> weights of all terms; None where none depends on them"""
+
+
+@dataclass(frozen=True)
+class Law:
+    """How the weights of all terms follow the forces of the limits."""
+
+    weights: Callable[[float, Floats], Floats]
+    """(t, forces (r,)) -> (m,)"""
+    slope: Callable[[float, Floats], sp.csr_matrix] | None
+    """(t, forces (r,)) -> (m, r), the derivative of weights that are piecewise affine; None if they are not"""
 
 
 def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
@@ -32,12 +41,13 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.softness, place)
 
 
-def norm_terms(terms: Terms, law: Law, supports: Supports) -> Norms | None:
+def norm_terms(terms: Terms, law: Law | None, supports: Supports) -> Norms | None:
     """The terms that some unknown moves."""
     m, nodes, points = terms.acting, terms.nodes, supports.points
     if m == 0:
         return None
-    under, bias = law, terms.bias
+    under, bias = None if law is None else law.weights, terms.bias
+    slope = None if law is None else law.slope
 
     def place(i: int) -> str:
         return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
@@ -50,10 +60,11 @@ def norm_terms(terms: Terms, law: Law, supports: Supports) -> Norms | None:
         place,
         None if under is None else lambda t, p: under(t, p)[:m],
         None if bias is None else lambda t: bias(t)[: m * block],
+        None if slope is None else lambda t, p: slope(t, p)[:m],
     )
 
 
-def dragged_terms(terms: Terms, law: Law, supports: Supports) -> DraggedTerms | None:
+def dragged_terms(terms: Terms, law: Law | None, supports: Supports) -> DraggedTerms | None:
     """The terms that none does."""
     m, q = terms.acting, len(terms.nodes) - terms.acting
     if q == 0:
@@ -62,7 +73,7 @@ def dragged_terms(terms: Terms, law: Law, supports: Supports) -> DraggedTerms | 
     rows = terms.rows[m * block :]
     return DraggedTerms(
         lambda t: rows @ supports.motion(t),
-        lambda t, p: (terms.weights(t) if law is None else law(t, p))[m:],
+        lambda t, p: (terms.weights(t) if law is None else law.weights(t, p))[m:],
         q,
         block,
         None if bias is None else lambda t: bias(t)[m * block :],
@@ -75,19 +86,23 @@ def acting_rows(terms: Terms) -> sp.csr_matrix:
     return terms.rows[: terms.acting * block]
 
 
-def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> Law:
+def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> Law | None:
     """Weights under the forces of the limits, if some depend on them."""
     pressed = terms.pressed
     if pressed is None or len(terms.nodes) == 0:
         return None
-    nothing = sp.csr_matrix((0, len(obstacles.nodes)))
     own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
     press = [
-        nothing if f.law is None else pressing(obstacles, f, ends[rows], supports)
+        sp.csr_matrix((len(rows), len(obstacles.nodes)))
+        if f.law is None
+        else pressing(obstacles, f, ends[rows], supports)
         for f, rows in zip(terms.frictions, own, strict=True)
     ]
 
     def law(t: float, p: Floats) -> Floats:
         return pressed(t, [M @ p for M in press])
 
-    return law
+    def slope(t: float, p: Floats) -> sp.csr_matrix:
+        return terms.slope(t, press, p)  # type: ignore[misc]
+
+    return Law(law, None if terms.slope is None else slope)

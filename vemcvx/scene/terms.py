@@ -40,6 +40,8 @@ class Terms:
     pressed: Callable[[float, Sequence[Floats]], Floats] | None = None
     """(t, normal forces of every friction's rows) -> (m,), the weights where some depend on the pressure"""
     frictions: Sequence[Friction] = ()
+    slope: Callable[[float, Sequence[sp.csr_matrix], Floats], sp.csr_matrix] | None = None
+    """(t, which limits press on every friction's rows, their forces (r,)) -> (m, r), the derivative of `pressed`"""
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), along the tangent of each row; None if there is none"""
     acting: int = 0
@@ -78,6 +80,13 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, times: Seq
         ]
         return gather @ np.concatenate(parts)
 
+    def slope(t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
+        each = [
+            0.0 * M if f.slope is None else sp.diags_array(f.slope(t, M @ p)) @ M
+            for f, M in zip(frictions, press, strict=True)
+        ]
+        return sp.csr_matrix(gather @ sp.vstack(each))
+
     along = np.einsum("ij,ij->i", normals, normals[first][term])
 
     def bias(t: float) -> Floats:
@@ -85,10 +94,12 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, times: Seq
         return gather @ (np.sign(along) * np.concatenate(each))
 
     rows = tangential_rows(nodes[first][kept], normals[first][kept], points)
-    depends = pressed if any(f.law is not None for f in frictions) else None
+    laws = [f for f in frictions if f.law is not None]
+    depends = pressed if laws else None
+    follows = slope if laws and all(f.slope is not None for f in laws) else None
     tilts = bias if any(f.bias is not None for f in frictions) else None
     edges = len(acting), held.dragged[kept], ends, names
-    return Terms(rows, nodes[first][kept], lengths_of(ends), weights, depends, frictions, tilts, *edges)
+    return Terms(rows, nodes[first][kept], lengths_of(ends), weights, depends, frictions, follows, tilts, *edges)
 
 
 def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:

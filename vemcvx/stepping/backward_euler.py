@@ -12,13 +12,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.program.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps
+from vemcvx.program.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps, rounding_floor
 from vemcvx.program.extended import residual
 from vemcvx.program.refinement import full_certificate, pulled, refined
 from vemcvx.program.scaling import SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.solvers.quasi import Law, settled
+from vemcvx.solvers.sets import Point
 from vemcvx.stepping.acceptance import caused_beside
-from vemcvx.stepping.fixed_point import resolved
+from vemcvx.stepping.fixed_point import Dependent, resolved
 from vemcvx.stepping.ledger import Drive, advance, drive
 from vemcvx.stepping.seminorm import answered, refuse_unbalanced
 from vemcvx.stepping.state import Run, State
@@ -27,8 +29,6 @@ Floats = NDArray[np.float64]
 
 MENDED = 0.1
 """Inner unknowns of a kept step are refined once when the full certificate reaches this part of the accuracy."""
-INSIDE = 0.1
-"""Part of the accuracy at which the programs inside a fixed point are solved: at 1 it stalls at twice the accuracy."""
 ATTEMPTS = 3
 """A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known, while that helps:
 one that is at the end of its digits gives the same answer again."""
@@ -63,27 +63,27 @@ def solved(run: Run, before: State, now: Drive, weights: Floats, n: int) -> Stat
     norms, attempt = run.system.norms, trial(run, before, now, weights)
     if norms is not None and norms.law is not None:
         return _under_pressure(run, before, now, weights, n)
-    if run.form.kernel is not None:
-        refuse_unbalanced(attempt.program, run.system.kernel, run.condensation.touched, n, now.t)
+    refuse_unheld(attempt, n)
     return attempt.solve()
+
+
+def refuse_unheld(posed: Trial, n: int) -> None:
+    """Raise SceneError when nothing balances the load of step `n` on a motion that K does not feel."""
+    run = posed.run
+    if run.form.kernel is not None:
+        refuse_unbalanced(posed.program, run.system.kernel, run.condensation.touched, n, posed.drive.t)
 
 
 def _under_pressure(run: Run, before: State, now: Drive, weights: Floats, n: int) -> State:
     """The step where weights depend on the forces of the limits."""
-    norms, form = run.system.norms, run.form
 
-    def solve(w: Floats) -> State:
-        return trial(run, before, now, w).solve(INSIDE)
+    def pose(run: Run, w: Floats) -> Trial:
+        return trial(run, before, now, w)
 
-    def certified(state: State, w: Floats) -> State:
-        return trial(run, before, now, w).reconsidered(state)
-
-    def distance(one: State, other: State) -> float:
-        apart = one.y - other.y
-        return float(np.sqrt(max(apart @ (form.K @ apart), 0.0)))
-
-    law = partial(norms.weights_under, now.t)  # type: ignore[union-attr]
-    return resolved(solve, certified, law, distance, run.solver.accuracy, weights, n)
+    # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
+    free = run.form.kernel is not None
+    start = np.full(len(weights), np.abs(pose(run, weights).program.g).sum()) if free else weights
+    return resolved(Dependent(run, now.t, n, pose, partial(refuse_unheld, n=n)), start)
 
 
 def sticking(run: Run, state: State) -> NDArray[np.bool_]:
@@ -114,7 +114,7 @@ def sharpened(run: Run, state: State) -> State:
         0.0,
         limit_gaps(run.form.softness, p, excess, EPS * (np.abs(state.drive.reach) + np.abs(excess))),
     )
-    certificate = full_certificate(run.condensation, force.phi, y, lam, p, parts)
+    certificate = full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), parts)
     unbalanced = run.form.rows.pull(lam.ravel()) + run.form.limits.pull(p)
     return replace(state, y=y[touched], unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
 
@@ -126,14 +126,17 @@ def completed(run: Run, state: State) -> State:
     force = state.drive.force
     y = run.condensation.recover(state.y, force)
     own = state.certificate
-    full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
+    held = pulled(run.system, state.lam, state.p)
+    if run.system.norms is not None and run.system.norms.law is not None:
+        held = np.zeros_like(y)
+        held[run.condensation.touched] = state.unbalanced
+    full = full_certificate(run.condensation, force.phi, y, held, own)
     if full.error > MENDED * run.solver.accuracy * state.unit(run.solver.accuracy) and len(state.y) < run.system.n:
-        r = residual(force.phi, run.system.K, y, pulled(run.system, state.lam, state.p))
+        r = residual(force.phi, run.system.K, y, held)
         y = run.condensation.mend(y, r)
-        full = full_certificate(run.condensation, force.phi, y, state.lam, state.p, own)
+        full = full_certificate(run.condensation, force.phi, y, held, own)
     equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
-    worse = equilibrium, own.friction, floor, own.limits
-    return replace(state, full=y, certificate=Certificate(*worse))
+    return replace(state, full=y, certificate=replace(own, equilibrium=equilibrium, floor=floor))
 
 
 def trial(run: Run, before: State, now: Drive, weights: Floats) -> Trial:
@@ -152,13 +155,15 @@ class Trial:
     program: StepProgram
     drive: Drive
 
-    def solve(self, share: float = 1.0) -> State:
+    def solve(self, share: float = 1.0, near: State | None = None) -> State:
         """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
 
         Parameters
         ----------
         share : float
             Of the solver's accuracy: less is asked where the answer is but a part of something.
+        near : State, optional
+            Whose multipliers to begin with; by default those of the step before.
         """
         scales = self.run.scaling
         alpha = scales.size(self.program)
@@ -177,15 +182,17 @@ class Trial:
         checked_norm(norm, self.drive.t)
         size = max(self.before.unit(accuracy), norm)
         best: State | None = None
+        spent = 0
         for _ in range(ATTEMPTS):
-            state = self._ask(alpha, 0.5 * (accuracy * size) ** 2)
+            state = self._ask(alpha, 0.5 * (accuracy * size) ** 2, near or self.before, spent)
+            spent += state.iterations
             if best is not None and state.certificate.gap >= best.certificate.gap:
                 break
             best = state
-            if best.accepted(accuracy):
+            if best.accepted(accuracy) or spent >= self.run.most:
                 break
             size = 0.1 * min(size, best.unit(accuracy))
-        return best  # type: ignore[return-value]
+        return replace(best, iterations=spent)  # type: ignore[type-var]
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""
@@ -193,26 +200,42 @@ class Trial:
         exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
         return self.enter(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
-    def _ask(self, alpha: float, target: float) -> State:
+    def _ask(self, alpha: float, target: float, near: State, spent: int) -> State:
         scales = self.run.scaling
         scaled = scales.scale(self.program, alpha)
-        start = scales.guess(self.before.lam, self.before.p, alpha)
-        answer = answered(self.run.prepared, scaled, scales.energy(target, alpha), *start)
+
+        def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
+            return self.run.after(spent + more).prepared.solve(program, target, lam, p)
+
+        left = self.run.most - spent
+        answer = answered(ask, left, scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha))
         certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.enter(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 
-    def reconsidered(self, state: State) -> State:
-        """A state that was found for other weights, certified for those of this program."""
-        alpha = self.run.scaling.size(self.program)
+    def settled(self, state: State) -> State | None:
+        """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
+        scales, norms, t = self.run.scaling, self.run.system.norms, self.drive.t
+        alpha = scales.size(self.program)
         if alpha == 0.0:
-            return state
-        scales = self.run.scaling
+            return replace(state, certificate=state.certificate.away(0.0), iterations=0)
+        up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
+        law = Law(partial(norms.weights_under, t), partial(norms.slope_under, t)).scaled(up, down)  # type: ignore
+        start = Point(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
         scaled = scales.scale(self.program, alpha)
-        d = scales.shrink(state.y - self.before.y, alpha)
-        lam, p = scaled.admissible(*scales.guess(state.lam, state.p, alpha), d)
-        certificate = certify(scaled, d, lam, p).times(1.0 / scales.energy(1.0, alpha))
-        answer = scales.restore(Answer(d, lam, state.iterations, state.status, state.safeguards, p), alpha)
-        return self.enter(answer, certificate, scales.weights(scaled, alpha))
+        found = settled(scaled, law, start, self.run.response)
+        if found is None:
+            return None
+        at, w = found.point, found.weights
+        floor = rounding_floor(replace(scaled, w=w), at.d, at.lam, at.p)
+        own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
+        answer = Answer(at.d, at.lam, found.iterations, state.status, state.safeguards, at.p)
+        whole = replace(self, program=replace(self.program, w=w / up))
+        return whole.enter(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
+
+    def reconsidered(self, state: State, certificate: Certificate) -> State:
+        """A state that was found for other weights, under those of this program."""
+        d, lam = state.y - self.before.y, self.program.project(state.lam)
+        return self.enter(Answer(d, lam, state.iterations, state.status, state.safeguards, state.p), certificate)
 
     def enter(self, answer: Answer, certificate: Certificate, walls: Floats | None = None) -> State:
         """The state that an answer leads to."""

@@ -1,113 +1,174 @@
-"""Friction that depends on the pressure: a fixed point of convex programs inside each step.
+"""Friction that depends on the pressure: a fixed point of convex programs inside each step, and what proves it.
 
 With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks for
 
-    w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   from the pressures of the step before.
+    w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   beginning with the pressures of the step before.
 
-While |d_{k+1} - d_k|_K <= rate |d_k - d_{k-1}|_K, which is measured and kept in the history, the fixed point d
-satisfies
+Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
+Jarusek 1998); but whether an iteration contracts is not seen from its increments. So an answer d_k = T(w_k) is judged
+by a solution of the step: what sticks, slips, touches at d_k makes one linear system, which
+:mod:`vemcvx.solvers.quasi` solves, and whose solution d_s solves the step where it obeys the inequalities of its sets
+(theorem there). Then
 
-    |d_k - d|_K <= (error of T(w_k)) + rate / (1 - rate) |d_k - d_{k-1}|_K.
+    |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
 
-An iterate is accepted when this is at the accuracy, or when it is certified as it stands for the weights that its own
-pressures call for: the duality gap of (d_k, lam_k, p_k), lam_k made admissible for law(p_k). (That gap is linear in the
-difference of the weights, its root reaches 1e-8 and no further.) The smaller of the two is its certificate. Uniqueness
-and contraction hold for small coefficients (Necas, Jarusek and Haslinger 1980); nothing is claimed beyond, and an
-iteration that does not contract is an error.
+a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
+active-set steps anyway answer with d_s itself, often after the first program; answers of all others stay their own.
+
+Where sets do not settle, or the law is not known to be piecewise affine, the certificate is an *estimate*:
+
+    CAUTION (|d_k - d_{k-1}|_K rate + e_k) / (1 - rate),   rate: the largest of the last WINDOW ratios of increments,
+
+e_k the certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a
+lucky small one passes for the constant of contraction.) An iteration that does not contract is an error.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import NotContracting
-from vemcvx.program.certificate import Certificate
+from vemcvx.solvers import Newton
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vemcvx.stepping.state import State
+    from vemcvx.program.certificate import Certificate
+    from vemcvx.stepping.backward_euler import Trial
+    from vemcvx.stepping.state import Run, State
 
 Floats = NDArray[np.float64]
 
+log = logging.getLogger("vemcvx")
+
 MOST_PROGRAMS = 200
+INSIDE = 0.1
+"""Part of the accuracy at which the programs are solved: at 1 answers stall at twice the accuracy."""
+WINDOW = 3
+CAUTION = 4.0
 SLOWEST = 0.98
 """Iterations that contract more slowly than this, ten times in a row, will not get there in MOST_PROGRAMS."""
 IDLE = 25
-"""Programs in a row that may fail to halve the best gap: a contraction of .986 halves it in that many."""
+"""Programs in a row that may fail to halve the least increment: a contraction of .986 halves it in that many."""
+PATIENCE = 3
+"""Programs of a step before the log is told of each."""
 
 
-def resolved(
-    solve: Callable[[Floats], State],
-    certified: Callable[[State, Floats], State],
-    law: Callable[[Floats], Floats],
-    distance: Callable[[State, State], float],
-    accuracy: float,
-    start: Floats,
-    n: int,
-) -> State:
+@dataclass(frozen=True)
+class Dependent:
+    """A step whose weights depend on the forces of its limits."""
+
+    run: Run
+    t: float
+    n: int
+    """the step, for messages"""
+    pose: Callable[[Run, Floats], Trial]
+    """(run, weights) -> the step with these weights"""
+    check: Callable[[Trial], None]
+    """raises an error where a program has no solution"""
+
+    @property
+    def replaces(self) -> bool:
+        """Whether a solution of the step may stand in for the solver's answer."""
+        return getattr(self.run.solver, "polish", isinstance(self.run.solver, Newton))
+
+    def solve(self, w: Floats, near: State | None, spent: int) -> State:
+        """The answer for the weights w (m,), begun near another, after so many iterations for the step."""
+        posed = self.pose(self.run.after(spent), w)
+        self.check(posed)
+        return posed.solve(INSIDE, near)
+
+    def settled(self, state: State) -> State | None:
+        """A solution of the step near the state, with the certificate of its own error; None if none was found."""
+        known = self.run.system.norms.slope is not None  # type: ignore[union-attr]
+        return self.pose(self.run, state.weights).settled(state) if known else None
+
+    def certified(self, state: State, certificate: Certificate) -> State:
+        """The state under the weights of its own pressures, with that certificate."""
+        return self.pose(self.run, self.law(state.p)).reconsidered(state, certificate)
+
+    def law(self, p: Floats) -> Floats:
+        """Weights (m,) under the forces p (r,)."""
+        return self.run.system.norms.weights_under(self.t, p)  # type: ignore[union-attr]
+
+    def distance(self, one: State, other: State) -> float:
+        """Energy norm of the difference."""
+        apart = one.y - other.y
+        return float(np.sqrt(max(apart @ (self.run.form.K @ apart), 0.0)))
+
+
+def resolved(step: Dependent, start: Floats) -> State:
     """The state whose weights are those that its own pressures call for.
 
     Parameters
     ----------
-    solve : weights (m,) -> state
-    certified : (state, weights) -> the state certified for other weights
-    law : pressures (r,) -> weights
-    distance : energy norm of the difference of two states
-    accuracy : float
-        Certified relative energy error at which to stop.
     start : (m,) array
         Weights of the first program.
-    n : int
-        The step, for messages.
 
     Raises
     ------
     NotContracting
-        Successive iterates do not come closer, or too slowly.
+        Sets do not settle, and successive iterates do not come closer, or too slowly.
     """
-    w, before, apart, rate, slow, iterations = start, None, np.inf, np.nan, 0, 0
-    least, idle = np.inf, 0
-    for _ in range(MOST_PROGRAMS):
-        state = solve(w)
-        iterations += state.iterations
-        wanted = law(state.p)
-        own = certified(state, wanted)
+    n, accuracy = step.n, step.run.solver.accuracy
+    w, before, increments, iterations, safeguards = start, None, [], 0, 0
+    for count in range(1, MOST_PROGRAMS + 1):
+        state = step.solve(w, before, iterations)
+        iterations, safeguards = iterations + state.iterations, safeguards + state.safeguards
+        near = step.settled(state)
         if before is not None:
-            now = distance(state, before)
-            rate = now / apart if 0 < apart < np.inf else rate
-            slow, apart = slow + 1 if rate > SLOWEST else 0, now
-        own = replace(_better(own, state, apart, rate), iterations=iterations, rate=rate)
-        if own.accepted(accuracy):
+            increments.append(step.distance(state, before))
+        if near is None:
+            met = np.array_equal(step.law(state.p), w)
+            own = step.certified(state, _estimated(state.certificate, [0.0] * (WINDOW + 1) if met else increments))
+        else:
+            iterations += near.iterations
+            apart = step.distance(state, near) + near.certificate.error
+            own = near if step.replaces else step.certified(state, near.certificate.away(apart))
+        own = replace(own, iterations=iterations, safeguards=safeguards, rate=_rate(increments, 1))
+        error = own.certificate.error / (own.unit(accuracy) or np.inf)
+        level = logging.INFO if count > PATIENCE else logging.DEBUG
+        log.log(level, "step %d, program %d: %d iterations so far, error %.1e", n, count, iterations, error)
+        if own.accepted(accuracy) or (near is not None and step.replaces):
             return own
-        idle = 0 if own.certificate.gap <= 0.5 * least else idle + 1
-        least = min(least, own.certificate.gap)
-        if slow >= 10 or idle >= IDLE:
+        if iterations >= step.run.most:
+            return replace(own, status="iteration limit")
+        if _hopeless(increments):
             break
-        w, before = wanted, state
+        w, before = step.law(state.p), state
     raise NotContracting(
-        f"step {n} at t = {state.t:.6g}: Coulomb's fixed point contracts with the rate {rate:.3g} only: "
-        f"its certified error is "
-        f"{own.certificate.error / (own.unit(accuracy) or np.inf):.1e}, asked was {accuracy:.1e}. Take a smaller "
-        "coefficient, a cap, NormalCompliance in place of UnilateralContact, smaller steps, or a sharper solver "
-        "(Newton).",
+        f"step {n} at t = {state.t:.6g}: Coulomb's fixed point contracts with the rate {own.rate:.3g} only: after "
+        f"{count} programs what sticks, slips and touches has not settled, and the estimated error is "
+        f"{error:.1e}, asked was {accuracy:.1e}. Take a smaller coefficient, "
+        "a cap, NormalCompliance in place of UnilateralContact, smaller steps, or a sharper solver (Newton).",
         step=n,
         time=state.t,
-        rate=float(rate),
+        rate=float(own.rate),
     )
 
 
-def _better(own: State, state: State, apart: float, rate: float) -> State:
-    """An iterate certified for the weights of its own pressures, or by its contraction, whichever says more."""
-    if not rate < SLOWEST:
-        return own
-    error = state.certificate.error + apart * rate / (1.0 - rate)
-    if error >= own.certificate.error:
-        return own
-    parts = state.certificate
-    none = np.zeros_like(parts.friction), np.zeros_like(parts.limits)
-    return replace(state, certificate=Certificate(0.5 * error * error, none[0], parts.floor, none[1]))
+def _rate(increments: list[float], window: int) -> float:
+    """The largest of the last ratios of increments; NaN where there are not so many."""
+    last = np.array(increments[-window - 1 :])
+    if len(last) <= window:
+        return np.nan
+    return float(np.divide(last[1:], last[:-1], out=np.zeros(window), where=last[:-1] > 0).max())
+
+
+def _hopeless(increments: list[float]) -> bool:
+    """Whether increments shrink too slowly."""
+    slow = len(increments) > 10 and all(b > SLOWEST * a for a, b in pairwise(increments[-11:]))
+    idle = len(increments) > IDLE and min(increments[-IDLE:]) > 0.5 * min(increments[:-IDLE])
+    return slow or idle
+
+
+def _estimated(own: Certificate, increments: list[float]) -> Certificate:
+    """What further programs may still move an answer, from the certificate of its own program."""
+    rate = _rate(increments, WINDOW)
+    error = CAUTION * (rate * increments[-1] + own.error) / (1.0 - rate) if rate < SLOWEST else np.inf
+    return own.away(error, estimate=True)

@@ -49,9 +49,9 @@ def _numbers(store: Sequence[int], steps: int) -> bool:
 
 SCALARS = (
     *("energy", "dissipated", "work", "norm", "gap", "floor"),
-    *("iterations", "safeguards", "contraction", "stuck", "lag", "unit"),
+    *("iterations", "safeguards", "contraction", "stuck", "lag", "estimated", "unit"),
 )
-COUNTS = ("iterations", "safeguards", "stuck")
+TYPES = {"iterations": np.int64, "safeguards": np.int64, "stuck": np.int64, "estimated": bool}
 EVERY_STEP = ("scalars", "data", "initial")
 """Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
 
@@ -151,7 +151,7 @@ class Recorder:
         sticks = np.concatenate([sticks, dragged.still])
         scalars = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
-            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag),
+            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag, c.estimate),
             state.unit(self._run.solver.accuracy),
         )
         self._enter(n, "scalars", scalars)
@@ -193,7 +193,7 @@ class Recorder:
             stored=self._kept,
             **{name: values for name, values in rows.items() if name not in EVERY_STEP},
             initial=rows["initial"][0],
-            **{name: column.astype(np.int64) if name in COUNTS else column for name, column in scalars.items()},
+            **{name: column.astype(TYPES.get(name, float)) for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),
         )

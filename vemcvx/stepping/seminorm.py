@@ -6,6 +6,7 @@ proximal point is judged by the gap of the program that was posed, in the semino
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from vemcvx.program.certificate import duality_gap
 from vemcvx.program.kernel import Kernel, refuse_unheld
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers import Prepared
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -26,13 +26,19 @@ SHARP = 1e-4
 """Points go on below the target, down to this part of it: they are cheap."""
 
 
-def answered(prepared: Prepared, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+Ask = Callable[[StepProgram, float, Floats, Floats, int], Answer]
+"""(program, target, lam, p, iterations so far) -> the solver's answer, for forms without a kernel"""
+
+
+def answered(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
     """The solver's answer to a step, with admissible multipliers.
 
     Parameters
     ----------
-    prepared : Prepared
+    ask : callable
         For ``program.form.regular``.
+    most : float
+        Iterations at which to stop regardless.
     program : StepProgram
     target : float
         Duality gap that is good enough.
@@ -40,8 +46,8 @@ def answered(prepared: Prepared, program: StepProgram, target: float, lam: Float
         Multipliers to start from.
     """
     if program.form.kernel is not None:
-        return _proximal(prepared, program, target, lam, p)
-    answer = prepared.solve(program, target, lam, p)
+        return _proximal(ask, most, program, target, lam, p)
+    answer = ask(program, target, lam, p, 0)
     d = program.feasible(answer.d)
     lam, p = program.admissible(answer.lam, answer.p, d)
     return replace(answer, d=d, lam=lam, p=p)
@@ -66,7 +72,7 @@ def refuse_unbalanced(program: StepProgram, kernel: Kernel, touched: Ints, n: in
     refuse_unheld(kernel, parts, float(field @ program.g), float(program.w @ felt), n, t)
 
 
-def _proximal(prepared: Prepared, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+def _proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
     form, d = program.form, np.zeros(len(program.g))
     lam, p = program.admissible(lam, p, d)
     best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
@@ -74,7 +80,7 @@ def _proximal(prepared: Prepared, program: StepProgram, target: float, lam: Floa
     centres = _Centres(np.flatnonzero(form.anchor))  # type: ignore[arg-type]
     for _ in range(MOST_POINTS):
         nearby = StepProgram(form.regular, program.g + form.anchor * d, program.w, program.b, program.e)
-        answer = prepared.solve(nearby, target, lam, p)
+        answer = ask(nearby, target, lam, p, iterations)
         iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
         centre, d = d, program.feasible(answer.d)
         lam, p = program.admissible(answer.lam, answer.p, d)
@@ -82,7 +88,7 @@ def _proximal(prepared: Prepared, program: StepProgram, target: float, lam: Floa
         waited = 0 if gap <= 0.5 * least else waited + 1
         if gap < least:
             best, least = replace(answer, d=d, lam=lam, p=p), gap
-        if least <= SHARP * target or waited >= PATIENCE:
+        if least <= SHARP * target or waited >= PATIENCE or iterations >= most:
             break
         d = centres.next(centre, d)
     return replace(best, iterations=iterations, safeguards=safeguards)

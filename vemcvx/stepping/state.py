@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,8 @@ from vemcvx.program.form import Form
 from vemcvx.program.refinement import needs_refinement
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.system import System
-from vemcvx.solvers import Prepared, Solver, choose
+from vemcvx.solvers import Newton, Prepared, Solver, choose
+from vemcvx.solvers.quasi import Response
 from vemcvx.stepping.acceptance import insist
 from vemcvx.stepping.ledger import Drive, Ledger
 
@@ -45,6 +47,23 @@ class Run:
             n,
             state.t,
         )
+
+    @property
+    def most(self) -> float:
+        """Iterations that a step may take; no end of them where the solver's settings do not say."""
+        return getattr(self.solver, "max_iterations", np.inf)
+
+    def after(self, iterations: int) -> Run:
+        """The run whose solver has taken so many of them."""
+        if iterations == 0 or not isinstance(self.solver, Newton):
+            return self
+        solver = replace(self.solver, max_iterations=max(self.solver.max_iterations - iterations, 1))
+        return replace(self, solver=solver, prepared=solver.prepare(self.scaling.form.regular))
+
+    @cached_property
+    def response(self) -> Response:
+        """How norm terms and limits of the scaled form move under each other's forces."""
+        return Response(self.scaling.form)
 
     @property
     def form(self) -> Form:

@@ -52,6 +52,9 @@ class Trajectory:
         Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
     lag : (N + 1,) array
         What each step may have lost to time, energy times two: w_prev |s| - lam_prev . s and its like.
+    estimated : (N + 1,) array of bool
+        Where the certificate is an estimate and no bound: weights depend on the answer, and no solution was found to
+        hold it against (:mod:`vemcvx.stepping.fixed_point`).
     unit : (N + 1,) array
         The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
         are zero at the accuracy asked (:mod:`vemcvx.stepping.acceptance`).
@@ -84,6 +87,7 @@ class Trajectory:
     safeguards: Ints
     contraction: Floats
     lag: Floats
+    estimated: Bools
     seconds: dict[str, float]
     solver: str
     unit: Floats | None = None
@@ -97,6 +101,11 @@ class Trajectory:
         While all |u_m|_a are zero at the accuracy asked, relative to what the data could cause instead.
         """
         return relative(np.sqrt(2 * self.gap), self.scale)
+
+    @property
+    def certificate_kind(self) -> str:
+        """What `certificate` is: "bound", or "estimate" if in some step it is no more than that."""
+        return "estimate" if self.estimated.any() else "bound"
 
     @property
     def certificate_floor(self) -> Floats:

@@ -1,0 +1,248 @@
+"""Weights that follow the forces of the limits: the step solved whole on given sets, and proof that the sets are right.
+
+With w = W(p) a step is a *quasi*-variational inequality, which no energy minimises: find d, lam, p with
+
+    K d = g - B'lam - D'p,      |lam_i| <= W_i(p),   lam_i . s_i = W_i(p) |s_i|,         s = B d - b
+                                p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0    z = D d - e       (Q)
+
+On given sets, and with W(p) = w + J (p - p_0) near p_0, (Q) is one linear system, not symmetric because of J:
+
+    s_i = 0  on sticking terms,           lam_i = q_i W_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
+    z_j = c_j p_j  on acting limits,      p_j = 0  on the others.
+
+Theorem. Let W be piecewise affine and the terms absolute values (block 1). If the solution of the system of some sets
+has |lam_i| <= W_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where they do
+not, and W at p is what the system took it for, then it solves (Q).
+Proof. Every line of (Q) is an equation of the system or one of these inequalities.  QED
+
+So whoever found another d knows how far it is from *a* solution: |d - d_sets|_K, plus the error of d_sets, which is
+that of one solve of a linear system: the last correction of its iterative refinement. (One solution: where
+coefficients are not small there may be more.) In blocks of two and more the direction of slip turns with the answer
+and the curvature h makes this Newton's method; what it converges to is then close to a solution, and not proven to be.
+
+The sets are those of the last answer, as in :mod:`vemcvx.solvers.sets`: a semismooth Newton method on (Q) (Alart and
+Curnier 1991; Hueber, Stadler and Wohlmuth 2008), which may cycle, wherefore it is begun anew from answers of convex
+programs with weights held fast (:mod:`vemcvx.stepping.fixed_point`).
+
+All unknowns but the multipliers are eliminated: with A = [B; D] and x = [lam; p], A d = A K^{-1} g - (A K^{-1} A') x.
+Where K has a kernel, K = K_r - R' diag(a) R with the stiffness a of the anchors R d, and R joins A as limits of
+softness -1/a that always act: a body that nothing else holds costs what any other does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, lapack
+
+from vemcvx.program.form import Form
+from vemcvx.program.step_program import EPS, StepProgram
+from vemcvx.solvers.sets import Point, Sets, Shifts, sets_at
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SHIFT = 0.1
+"""As in :mod:`vemcvx.solvers.newton`."""
+MOST_ROUNDS = 25
+"""Sets in a row before another start is wanted; those that settle do so in fewer than ten."""
+SOLVED = 1e-6
+"""Corrections larger than this part of the answer say that the system is all but singular: its sets hold nothing."""
+ROUNDED = 64.0
+"""Roundings that an inequality may miss."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """How weights (m,) follow the forces p (r,) of the limits, piecewise affinely, and the derivative (m, r)."""
+
+    weights: Callable[[Floats], Floats]
+    slope: Callable[[Floats], sp.csr_matrix]
+
+    def scaled(self, up: Floats, down: Floats) -> Law:
+        """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
+        return Law(
+            lambda p: up * self.weights(down * p),
+            lambda p: sp.csr_matrix(sp.diags_array(up) @ self.slope(down * p) @ sp.diags_array(down)),
+        )
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A point that solves (Q) to rounding."""
+
+    point: Point
+    weights: Floats
+    error: float
+    """|d - d'|_K to the solution d' of the sets' own system: of the solve"""
+    proven: bool
+    """whether that solves (Q) by the theorem above; else it is the limit of Newton's method"""
+    iterations: int
+
+
+def settled(program: StepProgram, law: Law, start: Point, response: Response) -> Settled | None:
+    """A solution of (Q) from the sets at `start`; None where the sets do not settle.
+
+    Parameters
+    ----------
+    program : StepProgram
+        Its weights are not looked at.
+    response : Response
+        Of its form.
+    """
+    shift, point, met = Shifts.of(program.form) * SHIFT, start, set()
+    for count in range(1, MOST_ROUNDS + 1):
+        sets, pressed = _sets(program, law, point, shift)
+        if (mark := sets.direction.tobytes() + sets.act.tobytes()) in met and program.form.block == 1:
+            return None
+        met.add(mark)
+        try:
+            found = _on_sets(program, law, sets, pressed, response)
+        except LinAlgError:
+            return None
+        point = found.point
+        if found.holds(program, law, sets):
+            d = program.feasible(point.d)
+            p = np.maximum(point.p, 0.0)
+            w = law.weights(p)
+            lam = replace(program, w=w).project(point.lam)
+            return Settled(Point(d, lam, p), w, found.error, program.form.block == 1, count)
+    return None
+
+
+def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts) -> tuple[Sets, Floats]:
+    """The sets at a point, and the forces (r,) at which the law is to be looked at there."""
+    pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p), 0.0)
+    return sets_at(replace(program, w=law.weights(pressed)), at, shift), pressed
+
+
+class Response:
+    """A K^{-1} A' of a form, and what belongs to its rows A = [B; D; R]: (N, N) with N = m * block + r + anchors."""
+
+    def __init__(self, form: Form):
+        n = form.B.shape[1]
+        anchored = np.zeros(0, dtype=np.int64) if form.anchor is None else np.flatnonzero(form.anchor)
+        R = sp.csr_matrix((np.ones(len(anchored)), (np.arange(len(anchored)), anchored)), shape=(len(anchored), n))
+        self.form, self.A = form, sp.csr_matrix(sp.vstack([form.B, form.D, R]))
+        self.softness = np.zeros(self.A.shape[0])
+        self.norms = slice(0, form.B.shape[0])
+        self.limits = slice(form.B.shape[0], form.B.shape[0] + form.D.shape[0])
+        self.softness[self.limits] = form.softness
+        if len(anchored):
+            self.softness[self.limits.stop :] = -1.0 / form.anchor[anchored]  # type: ignore[index]
+        self.matrix = self.A @ form.factor.solve(self.A.T.toarray())
+        self.absolute = abs(self.A)
+
+    def act(self, x: Floats) -> Floats:
+        """A'x, (n,)."""
+        return self.A.T @ x
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The solution of the system of some sets, its last correction, and the rounding of its rows."""
+
+    point: Point
+    error: float
+    forces: float
+    """what multipliers may be off by"""
+    motions: Floats
+    """(m * block + r,) what s and z may be off by"""
+
+    def holds(self, program: StepProgram, law: Law, sets: Sets) -> bool:
+        """Whether the inequalities that the sets stand for hold, to rounding."""
+        point, form = self.point, program.form
+        if not np.isfinite(self.error):
+            return False
+        w, size = law.weights(np.maximum(point.p, 0.0)), np.linalg.norm(point.lam, axis=1)
+        s, z = program.slip(point.d), program.excess(point.d)
+        blur = form.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
+        along = np.einsum("ij,ij->i", s, point.lam)
+        within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
+        forth = sets.stick | (along >= size * np.linalg.norm(s, axis=1) - 2 * (self.forces * _size(s) + size * blur[0]))
+        pressed = np.where(sets.act, point.p >= -self.forces, z <= blur[1])
+        return bool(within.all() and forth.all() and pressed.all())
+
+
+def _size(s: Floats) -> Floats:
+    return np.linalg.norm(s, axis=1)
+
+
+def _on_sets(program: StepProgram, law: Law, sets: Sets, pressed: Floats, response: Response) -> _Found:
+    """Solve the system of the sets, with two corrections by its residual."""
+    form = program.form
+    J, w = law.slope(pressed), law.weights(pressed)
+    solve = _factorised(form, sets, J, response)
+    d, x = np.zeros(len(program.g)), np.zeros(len(response.softness))
+    norms, limits = response.norms, response.limits
+    stick, act = np.repeat(sets.stick, form.block), sets.act
+    step, error = d, np.inf
+    for _ in range(3):
+        lam, p = x[norms], x[limits]
+        bound = sets.direction * (w + J @ (p - pressed))[:, None] + _bend(sets, program.slip(d))
+        slip = form.rows.read(d) - program.b
+        wanted = np.zeros_like(x)
+        wanted[norms] = np.where(stick, -slip, bound.ravel() - lam)
+        wanted[limits] = np.where(act, form.softness * p - program.excess(d), -p)
+        step, more = solve(program.residual(d, form.blocks(lam), p), wanted)
+        d, x = d + step, x + more
+        error = float(np.sqrt(max(step @ (form.K @ step), 0.0)))
+    size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
+    if last > SOLVED * size.max(initial=0.0) or error > SOLVED * np.sqrt(abs(x @ response.matrix @ x)):
+        raise LinAlgError("singular")
+    forces = 8 * last + ROUNDED * EPS * size.max(initial=0.0)
+    reach = response.absolute @ np.abs(d)
+    reach[: limits.stop] += np.abs(np.concatenate([program.b, program.e]))
+    motions = 8 * np.abs(response.A @ step) + ROUNDED * EPS * reach
+    return _Found(Point(d, form.blocks(x[norms]), x[limits]), error, forces, motions[: limits.stop])
+
+
+def _bend(sets: Sets, s: Floats) -> Floats:
+    """h (I - q q') s, (m, block)."""
+    along = np.einsum("ij,ij->i", sets.direction, s)
+    return sets.curvature[:, None] * (s - along[:, None] * sets.direction)
+
+
+def _factorised(
+    form: Form, sets: Sets, J: sp.csr_matrix, response: Response
+) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
+    """(force, wanted) -> (d, x): K d = force - A'x, and each row's equation missing by `wanted`."""
+    norms, limits = response.norms, response.limits
+    M = response.matrix.copy()
+    M[np.diag_indices_from(M)] += response.softness
+    slip = np.flatnonzero(np.repeat(~sets.stick, form.block))
+    across = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
+    H = sp.bsr_matrix(
+        (sets.curvature[:, None, None] * across, np.arange(form.count), np.arange(form.count + 1)),
+        shape=(form.B.shape[0],) * 2,
+    )
+    bent = sp.csr_matrix(H)[slip]
+    M[slip] = bent @ response.matrix[norms] if sets.curvature.any() else 0.0
+    M[slip, slip] += 1.0
+    spread = sp.csr_matrix(
+        (sets.direction.ravel(), (np.arange(form.B.shape[0]), np.repeat(np.arange(form.count), form.block))),
+        shape=(form.B.shape[0], form.count),
+    )
+    M[slip, limits] -= (spread @ J)[slip].toarray()
+    idle = limits.start + np.flatnonzero(~sets.act)
+    M[idle] = 0.0
+    M[idle, idle] = 1.0
+    lu, pivots, info = lapack.dgetrf(M, overwrite_a=1)
+    if info > 0 or not np.isfinite(lu).all():
+        raise LinAlgError("singular")
+
+    def solve(force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
+        free = response.A @ form.factor.solve(force)
+        rhs = wanted.copy()
+        met = np.ones(len(rhs), dtype=bool)
+        met[slip], met[idle] = False, False
+        rhs[met] = free[met] - wanted[met]
+        rhs[slip] += bent @ free[norms]
+        x = lapack.dgetrs(lu, pivots, rhs)[0]
+        return form.factor.solve(force - response.act(x)), x
+
+    return solve

@@ -63,10 +63,10 @@ class CoulombFriction(Effect):
             return (bound if self.cap is None else np.minimum(bound, positive(self.cap, x, t, "cap")))[None]
 
         def slope(t: float, forces: Floats) -> Floats:
-            mu = positive(self.coefficient, t, "coefficient")
+            mu = positive(self.coefficient, points, t, "coefficient")
             if self.cap is None:
                 return mu
-            return np.where(mu * forces < positive(self.cap, t, "cap") * rows.lengths, mu, 0.0)
+            return np.where(mu * forces < positive(self.cap, points, t, "cap") * rows.lengths, mu, 0.0)
 
         none = np.zeros(len(rows.nodes))
         return Contribution(

@@ -55,7 +55,7 @@ class Run:
 
     def after(self, iterations: int) -> Run:
         """The run whose solver has taken so many of them."""
-        if iterations == 0 or not isinstance(self.solver, Newton):
+        if iterations == 0 or type(self.solver) is not Newton:
             return self
         solver = replace(self.solver, max_iterations=max(self.solver.max_iterations - iterations, 1))
         return replace(self, solver=solver, prepared=solver.prepare(self.scaling.form.regular))

@@ -59,8 +59,7 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
 
 def _off(settled: State, jump: float) -> Certificate:
     """How far a given state may be from one that obeys (2.1): its jump to the state settled, and the error of that."""
-    error, none = jump + settled.certificate.error, np.zeros_like(settled.certificate.friction)
-    return replace(settled.certificate, equilibrium=0.5 * error * error, friction=none, limits=np.zeros_like(settled.p))
+    return settled.certificate.away(jump + settled.certificate.error)
 
 
 def settled_from(run: Run, t: float, y: Floats) -> State:

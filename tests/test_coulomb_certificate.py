@@ -174,10 +174,10 @@ def test_a_law_of_ones_own_has_estimates_that_hold():
         assert run.certificate[-1] <= accuracy
 
 
-def test_the_derivative_of_a_law_has_a_row_a_term():
+def test_the_derivative_of_a_law_has_a_row_a_term_and_a_column_a_limit():
     norms = vx.Norms([[1.0]], 0.0, law=lambda t, p: p, slope=lambda t, p: np.ones((2, 1)))
     system = vx.System([[1.0]], lambda t: [t], norms, limits=vx.Limits([[1.0]], 0.0))
-    with pytest.raises(vx.SceneError, match=r"^Norms: slope: found shape \(2, 1\); wanted \(1, 1\), a row a term"):
+    with pytest.raises(vx.SceneError, match=r"^Norms: slope: found a matrix of shape \(2, 1\); wanted \(1, 1\)"):
         vx.march(system, [0.0, 1.0])
 
 

@@ -31,14 +31,16 @@ def at_instant(function: Callable[[float], ArrayLike], t: float, subject: str) -
         ) from error
 
 
-def checked_matrix(raw: object, subject: str) -> sp.csr_matrix:
-    """A sparse matrix of finite numbers, from a dense or sparse one."""
+def checked_matrix(raw: object, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
+    """A sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given."""
     if not sp.issparse(raw) or raw.dtype.kind not in "biuf":  # type: ignore[attr-defined]
         raw = real(raw, subject, "a matrix of real numbers")
         if raw.ndim != 2:
             raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
     matrix = sp.csr_matrix(raw, dtype=float)
     finite(matrix.data, subject)
+    if shape is not None and matrix.shape != shape:
+        raise SceneError(f"{subject}: found a matrix of shape {matrix.shape}; wanted {shape}.")
     return matrix
 
 

@@ -88,10 +88,7 @@ class Norms:
 
     def slope_under(self, t: float, p: Floats) -> sp.csr_matrix:
         """The derivative (m, r) of the weights there; `slope` must be given."""
-        J = checked_matrix(self.slope(t, p), "Norms: slope")  # type: ignore[misc]
-        if J.shape != (self.count, len(p)):
-            raise SceneError(f"Norms: slope: found shape {J.shape}; wanted ({self.count}, {len(p)}), a row a term.")
-        return J
+        return checked_matrix(self.slope(t, p), "Norms: slope", (self.count, len(p)))  # type: ignore[misc]
 
     def tilt(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
@@ -126,9 +123,8 @@ class Norms:
             raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
         finite(w, "Norms: w")
         if (w < 0).any():
-            raise SceneError(
-                f"Norms: found the weight {w.min():.6g} of {self.name(int(np.argmin(w)))}; weights must be >= 0."
-            )
+            i = int(np.argmin(w))
+            raise SceneError(f"Norms: found the weight {w[i]:.6g} of {self.name(i)}; weights must be >= 0.")
         return np.array(np.broadcast_to(w, (self.count,)))
 
 

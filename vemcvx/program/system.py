@@ -123,8 +123,8 @@ class Norms:
             raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
         finite(w, "Norms: w")
         if (w < 0).any():
-            i = int(np.argmin(w))
-            raise SceneError(f"Norms: found the weight {w[i]:.6g} of {self.name(i)}; weights must be >= 0.")
+            worst = self.name(int(np.argmin(w)))
+            raise SceneError(f"Norms: found the weight {w.min():.6g} of {worst}; weights must be >= 0.")
         return np.array(np.broadcast_to(w, (self.count,)))
 
 

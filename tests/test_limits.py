@@ -298,3 +298,17 @@ def test_mistakes(effect, message):
 def test_limits_that_are_none(limits, message):
     with pytest.raises(vx.SceneError, match=message):
         limits()
+
+
+def test_a_wall_and_a_buffer_for_one_unknown():
+    """Bounds and what gives way read the same unknown: the wall is met exactly, not but for rounding."""
+    limits = vx.Limits([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 0.0]], [0.3, 0.2, 0.1, 0.25], [0.0, 0.5, 0.0, 0.0])
+    system = vx.System([[2.0, -0.3], [-0.3, 1.0]], lambda t: [3 * t, t], limits=limits)
+    for solver in (vx.Newton(), vx.Clarabel()):
+        run = vx.march(system, np.linspace(0, 1, 8), solver=solver)
+        assert run.state[-1] == pytest.approx([0.25, 0.1], abs=1e-6)
+        assert (run.state[:, 0] <= 0.25).all()
+        force = 3 * run.times[-1] - 2 * 0.25 + 0.3 * 0.1
+        p = run.pressures[-1]
+        assert p[0] + p[1] + p[3] == pytest.approx(force, abs=1e-5)
+        assert p[1] == pytest.approx(0.05 / 0.5, abs=1e-5)

@@ -116,10 +116,13 @@ class StepProgram:
         rigid = np.flatnonzero(form.softness == 0)
         if len(rigid) == 0 or not (self.excess(d)[rigid] > 0).any():
             return d
-        if form.limits.columns is not None:
-            column, coefficient = form.limits.columns[rigid], form.D.data[rigid]
-            moved, edge = d.copy(), self.e[rigid] / coefficient
-            moved[column] = np.where(coefficient > 0, np.minimum(d[column], edge), np.maximum(d[column], edge))
+        if form.limits.single[rigid].all():
+            # Rows that give way may read the same unknowns, and several bounds as well.
+            entry = form.D.indptr[rigid]
+            column, coefficient, moved = form.D.indices[entry], form.D.data[entry], d.copy()
+            edge, upper = self.e[rigid] / coefficient, coefficient > 0
+            np.minimum.at(moved, column[upper], edge[upper])
+            np.maximum.at(moved, column[~upper], edge[~upper])
             return moved
         for _ in range(8):
             over = rigid[self.excess(d)[rigid] > 0]

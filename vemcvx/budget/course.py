@@ -6,6 +6,8 @@ weighted sums are kept, with weights that have nothing in common with any scene,
 
 - A *bend* lies where the straight lines on both sides of an interval meet; a second look from nearby finds it to
   round-off.
+- A datum *turns* where it is largest or smallest: what slips one way there slips the other way from then on. The vertex
+  of the parabola through three samples, and again through three nearby, counts as a bend.
 - A *jump* is what is left of a change when the interval is halved, and halved again, down to round-off.
 """
 
@@ -52,7 +54,7 @@ class Course:
     values : (q, k) array
         Weighted sums there, in parts of their largest size.
     bends : (b,) array
-        Instants where they bend or jump; those of a jump are two, a hair apart.
+        Instants where they bend, turn or jump; those of a jump are two, a hair apart.
     jumps : tuple of str
         Sentences.
     """
@@ -76,8 +78,8 @@ def course(system: System, times: Floats) -> Course:
 
     values = raw / scale
     jumps, sentences = _jumps(sampled, values, value, np.repeat(read.names, SUMS))
-    bends = _bends(sampled, values, value)
-    return Course(sampled, values, np.union1d(jumps, bends), sentences)
+    bends = np.union1d(jumps, _bends(sampled, values, value))
+    return Course(sampled, values, np.union1d(bends, _turns(sampled, values, value, bends)), sentences)
 
 
 def divided(times: Floats, least: int, in_all: int) -> Floats:
@@ -139,6 +141,32 @@ def _bends(times: Floats, values: Floats, value: Callable[[float], Floats]) -> F
     bent = bent[np.argsort(-(apart * width)[bent], kind="stable")[:MOST]]
     found = [_meeting(times[j + 1], times[j + 2], values[j : j + 4], times[j : j + 4], value) for j in bent]
     return np.array([t for t in found if t is not None])
+
+
+def _turns(times: Floats, values: Floats, value: Callable[[float], Floats], bends: Floats) -> Floats:
+    """Instants where a datum is largest or smallest, and does not bend nor jump."""
+    steps = np.diff(values, axis=0)
+    smooth = np.searchsorted(bends, times[:-2]) == np.searchsorted(bends, times[2:], side="right")
+    turning = (steps[:-1] * steps[1:] < 0) & (np.abs(np.diff(steps, axis=0)) > BENT)
+    found = []
+    for j in np.flatnonzero(turning.any(axis=1) & smooth)[:MOST]:
+        k = int(np.argmax(turning[j] * np.abs(steps[j + 1] - steps[j])))
+        about, data = times[j : j + 3], values[j : j + 3, k]
+        top = _vertex(about, data)
+        near = np.clip(top + NEARBY * (about[2] - about[0]) * np.array([-1.0, 0.0, 1.0]), about[0], about[2])
+        if np.diff(near).min() > 0.0:
+            better = _vertex(near, np.array([value(float(t))[k] for t in near]))
+            top = better if near[0] < better < near[2] else top
+        found.append(top)
+    return np.array(found)
+
+
+def _vertex(t: Floats, d: Floats) -> float:
+    """Where the parabola through three points is level; the middle one, if they lie on a line."""
+    left, right = (d[1] - d[0]) / (t[1] - t[0]), (d[2] - d[1]) / (t[2] - t[1])
+    if left == right:
+        return float(t[1])
+    return float(0.5 * (t[0] + t[1]) + 0.5 * (t[2] - t[0]) * left / (left - right))
 
 
 def _meeting(a: float, b: float, values: Floats, times: Floats, value: Callable[[float], Floats]) -> float | None:

@@ -59,7 +59,6 @@ HEAVY = {
     "cvxpy": "solvers/conic.py",
     "matplotlib": "canvas.py",
     "meshio": "meshes/files.py",
-    "joblib": "cost/pool.py",
     "distributed": "cost/pool.py",
 }
 
@@ -122,7 +121,7 @@ def test_files_are_short(path):
 
 
 def test_importing_the_package_imports_nothing_heavy():
-    heavy = {"cvxpy", "matplotlib", "meshio", "clarabel", "osqp", "joblib", "scipy.spatial", "scipy.optimize"}
+    heavy = {"cvxpy", "matplotlib", "meshio", "clarabel", "osqp", "scipy.spatial", "scipy.optimize"}
     code = f"import sys, vemcvx; print({heavy} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"

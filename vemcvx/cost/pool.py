@@ -1,9 +1,7 @@
-"""Who does the work: threads here, or the workers of a dask.distributed cluster, through joblib.
+"""Who does the work: threads here, or the workers of a dask.distributed cluster.
 
-Each of them waits for a process of its own (:mod:`vemcvx.cost.alone`), so that threads are enough.
-
-Workers of a cluster must see the folder of the sweep and the problem file under the same paths, and have the same
-packages.
+Each of them waits for a process of its own (:mod:`vemcvx.cost.alone`), so that threads are enough. Workers of a cluster
+must see the folder of the sweep and the problem file under the same paths, and have the same packages.
 """
 
 from __future__ import annotations
@@ -11,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing.pool import ThreadPool
 from typing import Any
 
 from vemcvx.errors import ProblemError
@@ -18,19 +18,19 @@ from vemcvx.errors import ProblemError
 CONNECT = 10.0
 """Seconds that a scheduler has to answer."""
 
+Given = list[tuple[Any, ...]]
+
 
 @dataclass(frozen=True)
 class Pool:
-    """Calls a function for many arguments at once, and yields results as they come."""
+    """Calls a function for many arguments at once, and yields results in the order in which they are finished."""
 
     workers: int
+    results: Callable[[Callable[..., Any], Given], Iterator[Any]]
 
-    def __call__(self, function: Callable[..., Any], given: list[tuple[Any, ...]]) -> Iterator[Any]:
-        """Results in the order in which they are finished."""
-        from joblib import Parallel, delayed
-
-        parallel = Parallel(n_jobs=self.workers, return_as="generator_unordered", batch_size=1)
-        return parallel(delayed(function)(*arguments) for arguments in given)
+    def __call__(self, function: Callable[..., Any], given: Given) -> Iterator[Any]:
+        """The results."""
+        return self.results(function, given)
 
 
 @contextmanager
@@ -42,14 +42,13 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
     ProblemError
         There is no such scheduler, it has no workers, or distributed is not installed.
     """
-    from joblib import parallel_config
-
     if scheduler is None:
-        with parallel_config(backend="threading"):
-            yield Pool(workers)
+        # Its threads end with the program, whatever they wait for.
+        with ThreadPool(workers) as threads:
+            yield Pool(workers, lambda function, given: threads.imap_unordered(partial(_call, function), given))
         return
     try:
-        from distributed import Client
+        from distributed import Client, as_completed
     except ImportError:
         raise ProblemError(
             "--scheduler needs distributed, which is not installed: pip install 'vemcvx[cluster]'"
@@ -62,8 +61,16 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
             "workers with `dask worker ADDRESS`, on machines that see this folder."
         ) from error
     with client:
-        threads = sum(client.nthreads().values())
-        if not threads:
+        count = sum(client.nthreads().values())
+        if not count:
             raise ProblemError(f"--scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`.")
-        with parallel_config(backend="dask", wait_for_workers_timeout=CONNECT):
-            yield Pool(threads)
+
+        def results(function: Callable[..., Any], given: Given) -> Iterator[Any]:
+            asked = [client.submit(function, *arguments, pure=False) for arguments in given]
+            return (future.result() for future in as_completed(asked))
+
+        yield Pool(count, results)
+
+
+def _call(function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
+    return function(*given)

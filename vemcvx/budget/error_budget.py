@@ -124,7 +124,7 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int], finer: Finer 
     unit = scale or float((space + time).max()) or 1.0
     return ErrorBudget(
         steps,
-        run.certificate_total[steps] * np.maximum.accumulate(run.norm)[steps] / unit,
+        run.certificate_total[steps] * run.scale[steps] / unit,
         space / unit,
         time / unit,
         {name: share / unit for name, share in parts.items()},

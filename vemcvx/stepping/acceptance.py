@@ -91,12 +91,12 @@ def insist(
 
 
 def say_floor(floors: Floats, accuracy: float) -> None:
-    """Log it when round-off in the data's last digits may change answers by more than the accuracy asked."""
+    """Log it when round-off may account for more than the accuracy asked; `floors` (N + 1,) are relative."""
     n = int(np.argmax(floors))
     if floors[n] > accuracy:
-        log.warning(
-            "step %d: the answer is certified for the data as rounded; their last digits alone may change it by %.1e "
-            "of its energy norm, more than the accuracy %.1e asked for",
+        log.info(
+            "step %d: certified as computed, but round-off, that of the data's last digits included, may account for "
+            "as much as %.1e of the energy norm, more than the accuracy %.1e asked for",
             n,
             floors[n],
             accuracy,

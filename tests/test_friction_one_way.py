@@ -155,3 +155,16 @@ def test_bounds_far_above_every_force_leave_energies_their_digits():
     for one, other in ((near.energy, far.energy), (near.work, far.work)):
         assert (np.abs(one - other) <= 3 * left * one.max()).all()
     assert near.energy[-1] > 1e-4
+
+
+def test_bounds_far_above_every_force_are_no_measure_of_accuracy():
+    """What friction could exert, 1e8, is not what the load of 1 can cause: errors are relative to the state."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.column_stack([np.full(len(x), t), np.zeros(len(x))]), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=1e8, backward=2e8, on="bottom"),
+    )
+    run = vx.simulate(scene, vx.meshes.squares(4), [0.0, 0.5, 1.0]).trajectory
+    assert np.array_equal(run.unit[1:], run.norm[1:])

@@ -133,11 +133,12 @@ class Condensation:
         # Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
         return Reduced(phi, done[:n], done[n : 2 * n], phi if self.whole else done[2 * n :])
 
-    def less(self, f: Reduced, c: Floats) -> Reduced:
+    def less(self, f: Reduced, c: Floats, remembered: bool = True) -> Reduced:
         """The force without B'c, which pulls at touched unknowns alone: exact however large c (k,) is."""
         pulled = np.zeros_like(f.phi)
         pulled[self.touched] = self.form.rows.pull(c)
-        return Reduced(f.phi - pulled, f.x - self.reduce(pulled).x, f.inside, f.touched - pulled[self.touched])
+        x = f.x - self.reduce(pulled, remembered).x
+        return Reduced(f.phi - pulled, x, f.inside, f.touched - pulled[self.touched])
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""

@@ -80,8 +80,8 @@ class Scaling:
     sigma: Floats
     tau: Floats
 
-    def scale(self, program: StepProgram, alpha: float) -> StepProgram:
-        """The scaled program of a step."""
+    def scale(self, program: StepProgram, alpha: float, free: float = 0.0) -> StepProgram:
+        """The scaled program of a step; `free` is the energy norm of its frictionless answer where alpha is less."""
         sigma = np.repeat(self.sigma, self.form.block)
         force = self.kappa * alpha
         with np.errstate(over="ignore"):
@@ -89,7 +89,7 @@ class Scaling:
             e = np.clip(program.e / (alpha * self.tau), -MOST, MOST)
         b = program.b / (alpha * sigma)
         if self.form.rows.columns is not None and self.form.kernel is None and len(self.tau) == 0:
-            w = np.minimum(w, WALL * np.sqrt(self.form.block) * (1.0 + np.abs(b).sum()))
+            w = np.minimum(w, WALL * np.sqrt(self.form.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
         return StepProgram(self.form, self.D * program.g / force, w, b, e)
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:

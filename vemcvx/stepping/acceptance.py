@@ -3,7 +3,7 @@
 Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
 completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause then
 takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, stretch of the supports
-included, and so x with the rigid motion in it,
+included (and so x with the rigid motion in it), friction in no way,
 
     size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
 
@@ -18,6 +18,7 @@ zero at the accuracy asked.
 from __future__ import annotations
 
 import logging
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,15 @@ from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import Norms
 from vemcvx.solvers import Newton, Solver
 
+if TYPE_CHECKING:
+    from vemcvx.stepping.ledger import Drive
+
 Floats = NDArray[np.float64]
 
 log = logging.getLogger("vemcvx")
 
+ROUNDED = 10.0
+"""Rounding floors that a state of nothing but rounding is at most as large as."""
 TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
 
@@ -46,8 +52,16 @@ def caused(condensation: Condensation, force: Reduced) -> float:
     return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
 
 
-def caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
-    """What a force can cause; zero, unseen, where states of energy norm `norm` are not zero beside it."""
+def caused_beside(condensation: Condensation, now: Drive, norm: float, floor: float, accuracy: float) -> float:
+    """What the data can cause; zero, unseen, where states of energy norm `norm` are not zero beside it.
+
+    A state that is nothing but rounding, of the floor `floor`, may be that of friction's own forces, too.
+    """
+    forces = [now.pushed, now.force] if norm <= ROUNDED * floor else [now.pushed]
+    return max(_caused_beside(condensation, force, norm, accuracy) for force in forces)
+
+
+def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
     most = float(np.sqrt(abs(force.phi @ force.x)))
     return 0.0 if most == 0.0 or not norm <= accuracy * most else caused(condensation, force)
 

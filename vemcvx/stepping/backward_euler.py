@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vemcvx.program.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps, rounding_floor
 from vemcvx.program.extended import residual
 from vemcvx.program.refinement import full_certificate, pulled, refined
-from vemcvx.program.scaling import SMALLEST, checked_norm
+from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.quasi import Law, settled
 from vemcvx.solvers.sets import Point
@@ -182,9 +182,9 @@ class Trial:
         checked_norm(norm, self.drive.t)
         size = max(self.before.unit(accuracy), norm)
         best: State | None = None
-        spent = 0
+        free, spent = alpha, 0
         for _ in range(ATTEMPTS):
-            state = self._ask(alpha, 0.5 * (accuracy * size) ** 2, near or self.before, spent)
+            state = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near or self.before, spent)
             spent += state.iterations
             if best is not None and state.certificate.gap >= best.certificate.gap:
                 break
@@ -192,6 +192,9 @@ class Trial:
             if best.accepted(accuracy) or spent >= self.run.most:
                 break
             size = 0.1 * min(size, best.unit(accuracy))
+            if best.unit(accuracy) > 0:
+                # Of a body that is carried far this is much less than the motion of its unknowns let expect.
+                alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
         return replace(best, iterations=spent)  # type: ignore[type-var]
 
     def _still(self, lam: Floats, status: str) -> State:
@@ -200,9 +203,9 @@ class Trial:
         exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
         return self.enter(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
-    def _ask(self, alpha: float, target: float, near: State, spent: int) -> State:
+    def _ask(self, alpha: float, free: float, target: float, near: State, spent: int) -> State:
         scales = self.run.scaling
-        scaled = scales.scale(self.program, alpha)
+        scaled = scales.scale(self.program, alpha, free)
 
         def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
             return self.run.after(spent + more).prepared.solve(program, target, lam, p)
@@ -243,7 +246,8 @@ class Trial:
         before, y = self.before, self.before.y + answer.d
         slip = self.program.slip(answer.d)
         ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
-        scale, force = float(np.maximum(before.scale, ledger.norm)), self.drive.force
+        scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.solver.accuracy
+        size = caused_beside(self.run.condensation, self.drive, scale, certificate.error_floor, accuracy)
         return State(
             self.drive.t,
             y,
@@ -261,7 +265,7 @@ class Trial:
             answer.status,
             answer.safeguards,
             lag=self._lag(answer, slip),
-            size=max(before.size, caused_beside(self.run.condensation, force, scale, self.run.solver.accuracy)),
+            size=max(before.size, size),
         )
 
     def _lag(self, answer: Answer, slip: Floats) -> float:

@@ -49,7 +49,7 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
     jump = _norm(run, settled.full - y)  # type: ignore[operator]
-    scale = max(state.ledger.norm, _norm(run, now.force.x))
+    scale = max(state.ledger.norm, _norm(run, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_violation(run, state, jump / scale))
     return _at_rest(
@@ -127,7 +127,8 @@ def _at_rest(run: Run, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.drive, state.p)
     ledger = Ledger.opening(start, run.form.count)
-    size = caused_beside(run.condensation, state.drive.force, ledger.norm, run.solver.accuracy)
+    floor, accuracy = state.certificate.error_floor, run.solver.accuracy
+    size = caused_beside(run.condensation, state.drive, ledger.norm, floor, accuracy)
     return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size)
 
 

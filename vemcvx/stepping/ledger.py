@@ -54,6 +54,8 @@ class Drive:
     """(r,) what the limits leave free"""
     bias: Floats
     """(m * block,) of the norm terms, minus B' of which is part of the force"""
+    pushed: Reduced
+    """the force without that part: what there is to hold"""
 
     def still_as(self, other: Drive) -> bool:
         """Whether nothing differs between the two instants."""
@@ -91,13 +93,14 @@ class Ledger:
 def drive(system: System, condensation: Condensation, t: float) -> Drive:
     """Evaluate load and supports at `t`."""
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
-    force = condensation.less(in_range(condensation.reduce(system.push(t)), t), bias)
+    pushed = in_range(condensation.reduce(system.push(t)), t)
+    force = condensation.less(pushed, bias)
     reach = system.reach(t)
     if system.motion is None:
-        return Drive(t, force, None, np.zeros_like(bias), None, reach, bias)
+        return Drive(t, force, None, np.zeros_like(bias), None, reach, bias, pushed)
     motion = system.motion
     stretch = condensation.reduce(motion.stretch(t))
-    return Drive(t, force, stretch, motion.drag(t), motion.frame(t, -stretch.x), reach, bias)
+    return Drive(t, force, stretch, motion.drag(t), motion.frame(t, -stretch.x), reach, bias, pushed)
 
 
 def in_range(force: Reduced, t: float) -> Reduced:

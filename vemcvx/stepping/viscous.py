@@ -111,7 +111,7 @@ class ViscousSteps:
         """What drives the increment from the instant s to t."""
         system = self._run.system
         motion, damping = system.motion, system.damping
-        phi = residual(system.force(t), system.K, y, np.zeros(len(y)))
+        phi = residual(system.push(t), system.K, y, np.zeros(len(y)))
         drag = np.zeros(0 if system.norms is None else system.norms.B.shape[0])
         if motion is not None:
             drag = motion.drag(t) - motion.drag(s)
@@ -122,8 +122,9 @@ class ViscousSteps:
             reach = reach - system.limits.D @ y
         bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
         # No two of these are alike, and a resumed run does not know those before it.
-        force = in_range(run.condensation.reduce(phi, remembered=False), t)
-        return Drive(t, force, None, drag, None, reach, bias)
+        pushed = in_range(run.condensation.reduce(phi, remembered=False), t)
+        force = run.condensation.less(pushed, bias, remembered=False) if bias.any() else pushed
+        return Drive(t, force, None, drag, None, reach, bias, pushed)
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t
@@ -163,7 +164,7 @@ def _rest(run: Run, before: State, now: Drive) -> State:
     form = run.form
     none, nothing = np.zeros(len(run.condensation.touched)), np.zeros((form.count, form.block))
     zero = now.force - now.force
-    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), None, np.zeros_like(now.reach), now.bias)
+    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), None, np.zeros_like(now.reach), now.bias, zero)
     certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
     return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0, size=before.size)

@@ -52,13 +52,15 @@ def caused(condensation: Condensation, force: Reduced) -> float:
     return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
 
 
-def caused_beside(condensation: Condensation, now: Drive, norm: float, floor: float, accuracy: float) -> float:
-    """What the data can cause; zero, unseen, where states of energy norm `norm` are not zero beside it.
+def caused_beside(
+    condensation: Condensation, now: Drive, norm: float, floor: float, accuracy: float
+) -> tuple[float, float]:
+    """What the data can cause, and what friction's own forces can, if the state is nothing but rounding, of that floor.
 
-    A state that is nothing but rounding, of the floor `floor`, may be that of friction's own forces, too.
+    Zero, unseen, where states of energy norm `norm` are not zero beside it.
     """
-    forces = [now.pushed, now.force] if norm <= ROUNDED * floor else [now.pushed]
-    return max(_caused_beside(condensation, force, norm, accuracy) for force in forces)
+    data = _caused_beside(condensation, now.pushed, norm, accuracy)
+    return data, _caused_beside(condensation, now.force, norm, accuracy) if norm <= ROUNDED * floor else 0.0
 
 
 def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:

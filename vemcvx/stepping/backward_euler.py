@@ -247,7 +247,8 @@ class Trial:
         slip = self.program.slip(answer.d)
         ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
         scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.solver.accuracy
-        size = caused_beside(self.run.condensation, self.drive, scale, certificate.error_floor, accuracy)
+        floor = certificate.error_floor
+        size, noise = caused_beside(self.run.condensation, self.drive, scale, floor, accuracy)
         return State(
             self.drive.t,
             y,
@@ -266,6 +267,7 @@ class Trial:
             answer.safeguards,
             lag=self._lag(answer, slip),
             size=max(before.size, size),
+            noise=noise,
         )
 
     def _lag(self, answer: Answer, slip: Floats) -> float:

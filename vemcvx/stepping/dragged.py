@@ -29,7 +29,8 @@ def at_rest(system: System, t: float, p: Floats) -> Dragged:
     terms = system.dragged
     q = 0 if terms is None else terms.count
     weights = np.zeros(0) if terms is None else terms.weights(t, p)
-    return Dragged(weights, np.zeros((q, 1 if terms is None else terms.block)), np.ones(q, dtype=bool), np.zeros(q))
+    like = system.norms if terms is None else terms
+    return Dragged(weights, np.zeros((q, 1 if like is None else like.block)), np.ones(q, dtype=bool), np.zeros(q))
 
 
 def drag(system: System, before: State, state: State) -> State:

@@ -128,8 +128,8 @@ def _at_rest(run: Run, state: State) -> State:
     start = energy(run.condensation, state.y, state.drive, state.p)
     ledger = Ledger.opening(start, run.form.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
-    size = caused_beside(run.condensation, state.drive, ledger.norm, floor, accuracy)
-    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size)
+    size, noise = caused_beside(run.condensation, state.drive, ledger.norm, floor, accuracy)
+    return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size, noise=noise)
 
 
 def _norm(run: Run, y: Floats) -> float:

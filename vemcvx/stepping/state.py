@@ -121,6 +121,8 @@ class State:
     """(n,) all unknowns, once somebody has asked for them"""
     size: float = 0.0
     """largest energy norm that the data could cause, looked at while the states are nothing beside it"""
+    noise: float = 0.0
+    """what friction's own forces could, where this state is but their rounding"""
     dragged: Dragged | None = None
     """always known between steps"""
     velocity: Floats | None = None
@@ -128,7 +130,8 @@ class State:
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.acceptance`."""
-        return self.size if self.scale <= accuracy * self.size else self.scale
+        size = max(self.size, self.noise)
+        return size if self.scale <= accuracy * size else self.scale
 
     def accepted(self, accuracy: float) -> bool:
         """Whether the certified error is within the accuracy."""

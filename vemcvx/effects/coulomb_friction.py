@@ -24,6 +24,10 @@ class CoulombFriction(Effect):
     Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by :mod:`vemcvx.stepping.fixed_point`. What is
     certified is the distance to a solution of the step: for small coefficients there is no other.
 
+    At a node where parts meet each rubs with the share of the nodal force that its own edges bear. Nodes that a
+    prescribed displacement drags along rub as those of TrescaFriction, with the pressure that ends the step; where it
+    holds the normal, too, no pressure is known, and there is no friction.
+
     Parameters
     ----------
     coefficient : number or callable f(x, t) -> (m,)

@@ -27,6 +27,10 @@ QUADRATURES = ("nodes", "integral")
 class TrescaFriction(Effect):
     """Friction whose traction never exceeds a given bound: |sigma_tau| <= g, and sticks below it.
 
+    Parts that meet at a node rub there with the bounds of their own edges; parts that overlap add up. Nodes that a
+    prescribed displacement drags along rub as well: |friction| = g against the slip, borne by that support, whose
+    reaction and work include it; it is 0 in a step in which the support stands still (any up to g would do).
+
     Parameters
     ----------
     bound : number, or callable f(x, t) -> (m,)

@@ -22,7 +22,9 @@ class UnilateralContact(Effect):
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with n the outward normal of the undeformed
     boundary and p the pressure, the multiplier of the bound over the nodal length. Kikuchi and Oden, *Contact
-    Problems in Elasticity* (1988), chapter 2. At nodes shared with a clamp or a prescribed value, those win.
+    Problems in Elasticity* (1988), chapter 2. At nodes shared with a clamp or a prescribed value, those win; a node
+    that is free along n alone, on the axis of a half model, is in contact. Obstacles that meet at a node with one
+    normal stop it at the smaller gap. An obstacle whose gap changes does work, which `history.work` includes.
 
     Parameters
     ----------

@@ -60,8 +60,8 @@ def mark_of_data(system: System, t: float) -> int:
         none = np.ones(0 if limits is None else limits.count)
         parts += [norms.tilt(t), *(norms.weights_under(t, p * none) for p in (PRESSURES if norms.law else (1.0,)))]
     if system.dragged is not None:
-        none = np.zeros(0 if limits is None else limits.count)
-        parts += [system.dragged.position(t), system.dragged.weights(t, none)]
+        pressed = np.ones(0 if limits is None else limits.count)
+        parts += [system.dragged.position(t), system.dragged.weights(t, pressed)]
     for motion in motions:
         if motion is not None:
             parts += [motion.stretch(t), motion.drag(t), np.array(motion.stored(t, t))]

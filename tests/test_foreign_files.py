@@ -134,7 +134,9 @@ def test_where_files_cannot_be_locked_it_is_said(tmp_path, monkeypatch, caplog):
 
 
 @pytest.mark.parametrize(
-    "wrong", [5, True, 1.5, b"rows", ["rows"], "", "a\0b", "\ud800", "x" * 300, "x/" + "y" * 300, object()], ids=repr
+    "wrong",
+    [5, True, 1.5, b"rows", ["rows"], "", "a\0b", "\ud800", "x" * 300, "x/" + "y" * 300, object()],
+    ids=lambda wrong: "object" if type(wrong) is object else repr(wrong),
 )
 def test_what_is_no_folder_is_said(wrong, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

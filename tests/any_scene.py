@@ -1,0 +1,405 @@
+"""Scenes at random, of everything a scene can hold: what certificates and errors are tried on.
+
+``draw(seed)`` is a scene on a small mesh with its instants, solver and way of running; equal seeds give equal scenes.
+Materials of every kind and unit, all supports, bodies that only friction and contact hold, contact on one, two or
+three sides, in parts that meet inside a side and at corners, one- and two-sided, soft, with gaps that move, friction
+of Tresca (both ways, one way), Coulomb (capped) and none; loads of all kinds whose courses reverse, hold, vanish and
+hardly change; dashpots; condensed or not, all solvers, both linear solvers; starts from zero, settled, in equilibrium,
+from a given state, and runs that are interrupted and gone on with.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose
+
+SIDES = ("left", "right", "bottom", "top")
+
+
+@dataclass
+class Drawn:
+    """A scene and how it is to be run."""
+
+    seed: int
+    effects: list
+    mesh: vx.PolygonMesh
+    times: np.ndarray
+    solver: vx.Solver | None
+    linear: object
+    condense: bool
+    start: str
+    kinds: set = field(default_factory=set)
+    """what of the declared kinds it holds: see :func:`draw`"""
+
+    @property
+    def scene(self):
+        return vx.Scene(*self.effects)
+
+    @property
+    def words(self):
+        """How to rebuild it, and what it is."""
+        effects = "; ".join(effect.describe() for effect in self.effects)
+        return (
+            f"any_scene.draw({self.seed}): {self.mesh!r}, {len(self.times) - 1} steps, {self.solver!r}, "
+            f"linear={self.linear!r}, condense={self.condense}, start={self.start!r}, kinds={sorted(self.kinds)}: "
+            f"{effects}"
+        )
+
+
+@dataclass
+class _Course:
+    """A factor in time, linear between the instants of a run."""
+
+    times: np.ndarray
+    values: np.ndarray
+
+    def __call__(self, t):
+        return float(np.interp(t, self.times, self.values))
+
+
+class _Draw:
+    """The choices of one scene."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng([seed, 20])
+        self.kinds = set()
+        self.length = self._ten(-3, 3)
+        self.young = self._ten(-3, 10)
+        self.strain = self._ten(-6, -1.5)
+        self.period = self._ten(-2, 3)
+        if self.chance(0.04):
+            self.strain *= self._ten(-60, 60)
+            self.kinds.add("extreme loads")
+        steps = int(self.rng.integers(1, 6))
+        begin = self.period * self.rng.choice([0.0, 0.0, 3.0])
+        self.times = begin + self.period * np.append(0.0, np.cumsum(10 ** self.rng.uniform(-1.5, 0, steps)))
+        self.late = False
+
+    def chance(self, p):
+        return self.rng.random() < p
+
+    def one(self, *things):
+        return things[int(self.rng.integers(len(things)))]
+
+    def _ten(self, low, high):
+        return float(10.0 ** self.rng.uniform(low, high))
+
+    # Space
+
+    def mesh(self):
+        family = self.one(*vx.meshes.FAMILIES)
+        most = 4 if family in ("voronoi", "squares", "triangles", "distorted") else 3
+        n = tuple(int(k) for k in self.rng.integers(1, most, 2))
+        wide = self._ten(-0.4, 0.4)
+        if self.chance(0.06):
+            self.kinds.add("thin")
+            wide = self._ten(-4, 4)
+        x, y = self.length * self.rng.choice([0.0, 0.0, 1.0, -30.0], 2)
+        box = ((x, x + wide * self.length), (y, y + self.length))
+        mesh = vx.meshes.FAMILIES[family](n, box=box, seed=int(self.rng.integers(100)))
+        middle = x + wide * self.length * self.rng.uniform(0.3, 0.7)
+        parts = {
+            "west": lambda m: (m[:, 0] < middle) & (np.abs(m[:, 1] - y) < 1e-6 * self.length),
+            "east": lambda m: (m[:, 0] >= middle) & (np.abs(m[:, 1] - y) < 1e-6 * self.length),
+        }
+        for name, inside in parts.items():
+            if inside(_midpoints(mesh, "bottom")).any():
+                mesh = mesh.with_boundary(name, inside)
+        angle = self.rng.uniform(-3, 3) if self.chance(0.2) else 0.0
+        if angle:
+            self.kinds.add("turned")
+            mesh = _turned(mesh, angle)
+        self.along = np.array([np.cos(angle), np.sin(angle)])
+        self.up = np.array([-np.sin(angle), np.cos(angle)])
+        inside = self.rng.random(mesh.n_cells) < 0.5
+        inside[0] = True
+        self.two = bool(inside.any() and not inside.all() and self.chance(0.15))
+        self.built = mesh.with_cell_data("hard", inside.astype(float)).with_cell_data("soft", (~inside).astype(float))
+        return self.built
+
+    def field(self, size, low=0.0, high=1.0):
+        """An affine function of place between low and high of `size`."""
+        points = self.built.points
+        lo, span = points.min(axis=0), np.ptp(points, axis=0)
+        c = self.rng.uniform(low, high, 3)
+        return lambda x: size * (c[0] + (c[1:] - c[0]) @ ((x - lo) / span).T * 0.5)
+
+    # Time
+
+    def course(self):
+        """A course from zero at times[0], unless the run begins late."""
+        n = len(self.times)
+        kind = self.one("ramp", "free", "few", "turns", "held")
+        if kind == "ramp":
+            values = np.linspace(0, 1, n)
+        elif kind == "free":
+            values = self.rng.uniform(-1, 1, n)
+        elif kind == "few":
+            values = self.rng.choice([0.0, 1.0, -1.0, 0.5, 1 + 1e-9], n)
+        elif kind == "turns":
+            values = np.sin(np.linspace(0, self.rng.uniform(3, 9), n))
+        else:
+            values = np.ones(n)
+        if not self.late:
+            values = values.copy()
+            values[0] = 0.0
+        return _Course(self.times, np.asarray(values, dtype=float))
+
+    def pressing(self):
+        """A course that only presses."""
+        values = np.linspace(0, 1, len(self.times)) if self.chance(0.5) else self.rng.uniform(0.3, 1, len(self.times))
+        if not self.late:
+            values[0] = 0.0
+        return _Course(self.times, values)
+
+    # Physics
+
+    def materials(self):
+        triangles = (np.diff(self.built.offsets) == 3).any()
+        if self.two:
+            self.kinds.add("two materials")
+            parts = ("hard", 10 ** self.rng.uniform(-3, 3)), ("soft", 1.0)
+            return [self.material(on, factor, triangles) for on, factor in parts]
+        return [self.material(None, 1.0, triangles)]
+
+    def material(self, on, factor, triangles):
+        E, plane = self.young * factor, "strain"
+        if self.chance(0.15):
+            self.kinds.add("orthotropic")
+            E2, E3 = E * self._ten(-1, 0), E * self._ten(-1, 0)
+            G, angle = E * self._ten(-1.5, -0.3), self.rng.uniform(-2, 2)
+            return vx.Orthotropic((E, E2, E3), (0.2, 0.1, 0.1), G, angle, plane, on)
+        nu = self.one(0.3, 0.3, 0.3, 0.0, *self.rng.uniform(-0.9, 0.49, 6), 0.499, 0.499999, 0.5 - 1e-10)
+        if triangles:
+            nu = min(nu, 0.45)
+        if nu > 0.499:
+            self.kinds.add("incompressible")
+        if self.chance(0.1) and on is None:
+            E = E * 10 ** self.rng.uniform(-3, 3, self.built.n_cells)
+            self.kinds.add("contrast")
+        return vx.Elasticity(E, nu, plane, "unit" if self.chance(0.06) else "shear", on)
+
+    def traction(self, side, size):
+        f, course = [self.field(size, -1, 1) for _ in range(2)], self.course()
+        return vx.Traction(lambda x, t: course(t) * np.column_stack([g(x) for g in f]), on=side)
+
+    def force(self):
+        """One more load of any kind; sizes in proportion to the stiffness."""
+        stress = self.young * self.strain
+        kind = self.one("traction", "pressure", "body", "point", "heat", "prestress")
+        course, f, g = self.course(), self.field(stress, -1, 1), self.field(stress, -1, 1)
+        if kind == "traction":
+            return self.traction(self.one(*SIDES), stress)
+        if kind == "pressure":
+            return vx.Pressure(lambda x, t: course(t) * f(x), on=self.one(*SIDES))
+        if kind == "body":
+            return vx.BodyForce(lambda x, t: course(t) * np.column_stack([f(x), g(x)]) / self.length)
+        if kind == "point":
+            node = self.built.points[int(self.rng.integers(self.built.n_nodes))]
+            push = stress * self.length * self.rng.uniform(-1, 1, 2)
+            return vx.PointLoad(lambda x, t: course(t) * np.tile(push, (len(x), 1)), at=node)
+        if kind == "heat":
+            self.kinds.add("heat")
+            return vx.ThermalStrain(self.strain / 10, lambda x, t: 10 * course(t) * f(x) / stress)
+        self.kinds.add("prestress")
+        h = self.field(stress, -1, 1)
+        return vx.Prestress(lambda x, t: course(t) * np.column_stack([f(x), g(x), h(x)]))
+
+    def bound(self):
+        """A friction bound: constant, varying in space and time, zero in places, huge or zero."""
+        size = self.young * self.strain * self._ten(-2, 0.3)
+        kind = self.one("constant", "constant", "varies", "in time", "zero in places", "huge", "zero", "jumps")
+        f, course = self.field(size), self.pressing()
+        if kind == "constant":
+            return size
+        if kind == "huge":
+            return 1e6 * size
+        if kind == "zero":
+            return 0.0
+        if kind == "in time":
+            return lambda x, t: np.full(len(x), size * (0.2 + course(t)))
+        if kind == "jumps":
+            when = self.rng.choice(self.times)
+            return lambda x, t: np.full(len(x), size if t < when else 0.1 * size)
+        if kind == "zero in places":
+            return lambda x, t: np.maximum(f(x) - 0.3 * size, 0.0)
+        return lambda x, t: f(x)
+
+    def tresca(self, side):
+        back = self.bound() if self.chance(0.2) else None
+        if back is not None:
+            self.kinds.add("one way")
+        rule = self.one("nodes", "nodes", "integral")
+        return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, backward=back)
+
+    def coulomb(self, side):
+        self.kinds.add("Coulomb")
+        cap = None
+        if self.chance(0.15):
+            self.kinds.add("capped")
+            cap = self.young * self.strain * self._ten(-1, 0)
+        mu = self.rng.uniform(0.05, 0.6)
+        f = self.field(mu, 0.5, 1.0)
+        return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap)
+
+    def gap(self):
+        move = self.length * self.strain
+        kind = self.one("none", "none", "constant", "varies", "moves", "far")
+        f, course = self.field(move), self.course()
+        if kind == "none":
+            return 0.0
+        if kind == "constant":
+            return move * self._ten(-2, 0)
+        if kind == "far":
+            return 1e3 * move
+        if kind == "moves":
+            self.kinds.add("gap moves")
+            return lambda x, t: move * 0.3 * abs(course(t)) * np.ones(len(x))
+        return lambda x, t: f(x)
+
+    def contact(self, side, free=False):
+        """Contact and friction on a side."""
+        kinds = ("bilateral", "unilateral", "unilateral", "soft") if not free else ("unilateral", "soft", "bilateral")
+        kind = self.one(*kinds)
+        self.kinds.add(kind)
+        if kind == "bilateral":
+            return [vx.BilateralContact(on=side), *([self.tresca(side)] if free or self.chance(0.85) else [])]
+        if kind == "unilateral":
+            effects = [vx.UnilateralContact(on=side, gap=self.gap() if not free else 0.0)]
+        else:
+            stiffness = self.young / self.length * self._ten(-1, 3)
+            effects = [vx.NormalCompliance(stiffness, on=side, gap=self.gap() if not free else 0.0)]
+        friction = self.one("none", "tresca", "coulomb") if not free else self.one("tresca", "coulomb")
+        if friction == "tresca":
+            effects.append(self.tresca(side))
+        if friction == "coulomb":
+            effects.append(self.coulomb(side))
+        return effects
+
+    def contacts(self, held, free):
+        """Contact on one side, in two parts of it, or on several sides that meet at corners."""
+        names = self.built.boundaries
+        kind = self.one("one", "one", "parts", "corner", "three")
+        if kind == "parts" and "west" in names and "east" in names:
+            self.kinds.add("parts")
+            sides = ["west", "east"]
+        elif kind in ("corner", "three"):
+            self.kinds.add("corner")
+            sides = ["bottom", "left"] if held != "left" else ["bottom", "right"]
+            if kind == "three" and held != "right":
+                sides.append("right")
+        else:
+            sides = ["bottom"]
+        return [e for side in sides for e in self.contact(side, free)]
+
+    def supports(self, held):
+        move = self.length * self.strain
+        kind = self.one("clamp", "clamp", "clamp", "moved", "moved", "normal", "tangent", "springs", "symmetry", "skew")
+        self.kinds.add(kind)
+        f, g, course = self.field(move, -1, 1), self.field(move, -1, 1), self.course()
+        if kind == "clamp":
+            return [vx.Clamp(on=held)]
+        if kind == "moved":
+            return [vx.PrescribedDisplacement(lambda x, t: course(t) * np.column_stack([f(x), g(x)]), on=held)]
+        if kind in ("normal", "tangent"):
+            k = self.young / self.length
+            rest = [] if self.chance(0.5) else [vx.ElasticFoundation(k, k, on=held)]
+            return [vx.PrescribedDisplacement(lambda x, t: course(t) * f(x), on=held, direction=kind), *rest]
+        if kind == "skew":
+            way = self.rng.uniform(-1, 1, 2)
+            return [vx.PrescribedDisplacement(lambda x, t: course(t) * f(x), on=held, direction=tuple(way))]
+        if kind == "symmetry":
+            return [vx.Symmetry(on=held)]
+        k = self.young / self.length * self._ten(-3, 1)
+        return [vx.ElasticFoundation(k, k * self.one(0.0, 1.0, 0.3), on=held)]
+
+    def weight(self, side, share=1.0):
+        course, f = self.pressing(), self.field(self.young * self.strain * share, 0.5, 1.0)
+        return vx.Pressure(lambda x, t: course(t) * f(x), on=side)
+
+    # The run
+
+    def solver(self, conic):
+        kind = self.one("newton", "newton", "newton", "default", *(["clarabel", "osqp"] if conic else ["newton"]))
+        if kind == "default":
+            return None
+        if kind == "newton":
+            return vx.Newton(accuracy=float(f"{self._ten(-10, -2):.1e}"))
+        self.kinds.add(kind)
+        accuracy, polish = float(f"{self._ten(-6, -2):.1e}"), self.chance(0.3)
+        return (vx.Clarabel if kind == "clarabel" else vx.OSQP)(accuracy=accuracy, polish=polish)
+
+
+def draw(seed):
+    """The scene of a seed.
+
+    Kinds that are told (``Drawn.kinds``): "bilateral", "unilateral", "soft", "Coulomb", "capped", "one way", "free",
+    "kernel", "viscous", "heat", "prestress", "orthotropic", "two materials", "contrast", "incompressible", "thin",
+    "turned", "parts", "corner", "gap moves", "extreme loads", "clarabel", "osqp", "multigrid", "full", and the kind of
+    support.
+    """
+    d = _Draw(seed)
+    mesh = d.mesh()
+    start = d.one(*["zero"] * 6, *["settled"] * 3, "equilibrium", *["given"] * 2, *["resumed"] * 2)
+    d.late = start in ("settled", "equilibrium")
+    effects = d.materials()
+    free = d.chance(0.15)
+    if free:
+        d.kinds.add("free")
+        effects += d.contacts("top", True)
+        effects += [d.weight("top"), d.traction(d.one("left", "top"), d.young * d.strain * d._ten(-3, -1))]
+    else:
+        held = d.one("right", "right", "top", "left")
+        effects += d.supports(held)
+        if d.chance(0.93):
+            effects += d.contacts(held, False)
+        loose = bool(d.kinds & {"normal", "tangent", "springs", "symmetry", "skew"})
+        effects += [d.traction(d.one(*SIDES), d.young * d.strain * (0.2 if loose else 1.0))]
+        if d.chance(0.6):
+            effects.append(d.weight("top", d._ten(-1, 0.5)))
+        if not loose:
+            effects += [d.force() for _ in range(int(d.rng.integers(0, 3)))]
+    if d.chance(0.12):
+        d.kinds.add("viscous")
+        eta = d.young * d.period * d._ten(-2, 2)
+        effects.append(vx.Viscosity(eta, eta * d.one(0.0, 1.0)))
+    order = d.rng.permutation(len(effects))
+    linear, condense = None, not d.chance(0.2)
+    if not condense:
+        d.kinds.add("full")
+    if d.chance(0.08):
+        d.kinds.add("multigrid")
+        linear = vx.Multigrid()
+    solver = d.solver(conic=d.chance(0.25))
+    effects = [effects[i] for i in order]
+    if _has_kernel(effects, mesh):
+        d.kinds.add("kernel")
+        if not d.chance(0.1):
+            # What is always refused says little; one time in ten it is tried.
+            start, linear = "settled" if start == "equilibrium" else start, None
+    return Drawn(seed, effects, mesh, d.times, solver, linear, condense, start, d.kinds)
+
+
+def _has_kernel(effects, mesh):
+    """Whether nothing but friction and one-sided contact holds the body; False too where nothing does."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vx.SceneWarning)
+        try:
+            return pose(vx.Scene(*effects), mesh).system.kernel is not None
+        except vx.VemcvxError:
+            return False
+
+
+def _midpoints(mesh, name):
+    return mesh.points[mesh.boundaries[name]].mean(axis=1)
+
+
+def _turned(mesh, angle):
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    turned = vx.PolygonMesh(mesh.points @ turn, mesh.cells)
+    return turned.with_boundaries({name: e for name, e in mesh.boundaries.items() if name != "boundary"})

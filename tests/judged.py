@@ -1,0 +1,245 @@
+"""Runs of drawn scenes, held against exact steps: no answer further off than its certificate and floor say."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+from exact_steps import Steps, Stuck
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose
+
+EPS = float(np.finfo(float).eps)
+ROUNDED = 64 * EPS
+ANCHORED = 256
+"""Where nothing but contact holds a body, motions without energy are told from others by stiffness 2^-8 of K's."""
+UPPER = 1 + 1e-9
+"""What evaluating bound and error in doubles may cost."""
+
+
+@dataclass
+class Verdict:
+    """What became of a drawn scene."""
+
+    refused: str = ""
+    """the sentence of the error, if it was refused"""
+    faults: list = field(default_factory=list)
+    steps: int = 0
+    """how many were held against exact ones"""
+    unknown: int = 0
+    """how many have no exact answer that was found"""
+    ratio: float = 0.0
+    """largest error over certificate + floor"""
+
+
+class Interrupted(Exception):
+    """What stops a run half way."""
+
+
+def run(drawn):
+    """The history of a drawn scene, started as it says."""
+    options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
+    scene, mesh, times = drawn.scene, drawn.mesh, drawn.times
+    half = (len(times) + 1) // 2
+    if drawn.start == "given" and half < len(times) - 1:
+        first = vx.simulate(scene, mesh, times[: half + 1], **options)
+        return vx.simulate(scene, mesh, times[half:], initial=first.displacement[-1], **options)
+    if drawn.start == "resumed" and half < len(times) - 1:
+        return _resumed(scene, mesh, times, half, options)
+    initial = drawn.start if drawn.start in ("settled", "equilibrium") else None
+    return vx.simulate(scene, mesh, times, initial=initial, **options)
+
+
+def _resumed(scene, mesh, times, half, options):
+    def stop(n, steps):
+        if n == half:
+            raise Interrupted
+
+    with tempfile.TemporaryDirectory() as folder:
+        with contextlib.suppress(Interrupted):
+            vx.simulate(scene, mesh, times, stream=folder, progress=stop, **options)
+        return vx.simulate(scene, mesh, times, stream=folder, resume=True, **options)
+
+
+def judged(drawn):
+    """Run a drawn scene and hold it against exact steps."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", vx.SceneWarning)
+        try:
+            history = run(drawn)
+        except vx.VemcvxError as error:
+            return Verdict(refused=f"{type(error).__name__}: {error}")
+        verdict = Verdict()
+        posed = pose(history.scene, history.mesh, history.trajectory.times)
+        if drawn.start == "resumed":
+            _same(drawn, history, verdict)
+    _numbers(history, verdict)
+    _steps(drawn, posed.system, history.trajectory, verdict)
+    _ledger(posed, history.trajectory, _inexact(drawn, posed.system), verdict)
+    _balance(posed, history, verdict)
+    _total(drawn, posed.system, history.trajectory, verdict)
+    return verdict
+
+
+def _numbers(history, verdict):
+    """Nothing that is no number."""
+    t, c = history.trajectory, history.contact
+    for name in ("state", "multipliers", "pressures", "weights", "energy", "dissipated", "work", "gap", "floor"):
+        if not np.isfinite(getattr(t, name)).all():
+            verdict.faults.append(f"number: {name} is not finite")
+    for name in ("slip", "traction", "bound", "pressure", "wear"):
+        if not np.isfinite(getattr(c, name)).all():
+            verdict.faults.append(f"number: contact.{name} is not finite")
+
+
+def _steps(drawn, system, t, verdict):
+    exact = Steps(system)
+    scale = t.scale
+    raw = np.sqrt(2 * t.gap) + np.sqrt(2 * t.floor)
+    # Where the data could move nothing either, the relative certificate is 0 or infinite.
+    bound = np.where(scale > 0, (t.certificate + t.certificate_floor) * np.where(scale > 0, scale, 1.0), raw)
+    for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
+        before = np.zeros(system.n) if n == 0 else t.state[n - 1]
+        now = float(t.times[n])
+        tilt = np.zeros(0) if system.norms is None else system.norms.tilt(now)
+        # Beyond the terms of the program come those of nodes that supports drag along.
+        guess = t.state[n] - before, t.multipliers[n].ravel()[: len(tilt)] - tilt, t.pressures[n]
+        try:
+            step = exact.step(before, float(t.times[n - 1]), now, guess, settled=n == 0)
+        except Stuck:
+            verdict.unknown += 1
+            continue
+        error = step.distance(exact.scaled(before, t.state[n], step.unit))
+        verdict.steps += 1
+        allowed = bound[n]
+        verdict.ratio = max(verdict.ratio, error / allowed if allowed > 0 else (np.inf if error > 0 else 0.0))
+        if error > allowed * UPPER:
+            verdict.faults.append(
+                f"certificate: step {n}: |u - u*| = {error:.3e}, certificate and floor {allowed:.3e} "
+                f"(before 0/0 = 0: {raw[n]:.3e}), |u| up to {scale[n]:.3e}, |d*| = {step.size(step.d):.3e}"
+            )
+
+
+def _total(drawn, system, t, verdict):
+    """Errors of all steps add up to no more than `certificate_total`, where steps do not expand."""
+    given = system.norms is None or system.norms.law is None
+    if system.limits is not None or system.damping is not None or drawn.start == "equilibrium" or not given:
+        return
+    exact, now, blur = Steps(system), t.state[0], 0.0
+    if drawn.start == "settled":
+        now, blur = _exact_state(exact, np.zeros(system.n), t, 0), 0.0
+    allowed = t.certificate_total * t.scale + np.cumsum(np.sqrt(2 * t.floor))
+    for n in range(1, len(t.times)):
+        now = _exact_state(exact, now, t, n)
+        if now is None:
+            return
+        # Exact states are rounded once a step.
+        blur += EPS * np.sqrt(np.abs(now) @ (abs(system.K) @ np.abs(now)))
+        off = t.state[n] - now
+        error = np.sqrt(max(float(off @ (system.K @ off)), 0.0))
+        if np.isfinite(allowed[n]) and error > (allowed[n] + blur) * UPPER:
+            verdict.faults.append(
+                f"total: step {n}: |u - u*| = {error:.3e} from the beginning, certified in total {allowed[n]:.3e}"
+            )
+
+
+def _exact_state(exact, before, t, n):
+    """The state (n,) after step n from the state `before`; None where it was not found."""
+    tilt = np.zeros(0) if exact.system.norms is None else exact.system.norms.tilt(float(t.times[n]))
+    guess = t.state[n] - before, t.multipliers[n].ravel()[: len(tilt)] - tilt, t.pressures[n]
+    try:
+        step = exact.step(before, float(t.times[n - 1]), float(t.times[n]), guess, settled=n == 0)
+    except Stuck:
+        return None
+    return before + exact.unscaled(step.d, step.unit)
+
+
+def _same(drawn, history, verdict):
+    """A run that was interrupted is the uninterrupted one, to the bit."""
+    options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
+    whole = vx.simulate(drawn.scene, drawn.mesh, drawn.times, **options)
+    for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "certificate_floor"):
+        if not np.array_equal(getattr(whole, name), getattr(history, name), equal_nan=True):
+            verdict.faults.append(f"resumed: {name} differs from that of the uninterrupted run")
+
+
+def _inexact(drawn, system):
+    """Relative error of energies and work: what solves with K cost, cond(K) times a unit, but no more than was asked.
+
+    An iterative solver's residual of r |b| makes an error of r cond(K)^(1/2) in the energy norm.
+    """
+    D = 1.0 / np.sqrt(system.K.diagonal())
+    size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
+    condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
+    asked = 1e-8 if drawn.solver is None else drawn.solver.accuracy
+    found = min(asked, ROUNDED * condition)
+    if not isinstance(drawn.linear, vx.Multigrid):
+        return found
+    # Energy and work of a step are sums over four solves: for what supports bring about, the load, and the rest.
+    return found + 4 * drawn.linear.tolerance * np.sqrt(np.linalg.cond(system.K.toarray()))
+
+
+def _ledger(posed, t, inexact, verdict):
+    """work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 step by step, up to what does not balance.
+
+    A residual r and a friction gap leave r . d + gap, |r . d| <= error |d|_K; each product of the sums is rounded.
+    """
+    system, A, size = posed.system, posed.A, abs(posed.A)
+    soft = np.zeros(0) if system.limits is None else system.limits.softness
+    u = [posed.displacement(y, float(s)) for y, s in zip(t.state, t.times, strict=True)]
+    z = [_excess(posed, v, float(s)) for v, s in zip(u, t.times, strict=True)]
+    totals = np.abs(t.work) + np.abs(t.energy) + t.dissipated
+    for n in range(1, len(u)):
+        du, d, p = u[n] - u[n - 1], t.state[n] - t.state[n - 1], t.pressures
+        half = 0.5 * float(du @ (A @ du))
+        press = float(p[n] @ (z[n] - z[n - 1])) - 0.5 * float(soft @ (p[n] ** 2 - p[n - 1] ** 2))
+        done = (t.work[n] - t.work[n - 1]) - (t.energy[n] - t.energy[n - 1])
+        defect = abs(done - (t.dissipated[n] - t.dissipated[n - 1]) - half - press)
+        K = system.K if system.damping is None else system.K + system.damping.C / (t.times[n] - t.times[n - 1])
+        error = np.sqrt(2 * t.gap[n]) + np.sqrt(2 * t.floor[n])
+        left = error * np.sqrt(max(float(d @ (K @ d)), 0.0)) + t.gap[n] + t.floor[n]
+        # What rounding leaves in a state, it leaves in its energy and in the work done on it.
+        size_of_states = t.norm[n] + t.norm[n - 1]
+        left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
+        force = size @ np.maximum(np.abs(u[n]), np.abs(u[n - 1])) + np.abs(posed.force(float(t.times[n])))
+        blur = float(force @ (np.abs(du) + np.abs(u[n]) + np.abs(u[n - 1]))) + totals[: n + 1].max()
+        blur += float(np.abs(p[n]) @ (np.abs(z[n]) + np.abs(z[n - 1]))) + float(soft @ p[n] ** 2)
+        if defect > left + ROUNDED * blur:
+            verdict.faults.append(
+                f"ledger: step {n}: work - dE - loss misses 1/2 a(du, du) + ... by {defect:.3e}; residual and rounding "
+                f"allow {left:.3e} + {ROUNDED * blur:.3e}; work {t.work[n]:.3e}, E {t.energy[n]:.3e}, "
+                f"loss {t.dissipated[n]:.3e}"
+            )
+
+
+def _excess(posed, u, t):
+    if posed.obstacles is None or len(posed.obstacles.nodes) == 0:
+        return np.zeros(0)
+    return posed.obstacles.rows @ u - posed.obstacles.gap(t)
+
+
+def _balance(posed, history, verdict):
+    """All nodal forces and the loads balance, springs to the ground included, in force and in moment."""
+    points = history.mesh.points
+    middle = points.mean(axis=0)
+    x, y = (points - middle).T / np.ptp(points, axis=0).max()
+    motions = np.stack([np.stack([1 + 0 * x, 0 * x], 1), np.stack([0 * x, 1 + 0 * x], 1), np.stack([-y, x], 1)])
+    times = history.trajectory.times
+    for n in range(1, len(times)):
+        u, f = history.displacement[n].ravel(), posed.force(float(times[n]))
+        sprung = np.zeros_like(f) if posed.springs is None else posed.springs @ u
+        total = history.forces[n].ravel() + f - sprung
+        # Dashpots push, too: what they cancel in is not smaller than the forces themselves.
+        blur = abs(posed.A) @ np.abs(u) + np.abs(f) + np.abs(history.forces[n].ravel())
+        if posed.system.damping is not None:
+            before = np.abs(history.displacement[n - 1].ravel())
+            blur += abs(posed.viscosity) @ (np.abs(u) + before) / (times[n] - times[n - 1])
+        for name, m in zip(("x", "y", "moment"), motions, strict=True):
+            left, size = abs(float(m.ravel() @ total)), float(np.abs(m.ravel()) @ blur)
+            if left > ROUNDED * size:
+                verdict.faults.append(f"balance: step {n}: forces and loads leave {left:.3e} in {name}, of {size:.3e}")

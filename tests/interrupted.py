@@ -26,6 +26,11 @@ def to_and_fro(x, t):
     return np.tile([0.03 * np.sin(6 * t), -0.02 * t], (len(x), 1))
 
 
+def across(x, t):
+    """A side that moves to and fro."""
+    return np.full(len(x), 0.03 * np.sin(6 * t))
+
+
 def course(t):
     """A load that grows, is held, is taken back and held again."""
     return np.interp(t, [0.0, 0.3, 0.55, 0.8, 1.0], [0.0, 1.0, 1.0, -0.4, -0.4])
@@ -52,6 +57,7 @@ BILATERAL = (vx.BilateralContact(on="bottom"),)
 PULLED = (STEEL, vx.Clamp(on="right"), vx.Traction(changing, on="left"))
 RUBBED = (STEEL, vx.PrescribedDisplacement(to_and_fro, on="top"))
 FREE = (STEEL, vx.Traction(paper_load(cyclic), on="left"), *BILATERAL)
+CORNER = (*BILATERAL, vx.TrescaFriction(0.5, on="bottom"))
 KINDS = {
     "tresca": Kind((*PULLED, *BILATERAL, vx.TrescaFriction(2.0, on="bottom"))),
     "held steps": Kind(paper_scene(course).effects),
@@ -66,6 +72,7 @@ KINDS = {
     "moved": Kind((*RUBBED, *BILATERAL, vx.TrescaFriction(lambda x, t: 0.5 + x[:, 0] * t, on="bottom"))),
     "thermal": Kind((*PULLED, vx.ThermalStrain(1e-3, temperature=lambda x, t: 9 * t * x[:, 0])), "squares"),
     "not condensed": Kind(paper_scene(course).effects, options={"condense": False}),
+    "dragged": Kind((STEEL, vx.PrescribedDisplacement(across, on="left", direction=(1.0, 0.0)), *CORNER), "squares"),
     "settled": Kind(paper_scene(lambda t: 0.5 + t).effects, options={"initial": "settled"}),
     "refined": Kind(paper_scene(course).effects, options={"solver": vx.Newton(1e-13), "check": False}),
 }

@@ -6,6 +6,7 @@ import dataclasses
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_type_hints
 
 import interrupted
 import numpy as np
@@ -16,8 +17,10 @@ from test_files import same
 
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.limits import Limits
+from vemcvx.program.system import Damping, DraggedTerms, Motion, Norms, System
 from vemcvx.stepping import recorder
-from vemcvx.stepping.checkpoint import arrays_of, record_of
+from vemcvx.stepping.checkpoint import arrays_of, mark_of_data, record_of
 from vemcvx.stepping.ledger import Ledger
 from vemcvx.stepping.state import State
 
@@ -96,6 +99,42 @@ def test_records_are_kept_by_their_fields():
     made = more(**told, inner=ledger, other=None)
     found = record_of(more, dict(arrays_of(made)), known={"drive": None})
     assert same(made, found)
+
+
+class Watched:
+    """A function that keeps count of its name when it is called."""
+
+    def __init__(self, called, name, value):
+        self.called, self.name, self.value = called, name, value
+
+    def __call__(self, *_):
+        self.called.add(self.name)
+        return self.value
+
+
+def test_all_data_are_looked_at():
+    """Every function of a system, also one that somebody adds, but words and what follows from the others."""
+    called, none = set(), np.zeros(1)
+
+    def functions(kind, **others):
+        hints = get_type_hints(kind)
+        names = [field.name for field in dataclasses.fields(kind) if "Callable" in str(hints[field.name])]
+        return kind(**{name: Watched(called, (kind, name), none) for name in names}, **others)
+
+    motion = functions(Motion)
+    parts = {
+        "norms": functions(Norms, B=[[1.0]]),
+        "limits": functions(Limits, D=[[1.0]]),
+        "motion": motion,
+        "dragged": functions(DraggedTerms, count=1),
+        "damping": Damping([[1.0]], motion),
+    }
+    system = functions(System, K=[[1.0]], **parts)
+    mark_of_data(system, 0.5)
+    kinds = (System, Norms, Limits, Motion, DraggedTerms)
+    named = {(kind, name) for kind in kinds for name, hint in get_type_hints(kind).items() if "Callable" in str(hint)}
+    implied = {(Norms, "places"), (Limits, "places"), (Norms, "slope"), (Motion, "pair")}
+    assert named - called == implied
 
 
 def paper(course=np.sin, bound=4.0, young=200.0, **options):

@@ -30,14 +30,14 @@ SHAPES = {
     **dict.fromkeys(("contact.slip", "contact.traction"), "S m dim"),
     **{f"contact.{name}": "S m" for name in ("bound", "backward", "pressure", "sticking", "wear", "closed")},
     **{f"trajectory.{name}": "N" for name in ("times", "energy", "dissipated", "work", "norm", "gap", "floor", "lag")},
-    **{f"trajectory.{name}": "N" for name in ("stuck", "iterations", "safeguards", "contraction")},
+    **{f"trajectory.{name}": "N" for name in ("stuck", "iterations", "safeguards", "contraction", "estimated", "unit")},
     **{f"trajectory.{name}": "S terms" for name in ("weights", "sticking", "worn")},
     **{"trajectory.stored": "S", "trajectory.state": "S n", "trajectory.multipliers": "S terms block"},
-    **{"trajectory.pressures": "S limits", "trajectory.velocity": "S n"},
+    **{"trajectory.pressures": "S limits", "trajectory.velocity": "S n", "trajectory.initial": "n"},
 }
 """Which sizes are the same."""
 WHOLE = "contact.nodes", "trajectory.stored", "dragged_ends"
-FLAGS = ("contact.sticking", "contact.closed", "trajectory.sticking")
+FLAGS = "contact.sticking", "contact.closed", "trajectory.sticking", "trajectory.estimated"
 
 
 def write_archive(history: History, path: Path) -> None:

@@ -52,20 +52,19 @@ def fixed_marks(run: Run, times: Floats, kept: Ints, initial: ArrayLike | str | 
 
 def mark_of_data(system: System, t: float) -> int:
     """A number that stands for all that drives the system at an instant."""
-    norms, limits, motions = system.norms, system.limits, [system.motion]
-    if system.damping is not None:
-        motions.append(system.damping.motion)
+    norms, dragged, damping = system.norms, system.dragged, system.damping
+    pressures = [p * np.ones(0 if system.limits is None else system.limits.count) for p in PRESSURES]
     parts = [system.force(t), system.reach(t)]
     if norms is not None:
-        none = np.ones(0 if limits is None else limits.count)
-        parts += [norms.tilt(t), *(norms.weights_under(t, p * none) for p in (PRESSURES if norms.law else (1.0,)))]
-    if system.dragged is not None:
-        pressed = np.ones(0 if limits is None else limits.count)
-        parts += [system.dragged.position(t), system.dragged.weights(t, pressed)]
-    for motion in motions:
+        parts += [norms.tilt(t), norms.weights(t)]
+        parts += [] if norms.law is None else [norms.weights_under(t, p) for p in pressures]
+    if dragged is not None:
+        parts += [dragged.position(t), *(dragged.weights(t, p) for p in pressures)]
+        parts += [] if dragged.bias is None else [dragged.bias(t)]
+    for motion in (system.motion, None if damping is None else damping.motion):
         if motion is not None:
             parts += [motion.stretch(t), motion.drag(t), np.array(motion.stored(t, t))]
-            parts += [] if motion.reach is None else [motion.reach(t)]
+            parts += [motion.frame(t, np.zeros(system.n)), *([] if motion.reach is None else [motion.reach(t)])]
     return int(_mark(*parts)[0])
 
 

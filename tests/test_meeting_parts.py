@@ -7,6 +7,7 @@ import pytest
 from conftest import small
 
 import vemcvx as vx
+from vemcvx.effects import Contribution, Friction
 from vemcvx.scene.pose import pose
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
@@ -192,3 +193,23 @@ def test_supports_beside_contact_keep_their_own_forces(family):
     assert np.abs(rest[:, alone]).max() < 1e-11 * size
     assert np.abs(rest[:, shared] @ [-slant[1], slant[0]]).max() < 1e-11 * size
     assert np.abs(rest[-1, shared] @ slant).max() > 1e-3 * size
+
+
+def test_friction_of_ones_own_is_shown_though_it_names_no_edges(family):
+    """Effects of users may bring lengths alone, and no surface: beside others they act and are seen as before."""
+
+    class Rub(vx.Effect):
+        def contribute(self, space):
+            rows = space.part("bottom", "Rub").corners
+            given = rows.nodes, rows.normals, rows.lengths
+            return Contribution(frictions=(Friction("Rub", *given, lambda t: 2.0 * rows.lengths),))
+
+        def describe(self):
+            return "Rub: 2 on bottom"
+
+    mesh = small(family, 4)
+    held = vx.PrescribedDisplacement(0.0, on="bottom", direction="normal")
+    ours, plain = (run(mesh, held, friction) for friction in (Rub(), vx.TrescaFriction(2.0, on="bottom")))
+    assert np.array_equal(ours.displacement, plain.displacement)
+    for name in FIELDS:
+        assert np.allclose(getattr(ours.contact, name), getattr(plain.contact, name), rtol=1e-13, atol=1e-15), name

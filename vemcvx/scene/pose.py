@@ -125,7 +125,8 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
         _damping(viscosity, supports, seen),
         dragged_terms(terms, law, supports),
     )
-    surface = contact_surface(_chain(p.surfaces for p in parts), terms, supports, times)
+    shown = (*_chain(p.surfaces for p in parts), *frictions, *stops)
+    surface = contact_surface(shown, terms, supports, times)
     return Posed(
         *(scene, space, system, supports, A, loads, terms, surface, material, prestress, obstacles, springs),
         *(tuple(void), _chain(p.given for p in parts), viscosity),

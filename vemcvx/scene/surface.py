@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.effects import ContactSurface
+from vemcvx.effects import ContactSurface, Friction, Obstacle
 from vemcvx.scene.edges import lengths_of, owned, united
 from vemcvx.scene.freedom import freedom
 from vemcvx.scene.supports import Supports
@@ -33,9 +33,12 @@ class Surface:
 
 
 def contact_surface(
-    surfaces: Sequence[ContactSurface], terms: Terms, supports: Supports, times: Sequence[float] = ()
+    surfaces: Sequence[ContactSurface | Friction | Obstacle],
+    terms: Terms,
+    supports: Supports,
+    times: Sequence[float] = (),
 ) -> Surface:
-    """The surface of contact; effects on one boundary bring the same edges, which count once.
+    """The surface of contact, wherever something says so, rubs or stops; edges that several parts bring count once.
 
     A node that supports drag belongs to it where it rubs, so where it has a term of `terms`.
     """

@@ -67,18 +67,16 @@ def refined(
     best = np.inf
     for _ in range(ROUNDS):
         r = residual(force, condensation.system.K, y, pulled(condensation.system, lam, p))
-        response = condensation.solve(r)
-        size = float(abs(r @ response))
+        left = condensation.reduce(r, remembered=False)
+        step = np.zeros(len(held))
+        step[F] = S_FF.solve(left.touched[F])
+        # The energy of the correction to y; what the held unknowns are pushed with is for the multipliers.
+        size = float(r @ left.inside + left.touched @ step)
         if size >= 0.25 * best:
             break
         best = size
-        touched = form.K @ response[condensation.touched]
-        step = np.zeros(len(held))
-        step[F] = S_FF.solve(touched[F])
-        push = touched - form.K @ step
-        inside = r.copy()
-        inside[condensation.touched] -= push
-        y = y + condensation.solve(inside)
+        push = left.touched - form.K @ step
+        y = y + condensation.recover(step, left)
         change = np.where(act, push[columns] / coefficient, 0.0)
         lam, p = lam + form.blocks(change[: lam.size]), p + change[lam.size :]
     return y, lam, p

@@ -18,10 +18,10 @@ from vemcvx.program.refinement import full_certificate, pulled, refined
 from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.quasi import Law, settled
-from vemcvx.solvers.sets import Point
+from vemcvx.solvers.sets import Point, Shifts
 from vemcvx.stepping.acceptance import caused_beside
 from vemcvx.stepping.fixed_point import Dependent, resolved
-from vemcvx.stepping.ledger import Drive, advance, drive
+from vemcvx.stepping.ledger import Drive, advance, advance_in_full, drive
 from vemcvx.stepping.seminorm import answered, refuse_unbalanced
 from vemcvx.stepping.state import Run, State
 
@@ -52,7 +52,7 @@ def step(run: Run, before: State, n: int, t: float) -> State:
     else:
         state = solved(run, before, now, weights, n)
     if run.refines:
-        state = sharpened(run, state)
+        state = sharpened(attempt, state)
     if run.check:
         run.insist(state, n)
     return state
@@ -96,27 +96,37 @@ def sticking(run: Run, state: State) -> NDArray[np.bool_]:
     return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
 
 
-def sharpened(run: Run, state: State) -> State:
-    """The state after iterative refinement against the original K."""
-    force = state.drive.force
+def sharpened(attempt: Trial, state: State) -> State:
+    """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
+    run, before, form = attempt.run, attempt.before, attempt.run.form
+    force, reach, touched = state.drive.force, state.drive.reach, run.condensation.touched
+    stick = np.linalg.norm(state.lam + Shifts.of(form).norms[:, None] * state.slip, axis=1) <= state.walls
     y = run.condensation.recover(state.y, force)
-    y, lam, p = refined(run.condensation, run.form, force.phi, y, state.lam, state.p, sticking(run, state))
+    y, lam, p = refined(run.condensation, form, force.phi, y, state.lam, state.p, stick)
     size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
     lam, p = lam * np.minimum(1.0, state.walls / size)[:, None], np.maximum(p, 0.0)
-    limits, touched = run.form.limits, run.condensation.touched
     # What was free to move may have moved a rounding error beyond its bound.
-    over = np.maximum(limits.read(y[touched]) - state.drive.reach, 0.0)
-    y[touched[limits.columns]] -= over / run.form.D.data
-    excess = limits.read(y[touched]) - state.drive.reach
-    parts = Certificate(
-        0.0,
-        norm_gaps(state.walls, lam, state.slip),
-        0.0,
-        limit_gaps(run.form.softness, p, excess, EPS * (np.abs(state.drive.reach) + np.abs(excess))),
+    y[touched[form.limits.columns]] -= np.maximum(form.limits.read(y[touched]) - reach, 0.0) / form.D.data
+    moved, excess = y[touched] - state.y, form.limits.read(y[touched]) - reach
+    # What sticks has not moved, and keeps its slip to the last bit.
+    slip = state.slip + form.blocks(form.rows.read(moved))
+    over = limit_gaps(form.softness, p, excess, EPS * (np.abs(reach) + np.abs(excess)))
+    own = Certificate(0.0, norm_gaps(state.walls, lam, slip), 0.0, over)
+    answer = Answer(state.y - before.y + moved, lam, state.iterations, state.status, state.safeguards, p)
+    ledger = advance_in_full(run.system, before, state.drive, y, answer, slip, state.walls)
+    return replace(
+        state,
+        y=y[touched],
+        full=y,
+        unbalanced=form.rows.pull(lam.ravel()) + form.limits.pull(p),
+        lam=lam,
+        p=p,
+        slip=slip,
+        certificate=full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), own),
+        ledger=ledger,
+        scale=float(np.maximum(before.scale, ledger.norm)),
+        lag=attempt._lag(answer, slip),
     )
-    certificate = full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), parts)
-    unbalanced = run.form.rows.pull(lam.ravel()) + run.form.limits.pull(p)
-    return replace(state, y=y[touched], unbalanced=unbalanced, lam=lam, p=p, certificate=certificate, full=y)
 
 
 def completed(run: Run, state: State) -> State:

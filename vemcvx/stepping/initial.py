@@ -17,7 +17,7 @@ from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.real import real, shape_in_words
 from vemcvx.stepping.acceptance import caused_beside
-from vemcvx.stepping.backward_euler import completed, solved
+from vemcvx.stepping.backward_euler import completed, sharpened, solved, trial
 from vemcvx.stepping.ledger import Drive, Ledger, drive, energy, strain_energy
 from vemcvx.stepping.state import Run, State
 
@@ -115,17 +115,23 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
         ledger,
         ledger.norm,
         0,
+        full=y,
     )
 
 
 def _settle(run: Run, state: State) -> State:
     """One step at the same instant, all unknowns and the certificate of the full system included."""
-    return completed(run, solved(run, state, state.drive, state.weights, 0))
+    settled = solved(run, state, state.drive, state.weights, 0)
+    if run.refines:
+        settled = sharpened(trial(run, state, state.drive, state.weights), settled)
+    return completed(run, settled)
 
 
 def _at_rest(run: Run, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.drive, state.p)
+    if run.refines:
+        start = strain_energy(run.system, state.full, state.t)  # type: ignore[arg-type]
     ledger = Ledger.opening(start, run.form.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
     size, noise = caused_beside(run.condensation, state.drive, ledger.norm, floor, accuracy)

@@ -29,6 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.extended import residual
+from vemcvx.program.refinement import pulled
 from vemcvx.program.scaling import LARGEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
@@ -127,7 +129,8 @@ def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> floa
 def strain_energy(system: System, y: Floats, t: float) -> float:
     """1/2 a(u, u) of all unknowns y (n,)."""
     if system.motion is None:
-        return 0.5 * float(y @ (system.K @ y))
+        none = np.zeros_like(y)
+        return -0.5 * float(y @ residual(none, system.K, y, none))
     seen = system.motion.frame(t, y)
     return 0.5 * system.motion.pair(seen, seen)
 
@@ -156,9 +159,32 @@ def advance(
         held = condensation.form.rows.pull(answer.lam.ravel()) + condensation.form.limits.pull(answer.p)
         work -= float(held @ moved.x[c])
         work += float(answer.lam.ravel() @ (now.drag - last.drag))
+    return _entered(before, now, energy(condensation, y, now, answer.p), work, slip, w)
+
+
+def advance_in_full(
+    system: System, before: State, now: Drive, y: Floats, answer: Answer, slip: Floats, w: Floats
+) -> Ledger:
+    """The ledger after a step of which all unknowns y (n,) are known, before and after; no soft limits.
+
+    The factors and S, which may be too coarse for energies, take no part: products with K itself, in extended
+    precision. With held = load - P'A u_n,  load . dy + a(u_n, du_D) = held . dy + a(u_n, du).
+    """
+    last, motion, d = before.drive, system.motion, y - before.full  # type: ignore[operator]
+    work = -float(answer.p @ (now.reach - last.reach))
+    if motion is None:
+        work += float(now.force.phi @ d)
+    else:
+        seen, then = motion.frame(now.t, y), motion.frame(last.t, before.full)  # type: ignore[arg-type]
+        work += motion.pair(seen, seen - then) + float(pulled(system, answer.lam, answer.p) @ d)
+        work += float(answer.lam.ravel() @ (now.drag - last.drag))
+    return _entered(before, now, strain_energy(system, y, now.t), work, slip, w)
+
+
+def _entered(before: State, now: Drive, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
+    """The ledger with a step's energy, its work but for the bias, and its slips."""
     # The bias is a force in the balance, and friction in the ledger.
     tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
-    work += float(tilt.sum())
     rubbed, past = w * np.linalg.norm(slip, axis=1) + tilt, before.ledger
-    stored = energy(condensation, y, now, answer.p)
-    return Ledger(stored, past.dissipated + float(rubbed.sum()), past.work + work, past.worn + rubbed)
+    done = work + float(tilt.sum())
+    return Ledger(stored, past.dissipated + float(rubbed.sum()), past.work + done, past.worn + rubbed)

@@ -35,7 +35,8 @@ def square(K, y):
 
 @pytest.mark.parametrize("friction", [0.5, 5.0])
 def test_what_is_told_of_a_state_is_of_that_state(friction):
-    runs = [vx.simulate(strip(friction), MESH, TIMES, condense=condense) for condense in (True, False)]
+    newton = vx.Newton(accuracy=1e-6)
+    runs = [vx.simulate(strip(friction), MESH, TIMES, condense=condense, solver=newton) for condense in (True, False)]
     posed = pose(strip(friction), MESH)
     columns, K = posed.supports.columns, posed.system.K
     for history in runs:
@@ -46,11 +47,11 @@ def test_what_is_told_of_a_state_is_of_that_state(friction):
         lengths = posed.system.norms.weights(1.0) / (friction * HEIGHT)
         assert np.diff(history.dissipated) == pytest.approx(friction * HEIGHT * slips @ lengths, rel=1e-12)
         assert slips[history.contact.sticking[1:]].max(initial=0.0) <= 1e-12 * slips.max()
-        # Where forces balance to the certificate, so does the ledger.
+        # In each of two steps, forces r out of balance do the work r.du <= |r|_(K^-1) |du|_K <= 2 certificate |u|^2.
         steps = [0.5 * square(K, y[n + 1] - y[n]) for n in range(len(TIMES) - 1)]
         left = history.work - history.energy - history.dissipated
-        assert left[1:] == pytest.approx(np.cumsum(steps), abs=2 * history.certificate.max() * history.energy.max())
-        assert 0 < history.certificate.max() < 1e-8
+        assert left[1:] == pytest.approx(np.cumsum(steps), abs=8 * history.certificate.max() * history.energy.max())
+        assert 0 < history.certificate.max() < 1e-6
     one, other = runs
     allowed = (one.certificate + other.certificate).cumsum()
     assert (np.abs(one.energy - other.energy) <= 3 * allowed * one.energy.max()).all()

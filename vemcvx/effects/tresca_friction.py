@@ -4,6 +4,16 @@ Where the bounds of the two directions differ, j(v) = int g+ (v_tau)+ + g- (v_ta
 half their difference as a bias that acts along v_tau.
 The nodal weights are those of the trapezoidal rule, w_i = g(x_i) int phi_i ds, or w_i = int g phi_i ds.
 With linear traces both integrate |v_tau| by its nodal interpolant, an upper bound of j on every edge.
+
+The bound is given: beside one-sided contact it acts where the contact is open, too. Friction that needs touch has
+w = g where p > 0 and 0 where p = 0, a jump with which a step need not have a solution (a place that closes without
+friction and opens with it). What then happens is grazing, w between the two at p = 0, and that is what the steep ramp
+
+    w(p) = min(STEEP p, g int phi_i)
+
+says: it is g wherever the pressure exceeds g / STEEP, it is continuous, and so every step has a solution (the map from
+bounded weights to weights is continuous: Brouwer), which :mod:`vemcvx.stepping.fixed_point` finds as Coulomb's, whose
+law with the coefficient STEEP and the cap g it is.
 """
 
 from __future__ import annotations
@@ -21,12 +31,16 @@ from vemcvx.errors import SceneError
 from vemcvx.vem import Space
 
 QUADRATURES = ("nodes", "integral")
+STEEP = 1e6
+"""Pressures below a millionth of the bound count as grazing."""
 
 
 @dataclass(frozen=True)
 class TrescaFriction(Effect):
     """Friction whose traction never exceeds a given bound: |sigma_tau| <= g, and sticks below it.
 
+    The bound is given and asks for no pressure: beside UnilateralContact or NormalCompliance the body is rubbed where
+    it has left the obstacle, too, and a run in which that happens warns. `while_closed=True` rubs where there is touch.
     Parts that meet at a node rub there with the bounds of their own edges; parts that overlap add up. Nodes that a
     prescribed displacement drags along rub as well: |friction| = g against the slip, borne by that support, whose
     reaction and work include it; it is 0 in a step in which the support stands still (any up to g would do).
@@ -43,17 +57,26 @@ class TrescaFriction(Effect):
         Where slip one way is held back more than the other (scales, ratchets, brushed fibres): `bound` is then that of
         slip forward, along the boundary with the body on the left (on a floor, to the right), and this that of slip
         backward; >= 0, force per length.
+    while_closed : bool, optional
+        True: the bound is g where contact presses and 0 where it is open, as a fixed point in every step, with what
+        CoulombFriction says of that; it needs UnilateralContact or NormalCompliance, and `backward` none. False: g
+        everywhere, and no warning. By default g everywhere.
     """
 
     bound: data.Datum
     on: str | Sequence[str]
     quadrature: str = "nodes"
     backward: data.Datum | None = None
+    while_closed: bool | None = None
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"TrescaFriction on {where(self.on)}"
         if self.quadrature not in QUADRATURES:
             raise SceneError(f"{subject}: found quadrature {self.quadrature!r}; there are 'nodes' and 'integral'.")
+        if self.while_closed and self.backward is not None:
+            raise SceneError(
+                f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
+            )
         part = space.part(self.on, "TrescaFriction")
         rows = part.corners
         points = space.mesh.points[rows.nodes]
@@ -82,15 +105,27 @@ class TrescaFriction(Effect):
 
         def both(x: Floats, t: float, pressure: Floats) -> Floats:
             forward = bound(self.bound, x, t, "bound")
+            forward = np.minimum(STEEP * np.maximum(pressure, 0.0), forward) if self.while_closed else forward
             return np.stack([forward, forward if self.backward is None else bound(self.backward, x, t, "backward")])
 
-        tilted = None if self.backward is None else bias
+        def law(t: float, forces: Floats) -> Floats:
+            return np.minimum(STEEP * np.maximum(forces, 0.0), mean(t))
+
+        def slope(t: float, forces: Floats) -> Floats:
+            return np.where(STEEP * forces < mean(t), STEEP, 0.0)
+
+        none, tilted = np.zeros(len(rows.nodes)), None if self.backward is None else bias
+        own = subject, rows.nodes, rows.normals, rows.lengths
+        friction = Friction(*own, mean, bias=tilted, ends=rows.ends, in_the_air=self.while_closed is None)
+        if self.while_closed:
+            friction = Friction(*own, lambda t: none, law, ends=rows.ends, slope=slope)
         return Contribution(
-            frictions=(Friction(subject, rows.nodes, rows.normals, rows.lengths, mean, bias=tilted, ends=rows.ends),),
+            frictions=(friction,),
             surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
             given=(Given(subject, "bound", both, part.edges),) if varies(self.bound, self.backward) else (),
         )
 
     def describe(self) -> str:
         back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
-        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}"
+        closed = " where it is closed" if self.while_closed else ""
+        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}"

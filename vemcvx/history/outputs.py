@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.errors import SceneWarning
 from vemcvx.history.contact import contact_history
 from vemcvx.history.history import History
+from vemcvx.scene.edges import borne
 from vemcvx.scene.pose import Posed
 from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory
@@ -16,8 +19,13 @@ from vemcvx.stepping.trajectory import Trajectory
 Floats = NDArray[np.float64]
 
 
+CLOSED = 1e-6
+"""Part of the largest pressure that counts as touch, and of friction's work that counts: answers are a solver's."""
+
+
 def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
     """The history of a posed scene."""
+    _warn_of_rubbing_in_the_air(posed, trajectory)
     shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
     u, forces = storage.array("displacement", shape), storage.array("forces", shape)
     for row, n in enumerate(trajectory.stored):
@@ -41,6 +49,30 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
         void=posed.void + _untouched(posed, trajectory),
         **_rubbing(posed, trajectory),
     )
+
+
+def _warn_of_rubbing_in_the_air(posed: Posed, trajectory: Trajectory) -> None:
+    """Say how much of friction's work is done where contact is open, if nobody has said that it is meant to be."""
+    terms, obstacles = posed.terms, posed.obstacles
+    asked = [friction for friction in terms.frictions if friction.in_the_air]
+    if not asked or obstacles is None or len(obstacles.nodes) == 0:
+        return
+    press = borne(terms.ends, obstacles.ends)
+    pressed = trajectory.pressures @ press.T
+    rubbed = np.diff(trajectory.worn, axis=0)
+    # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
+    shut = pressed > CLOSED * pressed.max(initial=0.0)
+    gone = ~(shut[1:] | shut[:-1]) & (np.diff(press.indptr) > 0)
+    gone &= np.isin(terms.nodes, np.concatenate([friction.nodes for friction in asked]))
+    lost, total = rubbed[gone].sum(), rubbed.sum()
+    if lost > CLOSED * total:
+        warnings.warn(
+            f"{asked[0].subject}: its bound is given, and {lost / total:.0%} of all friction work is done in the air, "
+            "where contact is open. Say while_closed=True to rub where there is touch, or while_closed=False if this "
+            "is meant.",
+            SceneWarning,
+            stacklevel=4,
+        )
 
 
 def _rubbing(posed: Posed, trajectory: Trajectory) -> dict[str, Any]:

@@ -104,6 +104,6 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
     if bare.any():
         raise SceneError(
             f"{friction.subject}: no pressure is known at {bare.sum()} of {k} places; it needs UnilateralContact or "
-            "NormalCompliance on the same boundary (with BilateralContact, use TrescaFriction)."
+            "NormalCompliance on the same boundary (with BilateralContact, TrescaFriction without while_closed)."
         )
     return M

@@ -50,6 +50,7 @@ SHIFT = 0.1
 """As in :mod:`vemcvx.solvers.newton`."""
 MOST_ROUNDS = 25
 """Sets in a row before another start is wanted; those that settle do so in fewer than ten."""
+SOFTER = 1e-6
 SOLVED = 1e-6
 """Corrections larger than this part of the answer say that the system is all but singular: its sets hold nothing."""
 ROUNDED = 64.0
@@ -67,7 +68,7 @@ class Law:
         """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
         return Law(
             lambda p: up * self.weights(down * p),
-            lambda p: sp.csr_matrix(sp.diags_array(up) @ self.slope(down * p) @ sp.diags_array(down)),
+            lambda p: sp.csr_matrix(self.slope(down * p).multiply(up[:, None]).multiply(down)),
         )
 
 
@@ -87,6 +88,9 @@ class Settled:
 def settled(program: StepProgram, law: Law, start: Point, response: Response) -> Settled | None:
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
+    A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope; the
+    softer law W(SOFTER p) meets it there, and its answer, with SOFTER p in place of p, begins on the same slope.
+
     Parameters
     ----------
     program : StepProgram
@@ -94,6 +98,17 @@ def settled(program: StepProgram, law: Law, start: Point, response: Response) ->
     response : Response
         Of its form.
     """
+    found = _settled(program, law, start, response)
+    if found is not None:
+        return found
+    softer = _settled(program, law.scaled(np.ones(1), np.full(len(start.p), SOFTER)), start, response)
+    if softer is None:
+        return None
+    point = softer.point
+    return _settled(program, law, Point(point.d, point.lam, SOFTER * point.p), response)
+
+
+def _settled(program: StepProgram, law: Law, start: Point, response: Response) -> Settled | None:
     shift, point, met = Shifts.of(program.form) * SHIFT, start, set()
     for count in range(1, MOST_ROUNDS + 1):
         sets, pressed = _sets(program, law, point, shift)
@@ -192,7 +207,9 @@ def _on_sets(program: StepProgram, law: Law, sets: Sets, pressed: Floats, respon
         d, x = d + step, x + more
         error = float(np.sqrt(max(step @ (form.K @ step), 0.0)))
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
-    if last > SOLVED * size.max(initial=0.0) or error > SOLVED * np.sqrt(abs(x @ response.matrix @ x)):
+    force, free = np.abs(program.g).max(initial=0.0), program.g @ form.factor.solve(program.g)
+    norm = np.sqrt(abs(free)) + np.sqrt(abs(x @ response.matrix @ x))
+    if last > SOLVED * max(force, size.max(initial=0.0)) or error > SOLVED * norm:
         raise LinAlgError("singular")
     forces = 8 * last + ROUNDED * EPS * size.max(initial=0.0)
     reach = response.absolute @ np.abs(d)

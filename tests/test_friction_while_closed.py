@@ -1,0 +1,103 @@
+"""Friction with a given bound beside one-sided contact: in the air, which is said, or while closed only."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.effects.tresca_friction import STEEP
+
+TIMES = np.linspace(0.0, 1.0, 9)
+BOUND = 2.0
+
+
+def lifted(while_closed=None, lift=5.0):
+    """A clamped block, pressed first, then lifted and dragged at its free end."""
+
+    def pull(x, t):
+        return np.tile([40.0 * t, lift * t], (len(x), 1))
+
+    return vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(pull, on="left"),
+        vx.Pressure(8.0, on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(BOUND, on="bottom", while_closed=while_closed),
+    )
+
+
+def run(*args, **more):
+    return vx.simulate(lifted(*args), vx.meshes.squares(6), TIMES, initial="settled", **more)
+
+
+def test_rubbing_in_the_air_is_said_once():
+    with pytest.warns(
+        vx.SceneWarning, match=r"^TrescaFriction on bottom: its bound is given, and \d+% of all .*"
+    ) as said:
+        rubbed = run()
+    assert len(said) == 1
+    assert rubbed.contact.open_count[-1] > 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        meant = run(False)
+        run(None, -5.0)
+    assert np.array_equal(meant.displacement, rubbed.displacement)
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(accuracy=1e-5, polish=True)], ids=lambda s: s.name)
+def test_friction_that_needs_touch(solver):
+    """No friction where nothing presses; Tresca's law where it does; and all of it certified by a bound."""
+    history = run(True, solver=solver)
+    contact = history.contact
+    # Where it grazes, the pressure is less than a millionth of the bound, and friction somewhere in between.
+    bound = np.minimum(STEEP * np.maximum(contact.pressure, 0.0), BOUND)
+    force = np.abs(contact.traction[..., 0])
+    assert (force <= bound * (1 + 1e-9) + 1e-12).all()
+    slips = ~contact.sticking & (bound > 0)
+    assert force[slips] == pytest.approx(bound[slips], rel=1e-9)
+    for some in (slips & (bound == BOUND), contact.pressure[-1] < 1e-9, contact.pressure[-1] > 1e-3):
+        assert some.any()
+    assert history.certificate_kind == "bound"
+    assert history.certificate.max() <= solver.accuracy
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vx.SceneWarning)
+        assert history.dissipated[-1] < 0.9 * run().dissipated[-1]
+
+
+def test_where_nothing_opens_it_is_friction_as_ever():
+    closed, plain = run(True, -5.0), run(None, -5.0)
+    assert (closed.contact.pressure[1:] > 0).all()
+    assert closed.displacement == pytest.approx(plain.displacement, abs=1e-12)
+    assert closed.dissipated == pytest.approx(plain.dissipated, rel=1e-9)
+
+
+def test_a_place_that_closes_without_friction_and_opens_with_it_grazes():
+    """p = -.45 + .9 (1 - w) is .45 without friction, and negative with the bound 2: it slides at p = 0, w = 1/2."""
+
+    def law(t, p):
+        return np.minimum(STEEP * p, 2.0)
+
+    def slope(t, p):
+        return np.diag(np.where(STEEP * p < 2.0, STEEP, 0.0))
+
+    norms = vx.Norms([[1.0, 0.0]], 0.0, law=law, slope=slope)
+    system = vx.System([[1.0, -0.9], [-0.9, 1.0]], lambda t: [t, -0.45 * t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
+    trajectory = vx.march(system, [0.0, 1.0])
+    assert trajectory.state[-1] == pytest.approx([0.5, 0.0], abs=1 / STEEP)
+    assert trajectory.weights[-1] == pytest.approx([0.5], abs=1 / STEEP)
+    assert 0 < trajectory.pressures[-1, 0] < 1 / STEEP
+    assert trajectory.certificate_kind == "bound"
+
+
+def test_mistakes():
+    both = vx.TrescaFriction(1.0, on="bottom", backward=2.0, while_closed=True)
+    with pytest.raises(vx.SceneError, match=r"^TrescaFriction on bottom: found backward= beside while_closed=True"):
+        vx.simulate(vx.Scene(*lifted().effects[:-1], both), vx.meshes.squares(2), TIMES)
+    alone = vx.TrescaFriction(1.0, on="bottom", while_closed=True)
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="top"), vx.BilateralContact(on="bottom"), alone)
+    with pytest.raises(vx.SceneError, match=r"no pressure is known .* TrescaFriction without while_closed"):
+        vx.simulate(scene, vx.meshes.squares(2), TIMES)

@@ -12,6 +12,8 @@ from vemcvx.program.form import Form
 from vemcvx.program.scaling import scaling
 from vemcvx.program.step_program import StepProgram
 
+pytestmark = pytest.mark.arithmetic
+
 
 def random_program(seed, n=9, m=4, block=1):
     rng = np.random.default_rng(seed)

@@ -11,6 +11,8 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.program.ordering import nested_dissection
 from vemcvx.scene.pose import pose
 
+pytestmark = pytest.mark.arithmetic
+
 
 @pytest.fixture(params=["connected", "two bodies", "nothing touched", "everything touched"])
 def system(request):

@@ -22,6 +22,8 @@ from vemcvx.program.form import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, 
 from vemcvx.program.step_program import StepProgram
 from vemcvx.scene.pose import pose
 
+pytestmark = pytest.mark.arithmetic
+
 OWN = {
     "Newton": vx.Newton(),
     "Clarabel": vx.Clarabel(),

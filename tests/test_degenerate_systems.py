@@ -7,6 +7,8 @@ import pytest
 
 import vemcvx as vx
 
+pytestmark = pytest.mark.arithmetic
+
 SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
 
 

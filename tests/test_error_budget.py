@@ -15,6 +15,8 @@ from vemcvx.budget import error_budget
 sys.path.insert(0, str(Path(vx.__file__).parent.parent / "problems"))
 import manufactured_full_slip as full_slip
 
+pytestmark = pytest.mark.arithmetic
+
 LEAST, MOST = 0.5, 5.0
 """Between these the estimated total stands to the true error: one declared constant for all meshes and scenes."""
 

@@ -8,6 +8,8 @@ from conftest import paper_scene
 
 import vemcvx as vx
 
+pytestmark = pytest.mark.arithmetic
+
 FORTH, BACK = 2.0, 0.5
 TIMES = np.linspace(0.0, 4.0, 33)
 

@@ -13,6 +13,8 @@ import pytest
 
 import vemcvx as vx
 
+pytestmark = pytest.mark.arithmetic
+
 YOUNG, POISSON, L, H = 10.0, 0.25, 2.0, 0.5
 MU = YOUNG / (2 * (1 + POISSON))
 G = 0.8

@@ -11,6 +11,8 @@ from vemcvx.program.certificate import certify
 from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
 from vemcvx.program.step_program import StepProgram
 
+pytestmark = pytest.mark.arithmetic
+
 YOUNG, POISSON = 10.0, 0.25
 MU = YOUNG / (2 * (1 + POISSON))
 LAM = 2 * MU * POISSON / (1 - 2 * POISSON)

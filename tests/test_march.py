@@ -9,6 +9,8 @@ from conftest import cyclic, paper_load, paper_scene, small
 import vemcvx as vx
 from vemcvx.scene.pose import pose
 
+pytestmark = pytest.mark.arithmetic
+
 TIMES = np.linspace(0.0, 1.0, 13)
 
 

@@ -17,6 +17,8 @@ sys.path.insert(0, str(PROBLEMS))
 import membrane_with_friction as lesson  # noqa: E402
 from spring_slider_chain import play  # noqa: E402
 
+pytestmark = pytest.mark.arithmetic
+
 SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
 BOX = ((0.0, lesson.LENGTH), (0.0, lesson.HEIGHT))
 TIMES = np.arange(float(len(lesson.EDGE_PULL)))

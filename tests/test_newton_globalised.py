@@ -13,6 +13,8 @@ from vemcvx.program.form import Form
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
 
+pytestmark = pytest.mark.arithmetic
+
 
 def nasty(seed, block):
     """Eigenvalues over eight orders, weights over six, slips that all want another direction."""
@@ -44,7 +46,7 @@ def plain_active_sets(program, rounds=200):
 def test_the_safeguard_ends_what_plain_active_sets_do_not(block):
     """Every program is answered to its rounding floor or 1e-8; some need the safeguard, on some plain sets cycle."""
     solver = vx.Newton(max_iterations=2000)
-    cycled = saved = 0
+    cycled, saved = False, 0
     for seed in range(60):
         program = nasty(seed, block)
         size = program.g @ program.form.factor.solve(program.g)
@@ -54,10 +56,11 @@ def test_the_safeguard_ends_what_plain_active_sets_do_not(block):
         assert certificate.gap <= max(target, certificate.floor), f"seed {seed}: {answer.iterations} iterations"
         assert answer.status == "converged"
         assert answer.safeguards <= answer.iterations
-        cycled += not plain_active_sets(program)
+        # Two hundred rounds of cycling, once, are enough.
+        cycled = cycled or not plain_active_sets(program)
         saved += answer.safeguards > 0
     assert saved > 0
-    assert cycled > 0
+    assert cycled
 
 
 def test_safeguards_are_in_the_history():

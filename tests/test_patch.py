@@ -7,6 +7,8 @@ import pytest
 
 import vemcvx as vx
 
+pytestmark = pytest.mark.arithmetic
+
 YOUNG, POISSON, PULL = 7.0, 0.3, 0.2
 
 

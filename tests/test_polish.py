@@ -11,6 +11,8 @@ from vemcvx.program.form import Form
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.conic import polished
 
+pytestmark = pytest.mark.arithmetic
+
 SLIPS, STICKS, DEGENERATE = 0, 1, 2
 
 

@@ -9,6 +9,8 @@ import vemcvx as vx
 from vemcvx.budget import error_budget
 from vemcvx.scene.pose import pose
 
+pytestmark = pytest.mark.arithmetic
+
 HEIGHT = 1e-5
 TIMES = (0.0, 0.5, 1.0)
 MESH = vx.meshes.squares((6, 2), box=((0.0, 1.0), (0.0, HEIGHT)))

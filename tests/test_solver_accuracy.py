@@ -18,6 +18,8 @@ sys.path.insert(0, str(PROBLEMS))
 
 import solver_accuracy as study  # noqa: E402
 
+pytestmark = pytest.mark.arithmetic
+
 
 @pytest.fixture(scope="module")
 def rows():

@@ -10,6 +10,8 @@ from conftest import cyclic, monotone, paper_scene, small
 
 import vemcvx as vx
 
+pytestmark = pytest.mark.arithmetic
+
 COURSES = {"monotone": monotone, "cyclic": cyclic}
 SOLVERS = {"newton": vx.Newton(), "clarabel": vx.Clarabel(), "osqp": vx.OSQP()}
 TIMES = np.linspace(0.0, 1.0, 13)

@@ -11,6 +11,8 @@ import vemcvx as vx
 from vemcvx.scene.pose import pose
 from vemcvx.stepping.viscous import shared_lengths
 
+pytestmark = pytest.mark.arithmetic
+
 YOUNG, POISSON, H, LENGTH = 10.0, 0.25, 0.5, 2.0
 MU = YOUNG / (2 * (1 + POISSON))
 LAM = 2 * MU * POISSON / (1 - 2 * POISSON)

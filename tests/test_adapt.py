@@ -32,10 +32,9 @@ def true_error(found, scene):
 
 def kept(seed):
     """Whether the target is met in truth, on one scene of the random family."""
-    scene, turn = random_scene(seed)
+    scene, _ = random_scene(seed)
     found = vx.adapt(scene, coarse_mesh(seed), [0.0, 0.5, 1.0], TARGET)
     assert found.met
-    assert np.abs(found.history.trajectory.times - turn).min() <= 1e-7, "the load's reversal is an instant"
     return true_error(found, scene) <= TARGET
 
 
@@ -46,6 +45,37 @@ def test_targets_are_met_in_truth():
 @pytest.mark.slow
 def test_targets_are_met_in_nine_of_ten_scenes():
     assert sum(kept(seed) for seed in range(20)) >= 18
+
+
+def test_a_reversal_that_costs_something_is_an_instant():
+    scene, turn = random_scene(3)
+    assert turn < 1.0
+    found = vx.adapt(scene, coarse_mesh(3), [0.0, 1.0], 0.15)
+    assert np.abs(found.history.trajectory.times - turn).min() <= 1e-7
+
+
+@pytest.mark.slow
+def test_the_scale_is_the_energy_with_friction_and_obstacles():
+    """Without the floor the bar would bend, and store hundreds of times as much: no step would seem to miss much."""
+
+    def pull(x, t):
+        return np.column_stack([np.full(len(x), 4.0 * np.sin(6 * np.pi * t)), np.zeros(len(x))])
+
+    scene = vx.Scene(
+        vx.Elasticity(young=200.0, poisson=0.0),
+        vx.Clamp(on="right"),
+        vx.UnilateralContact(on="bottom"),
+        vx.Pressure(lambda x, t: np.full(len(x), 2.0 * min(20 * t, 1.0)), on="top"),
+        vx.TrescaFriction(1.0, on="bottom"),
+        vx.Traction(pull, on="left"),
+    )
+    found = vx.adapt(scene, vx.meshes.squares((8, 1), box=((0, 8), (0, 1))), [0.0, 0.35, 1.0], 0.3)
+    assert found.met
+    assert found.history.steps <= 20
+    times = np.union1d(found.history.trajectory.times, np.linspace(0, 1, 201))
+    truth = vx.simulate(scene, found.history.mesh, times)
+    apart = [vx.measures.energy_distance(found.history, truth, time=t).absolute for t in (0.35, 1.0)]
+    assert max(apart) <= 0.1 * truth.trajectory.norm.max()
 
 
 def test_passes_grow_and_the_last_one_is_the_result():

@@ -46,7 +46,7 @@ TIME_SHARE, ALGEBRA_SHARE = 0.3, 0.01
 THETA = 0.6
 NEAR = 1.5
 """Steps are split once the error of the mesh is this near to what it may be."""
-SOON = 2.0
+SOON = 1.4
 """Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse mesh."""
 MOST_STEPS = 4000
 """Beyond so many, steps are not split before the mesh is."""

@@ -251,3 +251,24 @@ def test_kinds_are_said_everywhere(tmp_path):
         history.write(tmp_path / name)
         assert json.loads((tmp_path / name / "summary.json").read_text())["certificate_kind"] == name
         assert vx.read_history(tmp_path / name).certificate_kind == name
+
+
+def test_refined_states_keep_the_kind_of_their_certificate():
+    """Near incompressibility every step is refined against the original stiffness; an estimate stays one."""
+
+    def drag(x, t):
+        return np.tile([3.0 * t, 0.0], (len(x), 1))
+
+    scene = vx.Scene(
+        vx.Elasticity(2600.0, 0.49999999),
+        vx.Pressure(lambda x, t: np.full(len(x), t), on="top"),
+        vx.Traction(drag, on="left"),
+        vx.PrescribedDisplacement(0.0, on="right", direction=(1.0, 0.0)),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.5, on="bottom"),
+    )
+    system = pose(scene, vx.meshes.squares(3)).system
+    assert vx.march(system, [0.0, 1.0]).certificate_kind == "bound"
+    run = vx.march(without_slope(system), [0.0, 1.0], solver=vx.Newton(1e-4))
+    assert run.certificate_kind == "estimate"
+    assert 0 < run.certificate[-1] <= 1e-4

@@ -111,7 +111,7 @@ def sharpened(attempt: Trial, state: State) -> State:
     # What sticks has not moved, and keeps its slip to the last bit.
     slip = state.slip + form.blocks(form.rows.read(moved))
     over = limit_gaps(form.softness, p, excess, EPS * (np.abs(reach) + np.abs(excess)))
-    own = Certificate(0.0, norm_gaps(state.walls, lam, slip), 0.0, over)
+    own = replace(state.certificate, equilibrium=0.0, friction=norm_gaps(state.walls, lam, slip), limits=over)
     answer = Answer(state.y - before.y + moved, lam, state.iterations, state.status, state.safeguards, p)
     ledger = advance_in_full(run.system, before, state.drive, y, answer, slip, state.walls)
     return replace(

@@ -144,6 +144,12 @@ def test_what_is_no_folder_is_said(wrong, tmp_path, monkeypatch):
         run(wrong)
 
 
+@pytest.mark.parametrize("wrong", ["yes", None, 1, np.ones(2), "rows"], ids=repr)
+def test_resume_is_true_or_false(wrong, tmp_path):
+    with pytest.raises(vx.SceneError, match="resume: found .*; it is True or False"):
+        run(tmp_path, resume=wrong)
+
+
 PROBLEM = str(Path(vx.__file__).parent.parent / "problems" / "feng_han_huang.py")
 SMALL = ("--n", "3", "--steps", "3")
 

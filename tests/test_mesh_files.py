@@ -234,3 +234,10 @@ def test_meshio_is_loaded_late():
     code = "import sys, vemcvx as vx; vx.meshes.voronoi(3); print('meshio' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
+
+
+def test_names_that_are_too_long():
+    with pytest.raises(vx.MeshError, match="there is no such file"):
+        vx.meshes.read("x" * 300 + ".vtu")
+    with pytest.raises(vx.MeshError, match="vtu cannot be written"):
+        vx.meshes.squares(2).write("x" * 300 + ".vtu")

@@ -131,7 +131,7 @@ def test_a_killed_run_goes_on(tmp_path):
 def test_the_command_line_resumes(tmp_path):
     """vemcvx run, killed, then the same with --resume DIR: the files of a run that was not."""
     problem = str(Path(__file__).parent.parent / "problems" / "feng_han_huang.py")
-    common = [problem, "--n", "16", "--steps", "400", "--mesh", "voronoi"]
+    common = [problem, "--n", "16", "--steps", "100", "--mesh", "voronoi"]
     command = [sys.executable, "-m", "vemcvx", "run", *common]
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     process = subprocess.Popen([*command, "--out", str(killed)], stdout=subprocess.DEVNULL)
@@ -145,4 +145,4 @@ def test_the_command_line_resumes(tmp_path):
     subprocess.run([*command, "--out", str(whole)], check=True, stdout=subprocess.DEVNULL)
     assert not (killed / "rows").exists()
     one, two = vx.read_history(killed), vx.read_history(whole)
-    assert np.abs(one.displacement - two.displacement).max() <= 1e-12 * np.abs(two.displacement).max()
+    assert np.array_equal(one.displacement, two.displacement)

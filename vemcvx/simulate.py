@@ -119,6 +119,8 @@ def simulate(
 
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:
     """Where rows go; a folder that is held already stays so."""
+    if not isinstance(resume, (bool, np.bool_)):
+        raise SceneError(f"resume: found {brief(resume)}; it is True or False, and stream= names the folder.")
     if stream is None:
         if resume:
             raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")

@@ -42,8 +42,8 @@ def alone(function: Callable[..., Any], *given: Any) -> Any:
     env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
     # A file without a name: nothing is left of it, whatever happens.
     with tempfile.TemporaryFile() as said:
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": said}
-        with subprocess.Popen([sys.executable, "-c", PROGRAM], env=env, **pipes) as process:
+        pipe, command = subprocess.PIPE, [sys.executable, "-c", PROGRAM]
+        with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=said) as process:
             reply = _asked(process, request)
             code = process.wait()
         if code or not reply:
@@ -80,6 +80,7 @@ def main() -> None:
     os.dup2(2, 1)
     function, given = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    answer: tuple[Any, str | None]
     try:
         answer = (function(*given), None)
     except VemcvxError as error:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import shutil
 import tempfile
 import warnings
@@ -156,9 +157,9 @@ def _suffix(path: Path) -> str:
 
 def _check_target(path: Path) -> str:
     suffix = _suffix(path)
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise MeshError(f"{path}: there is no folder {path.parent}; create it first.")
-    if path.is_dir():
+    if os.path.isdir(path):
         raise MeshError(f"{path} is a folder; name a file.")
     return suffix
 
@@ -228,8 +229,10 @@ def _lost(mesh: PolygonMesh, draft: Path, suffix: str) -> str:
 def _read(path: Path) -> tuple[PolygonMesh, list[str]]:
     import meshio
 
-    if not path.is_file():
-        raise MeshError(f"{path} is a folder; name a file." if path.is_dir() else f"{path}: there is no such file.")
+    # Unlike pathlib's, these know no names that are too long.
+    if not os.path.isfile(path):
+        folder = os.path.isdir(path)
+        raise MeshError(f"{path} is a folder; name a file." if folder else f"{path}: there is no such file.")
     suffix = _suffix(path)
     with _translated(path, "cannot be read as a mesh"):
         formats = meshio.extension_to_filetypes[suffix]

@@ -146,7 +146,7 @@ def test_what_is_no_folder_is_said(wrong, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("wrong", ["yes", None, 1, np.ones(2), "rows"], ids=repr)
 def test_resume_is_true_or_false(wrong, tmp_path):
-    with pytest.raises(vx.SceneError, match="resume: found .*; it is True or False"):
+    with pytest.raises(vx.SceneError, match="resume: found .*; wanted True or False"):
         run(tmp_path, resume=wrong)
 
 

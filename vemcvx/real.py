@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import numbers
 import reprlib
 from typing import Any
@@ -14,25 +15,42 @@ from vemcvx.errors import SceneError
 Floats = NDArray[np.float64]
 
 
-def real(raw: Any, subject: str, wanted: str, copy: bool = True) -> Floats:
-    """The array of floats, finite or not, that `raw` holds; with ``copy=False`` that array itself, if it is one.
+def real(raw: Any, subject: str, wanted: str) -> Floats:
+    """A new array of the floats, finite or not, that `raw` holds.
 
-    Numpy would read "1" as 1, None as NaN, and drop imaginary parts with a warning: all are refused.
+    Numpy would read "1" as 1, None as NaN, time spans as numbers and what is masked as if it were not, and drop
+    imaginary parts with a warning: all are refused.
 
     Raises
     ------
     SceneError
         It holds no real numbers, or rows of different lengths.
     """
-    try:
-        array = np.asarray(raw)
-        if array.dtype.kind in "biuf" or all(isinstance(number, numbers.Real) for number in array.flat):
-            return array.astype(float, copy=copy)
-    except (TypeError, ValueError, OverflowError):
-        pass
+    array = plain(raw)
+    with contextlib.suppress(Exception), np.errstate(over="ignore"):
+        if array is not None and (array.dtype.kind in "biuf" or (array.dtype.kind == "O" and _numbers(array))):
+            return array.astype(float)
     raise SceneError(
         f"{subject}: found {brief(raw)}, which does not read as an array of real numbers; wanted {wanted}."
     )
+
+
+def plain(raw: Any) -> NDArray[Any] | None:
+    """The array that `raw` is or makes; None where it makes none, or is masked: it may answer with any error."""
+    with contextlib.suppress(Exception):
+        return None if _masked(raw) else np.asarray(raw)
+    return None
+
+
+def _masked(raw: Any) -> bool:
+    """Whether something in it is masked, at any depth of lists."""
+    if isinstance(raw, (list, tuple)):
+        return any(map(_masked, raw))
+    return isinstance(raw, np.ma.MaskedArray)
+
+
+def _numbers(array: NDArray[np.object_]) -> bool:
+    return all(isinstance(number, numbers.Real) and not isinstance(number, np.timedelta64) for number in array.flat)
 
 
 def brief(raw: Any) -> str:

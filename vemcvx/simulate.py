@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.history.outputs import record
+from vemcvx.kinds import flag
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import PolygonMesh
 from vemcvx.real import brief, real, shape_in_words
@@ -111,16 +112,21 @@ def simulate(
             check=check,
             condense=condense,
             linear=linear,
-            progress=_log if progress is True else progress or None,
+            progress=_reported(progress),
             storage=storage,
         )
         return record(posed, trajectory, assembled, storage)
 
 
+def _reported(progress: bool | Callable[[int, int], None] | None) -> Callable[[int, int], None] | None:
+    if isinstance(progress, (bool, np.bool_)):
+        return _log if progress else None
+    return progress
+
+
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:
     """Where rows go; a folder that is held already stays so."""
-    if not isinstance(resume, (bool, np.bool_)):
-        raise SceneError(f"resume: found {brief(resume)}; it is True or False, and stream= names the folder.")
+    resume = flag(resume, "resume")
     if stream is None:
         if resume:
             raise SceneError("resume: there is nothing to resume without stream=, the folder of the earlier run.")

@@ -23,6 +23,7 @@ from vemcvx.budget.course import course
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.history.outputs import record
+from vemcvx.kinds import LARGEST, is_real
 from vemcvx.meshes import PolygonMesh
 from vemcvx.real import brief
 from vemcvx.scene import Scene
@@ -212,7 +213,7 @@ def _check(target: object, theta: object, initial: object, most: object, progres
         )
     if not (isinstance(theta, Real) and 0 < theta < 1):
         raise SceneError(f"adapt: found theta = {brief(theta)}; it is a part, between 0 and 1, such as 0.6.")
-    if not (isinstance(most, Real) and most >= 1):
+    if not (is_real(most) and 1 <= most <= LARGEST):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
         raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
+from vemcvx.kinds import called
 from vemcvx.meshes import PolygonMesh
 from vemcvx.real import real, shape_in_words
 
@@ -98,15 +99,8 @@ class InCells:
 def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) -> Any:
     if not callable(value):
         return value
-    try:
-        return value(*arguments)
-    except (Exception, SystemExit) as error:
-        words = " ".join(str(error).split()).rstrip(".")
-        raise SceneError(
-            f"{subject}: its function failed when called as f({names}) with x of shape "
-            f"{arguments[0].shape}: {type(error).__name__}: {words}. It must take all points at once "
-            f"and return one value a point."
-        ) from error
+    failed = f"{subject}: its function failed when called as f({names}) with x of shape {arguments[0].shape}"
+    return called(value, arguments, failed, "take all points at once and return one value a point")
 
 
 def _place(x: Floats, t: float) -> Callable[[int], str]:

@@ -22,6 +22,7 @@ from vemcvx.effects.data import varies
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError, SceneWarning
+from vemcvx.kinds import choice
 from vemcvx.vem import Space, elastic_matrix, stabilisation_factor, stiffness, upper_triangle
 
 STABILISATIONS = ("shear", "unit")
@@ -56,8 +57,7 @@ class Elasticity(MaterialLaw):
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        if self.stabilisation not in STABILISATIONS:
-            raise SceneError(f"Elasticity: found stabilisation {self.stabilisation!r}; there are 'shear' and 'unit'.")
+        choice(self.stabilisation, "Elasticity", "stabilisation", STABILISATIONS)
         cells = region(space, self.on, "Elasticity")
         lam, mu = self._lame(data.InCells.centroids(space.mesh), cells)
         if self.plane == "strain":

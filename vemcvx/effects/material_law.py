@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vemcvx.effects.effect import Effect
 from vemcvx.errors import SceneError
+from vemcvx.kinds import choice
 from vemcvx.vem import Space
 
 PLANES = ("strain", "stress")
@@ -46,5 +47,4 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> NDArra
 
 def check_plane(plane: str, subject: str) -> None:
     """Refuse what is neither plane strain nor plane stress."""
-    if plane not in PLANES:
-        raise SceneError(f"{subject}: found plane {plane!r}; there are 'strain' and 'stress'.")
+    choice(plane, subject, "plane", PLANES)

@@ -125,7 +125,8 @@ class Orthotropic(MaterialLaw):
     def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
         given, count = getattr(self, name), in_stress if self.plane == "stress" else 3
         parts = [given] if count == 1 else given
-        if isinstance(parts, str) or not hasattr(parts, "__len__") or len(parts) != count:
+        several = isinstance(parts, (list, tuple)) or (type(parts) is np.ndarray and parts.ndim > 0)
+        if not several or len(parts) != count:
             wanted = {1: "nu12", 2: "(E1, E2)"}.get(count, "(E1, E2, E3)" if name == "young" else "(nu12, nu13, nu23)")
             raise SceneError(f"Orthotropic: found {name} = {brief(given)}; plane {self.plane} takes {wanted}.")
         return np.stack([self._read(at, part, name) for part in parts])

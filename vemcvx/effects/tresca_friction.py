@@ -28,6 +28,7 @@ from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Fr
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
+from vemcvx.kinds import choice, flag
 from vemcvx.vem import Space
 
 QUADRATURES = ("nodes", "integral")
@@ -71,9 +72,9 @@ class TrescaFriction(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"TrescaFriction on {where(self.on)}"
-        if self.quadrature not in QUADRATURES:
-            raise SceneError(f"{subject}: found quadrature {self.quadrature!r}; there are 'nodes' and 'integral'.")
-        if self.while_closed and self.backward is not None:
+        choice(self.quadrature, subject, "quadrature", QUADRATURES)
+        closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
+        if closed and self.backward is not None:
             raise SceneError(
                 f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
             )

@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
 from vemcvx.history.contact import Contact
+from vemcvx.kinds import is_whole
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.topology import edge_keys
+from vemcvx.real import brief
 from vemcvx.scene import Scene
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
@@ -278,11 +280,10 @@ class History:
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
-        wanted = step + self.steps + 1 if step < 0 else step
-        found = np.flatnonzero(self.stored == wanted)
+        found = np.flatnonzero(self.stored == (step if step >= 0 else step + self.steps + 1)) if is_whole(step) else ()
         if len(found) == 0:
             kept = np.array2string(self.stored, threshold=8)
-            raise SceneError(f"history: step {step} was not stored; stored are {kept} of 0 ... {self.steps}.")
+            raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
         return int(found[0])
 
     def summary(self) -> str:

@@ -23,7 +23,6 @@ probability grows. eps is taken so that it stays below MISSED, and k so that l i
 
 from __future__ import annotations
 
-import numbers
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -35,9 +34,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
 from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.kinds import part, whole
 from vemcvx.linear.factor import Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU
-from vemcvx.real import brief
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -71,16 +70,8 @@ class Multigrid(LinearSolver):
     eliminates: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        tolerance, most = self.tolerance, self.max_iterations
-        if not isinstance(tolerance, numbers.Real) or isinstance(tolerance, bool) or not 0 < tolerance < 1:
-            raise SceneError(
-                f"Multigrid: found tolerance = {brief(tolerance)}; it is a relative residual between 0 and 1, such as "
-                "1e-12."
-            )
-        if not isinstance(most, numbers.Integral) or isinstance(most, bool) or most < 1:
-            raise SceneError(
-                f"Multigrid: found max_iterations = {brief(most)}; it is a whole number of iterations, at least 1."
-            )
+        part(self.tolerance, "Multigrid", "tolerance", "a relative residual", "1e-12")
+        whole(self.max_iterations, "Multigrid", "max_iterations", "iterations")
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> MultigridFactor:
         try:

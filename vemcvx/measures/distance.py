@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
 from vemcvx.history import History
+from vemcvx.kinds import choice, flag
 from vemcvx.measures.field import Field, field_of, step_at
 from vemcvx.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
 from vemcvx.measures.measured import Measured, measured
@@ -27,7 +28,7 @@ from vemcvx.vem import elastic_matrix, stresses, upper_triangle
 
 Floats = NDArray[np.float64]
 
-KINDS = ("exact", "projected", "nodal")
+KINDS = ("projected", "exact", "nodal")
 # Points at which strains and stresses are taken at once.
 CHUNK = 2**18
 # Moduli read at the centroids of different cells agree to round-off if they are the same constants.
@@ -75,8 +76,8 @@ def energy_distance(
         A step was not stored.
     """
     subject = "energy_distance"
-    if kind not in KINDS:
-        raise HistoryError(f"{subject}: found kind {kind!r}; there are 'projected', 'exact' and 'nodal'.")
+    choice(kind, subject, "kind", KINDS, HistoryError)
+    common = flag(common, f"{subject}: common")
     u, v = _field(run, step, time, subject), _field(reference, reference_step, time, subject)
     if kind == "nodal":
         return nodal_distance(u, v)

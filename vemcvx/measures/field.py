@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
 from vemcvx.history import History
+from vemcvx.kinds import number
 from vemcvx.meshes import PolygonMesh
-from vemcvx.real import brief
+from vemcvx.program.checks import finite
+from vemcvx.real import brief, real
 from vemcvx.vem import Space, strains
 
 Floats = NDArray[np.float64]
@@ -46,6 +48,13 @@ class Field:
     time: float = 0.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.mesh, PolygonMesh):
+            raise HistoryError(f"Field: found mesh = {brief(self.mesh)}; wanted a PolygonMesh.")
+        number(self.time, "Field: found time", "the instant, a finite number")
+        for name in ("displacement", "moduli"):
+            values = real(getattr(self, name), f"Field: {name}", "numbers, as many as fit the mesh")
+            finite(values, f"Field: {name}")
+            object.__setattr__(self, name, values)
         nodes, cells = (self.mesh.n_nodes, 2), self.mesh.n_cells
         if np.shape(self.displacement) != nodes:
             raise HistoryError(f"Field: found displacements {np.shape(self.displacement)}; this mesh takes {nodes}.")
@@ -84,7 +93,7 @@ def step_at(history: History, time: float) -> int:
     HistoryError
         No stored step is at that instant.
     """
-    times = history.times
+    time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
     if abs(times[nearest] - time) > SAME_INSTANT * span:

@@ -20,6 +20,7 @@ from vemcvx.meshes.ragged import offsets_of, spans
 from vemcvx.meshes.search import search_tree
 from vemcvx.meshes.segments import Bools, beside, overlapping_boxes, rounding
 from vemcvx.meshes.topology import Ints, edge_keys, next_vertex
+from vemcvx.real import brief
 
 # Relative: areas of cells and places of nodes that count as the same. Both agree to some 1e-13; refinement makes
 # parts of at most 0.7 of a cell, and nodes at least 0.01 of an edge apart.
@@ -45,6 +46,9 @@ def common_refinement(a: PolygonMesh, b: PolygonMesh) -> PolygonMesh:
     MeshError
         A cell of ``a`` and one of ``b`` overlap in part, or the meshes do not cover the same domain.
     """
+    for name, mesh in (("a", a), ("b", b)):
+        if not isinstance(mesh, PolygonMesh):
+            raise MeshError(f"common_refinement: found {name} = {brief(mesh)}; wanted a PolygonMesh.")
     around_a, around_b = cells_around(b, inner_points(a)), cells_around(a, inner_points(b))
     for name, around in (("a", around_a), ("b", around_b)):
         if (around < 0).any():

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
 from vemcvx.errors import MeshError
+from vemcvx.kinds import is_real, is_whole
 from vemcvx.meshes.geometry import Floats
+from vemcvx.real import brief
 
 Count = int | tuple[int, int]
 Corners = tuple[tuple[float, float], tuple[float, float]]
@@ -50,7 +51,9 @@ def check_box(box: Corners) -> Box:
     try:
         (left, right), (bottom, top) = box
         values = [float(left), float(right), float(bottom), float(top)]
-    except (TypeError, ValueError):
+        if not all(map(is_real, (left, right, bottom, top))):
+            raise TypeError
+    except Exception:  # of whatever a user hands in
         raise MeshError(f"box must be ((x0, x1), (y0, y1)), four numbers; got {box!r}.") from None
     if not all(map(math.isfinite, values)):
         raise MeshError(f"box must be finite; got {box!r}.")
@@ -65,18 +68,20 @@ def check_box(box: Corners) -> Box:
     return Box(*values)
 
 
-def check_whole(name: str, value: object, least: int = 1) -> int:
-    """Return a whole number not below ``least``, or raise MeshError."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Integral):
+def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> int:
+    """Return a whole number from ``least`` to ``most``, or raise MeshError."""
+    if not is_whole(value):
         raise MeshError(f"{name} must be a whole number; got {value!r}.")
     if value < least:
         raise MeshError(f"{name} must be at least {least}; got {value!r}.")
+    if value > most:
+        raise MeshError(f"{name} must be at most {most:g}; got {brief(value)}.")
     return int(value)
 
 
 def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) -> float:
     """Return a number in [0, high), or [0, high] if ``closed``, or raise MeshError."""
-    inside = isinstance(value, Real) and (0.0 <= value < high or (closed and value == high))
+    inside = is_real(value) and (0.0 <= value < high or (closed and value == high))
     if not inside:
         bracket = "]" if closed else ")"
         raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")

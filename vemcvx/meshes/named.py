@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import MeshError
+from vemcvx.kinds import called
 from vemcvx.meshes.geometry import Floats
 from vemcvx.meshes.grid import Box
 from vemcvx.meshes.topology import Ints, edge_keys
+from vemcvx.real import plain
 
 WHOLE = "boundary"
 
@@ -44,7 +46,8 @@ def choose_edges(
     if not callable(predicate):
         raise MeshError(f"boundary {name!r}: predicate must be a function of the midpoints (m, 2); got {predicate!r}.")
     midpoints = 0.5 * (points[boundary[:, 0]] + points[boundary[:, 1]])
-    chosen = _array(predicate(midpoints))
+    failed = f"boundary {name!r}: the predicate failed for midpoints of shape {midpoints.shape}"
+    chosen = _array(called(predicate, (midpoints,), failed, "take all midpoints at once and return a boolean for each"))
     if chosen.shape != (len(boundary),) or chosen.dtype != bool:
         raise MeshError(
             f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
@@ -61,9 +64,10 @@ def choose_edges(
 
 
 def check_boundaries(
-    boundaries: Mapping[str, ArrayLike], boundary: Ints, n_nodes: int, node_map: Ints | None
+    boundaries: Mapping[str, ArrayLike] | None, boundary: Ints, n_nodes: int, node_map: Ints | None
 ) -> dict[str, Ints]:
     """Named edges as their cells run them, in the order of the boundary; MeshError if one is not on it."""
+    boundaries = {} if boundaries is None else boundaries
     if not isinstance(boundaries, Mapping):
         raise MeshError(f"boundaries must map names to edges (m, 2); got {type(boundaries).__name__}.")
     keys = edge_keys(boundary[:, 0], boundary[:, 1], n_nodes)
@@ -98,14 +102,21 @@ def _check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
     return edges.astype(np.int64)
 
 
-def check_cell_data(cell_data: Mapping[str, ArrayLike], n_cells: int) -> dict[str, NDArray[Any]]:
+def check_datum_name(name: object) -> str:
+    """Return a name that a cell datum may have, or raise MeshError."""
+    if not isinstance(name, str) or not name:
+        raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
+    return name
+
+
+def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
     """Read-only copies of arrays with one row a cell, or MeshError."""
+    cell_data = {} if cell_data is None else cell_data
     if not isinstance(cell_data, Mapping):
         raise MeshError(f"cell_data must map names to arrays of {n_cells} rows; got {type(cell_data).__name__}.")
     checked = {}
     for name, values in cell_data.items():
-        if not isinstance(name, str) or not name:
-            raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
+        check_datum_name(name)
         array = _array(values).copy()
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
             raise MeshError(
@@ -143,8 +154,6 @@ def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:
-    """Values as an array; rows of different lengths as an array of objects, which every check refuses."""
-    try:
-        return np.asarray(values)
-    except ValueError:
-        return np.empty(0, dtype=object)
+    """Values as an array; what makes none as an array of objects, which every check refuses."""
+    array = plain(values)
+    return np.empty(0, dtype=object) if array is None else array

@@ -22,7 +22,7 @@ from vemcvx.errors import MeshWarning
 from vemcvx.meshes import geometry, topology
 from vemcvx.meshes.geometry import Floats
 from vemcvx.meshes.grid import Box
-from vemcvx.meshes.named import check_boundaries, check_cell_data, choose_edges, side_edges
+from vemcvx.meshes.named import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
 from vemcvx.meshes.topology import Ints
 from vemcvx.meshes.validity import checked
 
@@ -91,9 +91,9 @@ class PolygonMesh:
         for note in mesh.notes:
             warnings.warn(note, MeshWarning, stacklevel=2)
         self._fill(mesh.points, mesh.offsets, mesh.vertices, node_map=mesh.node_map)
-        named = check_boundaries(boundaries or {}, self._boundary, self.n_nodes, mesh.node_map)
+        named = check_boundaries(boundaries, self._boundary, self.n_nodes, mesh.node_map)
         object.__setattr__(self, "_named", named)
-        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data or {}, self.n_cells)))
+        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
 
     @classmethod
     def unchecked(cls, points: Floats, offsets: Ints, vertices: Ints, box: Box | None = None) -> PolygonMesh:
@@ -227,7 +227,7 @@ class PolygonMesh:
 
     def with_cell_data(self, name: str, values: ArrayLike) -> PolygonMesh:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
-        added = check_cell_data({name: values}, self.n_cells)
+        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> PolygonMesh:

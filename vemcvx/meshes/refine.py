@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from vemcvx.errors import MeshError
+from vemcvx.kinds import flag
 from vemcvx.meshes.centres import centres_of
 from vemcvx.meshes.children import children_of, kinds_of, outlines_of
 from vemcvx.meshes.edges import Edges, edges_of
@@ -29,6 +30,7 @@ from vemcvx.meshes.ragged import first_in_row, offsets_of, rotation
 from vemcvx.meshes.segments import Bools, rounding
 from vemcvx.meshes.sides import Splitting, splitting_of
 from vemcvx.meshes.topology import Ints, cell_of_corner
+from vemcvx.real import brief, plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,9 @@ def refinement(mesh: PolygonMesh, cells: ArrayLike | None = None, *, balance: bo
     MeshError
         ``cells`` are not numbers of cells or one bool a cell, or edges to split are as short as rounding.
     """
-    marked = check_marks(cells, mesh.n_cells)
+    if not isinstance(mesh, PolygonMesh):
+        raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh is wanted.")
+    balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)
     splitting, edges = splitting_of(mesh), edges_of(mesh)
     centres, seen = centres_of(mesh, splitting)
     seen &= splitting.places >= 2
@@ -103,10 +107,9 @@ def check_marks(cells: ArrayLike | None, n_cells: int) -> Bools:
     if cells is None:
         return np.ones(n_cells, dtype=bool)
     what = f"cells to refine must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
-    try:
-        given = np.asarray(cells)
-    except ValueError:
-        raise MeshError(f"{what}; got rows of different lengths.") from None
+    given = plain(cells)
+    if given is None:
+        raise MeshError(f"{what}; got {brief(cells)}, masked or rows of different lengths.")
     if given.ndim == 1 and not given.size:
         return np.zeros(n_cells, dtype=bool)
     if given.ndim != 1 or given.dtype.kind not in "biu" or (given.dtype == bool and len(given) != n_cells):

@@ -18,6 +18,7 @@ from vemcvx.meshes.geometry import Floats
 from vemcvx.meshes.grid import LARGEST
 from vemcvx.meshes.tiling_checks import check_coincident, check_tiling
 from vemcvx.meshes.topology import Ints, cell_of_corner
+from vemcvx.real import plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +61,10 @@ def checked(points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer])
 
 def check_points(points: ArrayLike) -> Floats:
     """A copy of the points as finite floats (n_nodes, 2), or MeshError."""
-    try:
-        given = np.asarray(points)
-        array = np.array(given, dtype=float) if given.dtype.kind in "biuf" else None
-    except (TypeError, ValueError, OverflowError):
-        array = None
-    if array is None:
+    given = plain(points)
+    if given is None or given.dtype.kind not in "biuf":
         raise MeshError("points must be real numbers of shape (n_nodes, 2); what was given does not read as such.")
+    array = np.array(given, dtype=float)
     if array.ndim != 2 or array.shape[1] != 2:
         hint = " Meshes are plane: leave out the third coordinate." if array.shape[1:] == (3,) else ""
         raise MeshError(f"points must have the shape (n_nodes, 2); got {array.shape}.{hint}")
@@ -108,8 +106,10 @@ def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, 
             raise MeshError(f"cells as one array must have the shape (n_cells, k); got {cells.shape}.")
         return np.arange(len(cells) + 1) * cells.shape[1], cells.astype(np.int64).ravel()
     try:
-        rows = [np.asarray(cell) for cell in cells]
-    except (TypeError, ValueError, OverflowError):
+        rows = [plain(cell) for cell in cells]
+        if any(row is None for row in rows):
+            raise ValueError
+    except Exception:  # of whatever a user hands in
         raise MeshError(f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}.") from None
     for number, row in enumerate(rows):
         if row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):

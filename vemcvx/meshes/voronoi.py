@@ -67,7 +67,7 @@ def voronoi(
     """
     rectangle = check_box(box)
     count = _number_of_cells(n, cells, rectangle)
-    relaxations = check_whole("relaxations", relaxations, 0)
+    relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     # Lengths below are in roots of the mean cell area, whatever the units of the rectangle.
     scale = np.sqrt(rectangle.width / count) * np.sqrt(rectangle.height)

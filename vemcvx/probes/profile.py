@@ -9,11 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
 from vemcvx.history import History
+from vemcvx.kinds import is_whole
 from vemcvx.probes.places import places
 from vemcvx.real import brief, real
 
 Floats = NDArray[np.float64]
 
+MOST = 10**7
+"""Points on a line beyond which it is a slip of the keyboard."""
 ON_CELLS = ("stress", "stress_across", "von_mises", "principal_stresses")
 
 
@@ -34,11 +37,11 @@ class Profile(NamedTuple):
 
 def profile(history: History, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
     """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
-    if field not in ("displacement", *ON_CELLS):
+    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
         raise SceneError(
             f"along: there is no field {field!r}; there are 'displacement', {', '.join(map(repr, ON_CELLS))}."
         )
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 2:
+    if not is_whole(count) or not 2 <= count <= MOST:
         raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
     dim = history.mesh.points.shape[1]
     first, last = (_end(point, dim, name) for point, name in ((start, "start"), (end, "end")))

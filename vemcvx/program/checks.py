@@ -8,27 +8,23 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.errors import SceneError, VemcvxError
-from vemcvx.real import real, shape_in_words
+from vemcvx.errors import SceneError
+from vemcvx.kinds import called
+from vemcvx.linear import SuperLU
+from vemcvx.linear.factor import singular
+from vemcvx.real import brief, real, shape_in_words
 
 Floats = NDArray[np.float64]
 
 # Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
 SYMMETRIC = 1e-10
+SAY = "take the number of a term and say where it acts"
 
 
 def at_instant(function: Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
     """function(t), or a SceneError that says how it failed."""
-    try:
-        return function(t)
-    except VemcvxError:
-        raise
-    except (Exception, SystemExit) as error:
-        words = " ".join(str(error).split()).rstrip(".")
-        raise SceneError(
-            f"{subject}: its function failed when called as f(t) with t = {t:.6g}: {type(error).__name__}: {words}. "
-            "It must take an instant and return an array."
-        ) from error
+    failed = f"{subject}: its function failed when called as f(t) with t = {t:.6g}"
+    return called(function, (t,), failed, "take an instant and return an array")
 
 
 def checked_matrix(raw: object, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
@@ -37,7 +33,7 @@ def checked_matrix(raw: object, subject: str, shape: tuple[int, int] | None = No
         raw = real(raw, subject, "a matrix of real numbers")
         if raw.ndim != 2:
             raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
-    matrix = sp.csr_matrix(raw, dtype=float)
+    matrix = sp.csr_matrix(raw, dtype=float, copy=True)
     finite(matrix.data, subject)
     if shape is not None and matrix.shape != shape:
         raise SceneError(f"{subject}: found a matrix of shape {matrix.shape}; wanted {shape}.")
@@ -53,6 +49,27 @@ def check_stiffness(K: sp.csr_matrix) -> None:
     if diagonal.min() <= 0:
         i = int(np.argmin(diagonal))
         raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
+
+
+def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
+    """Raise SceneError unless C is square, symmetric and positive semidefinite to rounding.
+
+    With a diagonal of ones, and SYMMETRIC added to it, its pivots must be positive; rows without a diagonal are empty.
+    """
+    check_symmetric(C, subject)
+    diagonal = C.diagonal()
+    felt = np.flatnonzero(diagonal > 0)
+    unit = sp.diags_array(diagonal[felt] ** -0.5)
+    scaled = sp.csr_matrix(unit @ C[felt][:, felt] @ unit + SYMMETRIC * sp.eye_array(len(felt)))
+    try:
+        if (diagonal < 0).any() or abs(C).sum() > abs(C[felt][:, felt]).sum():
+            raise singular()
+        if len(felt):
+            SuperLU().factorise(scaled)
+    except SceneError as error:
+        raise SceneError(
+            f"{subject}: found a matrix that is not positive semidefinite: some motion would gain energy from it."
+        ) from error
 
 
 def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
@@ -76,3 +93,21 @@ def finite(values: Floats, subject: str) -> None:
     """Raise SceneError for NaN or infinity."""
     if not np.isfinite(values).all():
         raise SceneError(f"{subject}: found NaN or infinite values; all must be finite.")
+
+
+def permutation(raw: ArrayLike, n: int) -> NDArray[np.int64]:
+    """An order of n unknowns."""
+    wanted = f"a permutation of the {n} unknowns, or None"
+    order = real(raw, "System: order", wanted)
+    if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(n)):
+        raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
+    return order.astype(np.int64)
+
+
+def motions(raw: ArrayLike, n: int) -> Floats:
+    """Motions (n, k) of little energy."""
+    wanted = f"({n}, k) motions of little energy, one a column, or None"
+    found = real(raw, "System: near_kernel", wanted)
+    if found.ndim != 2 or len(found) != n or not found.shape[1] or not np.isfinite(found).all():
+        raise SceneError(f"System: found near_kernel = {brief(raw)}; wanted {wanted}.")
+    return found

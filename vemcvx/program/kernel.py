@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from vemcvx.errors import SceneError
+from vemcvx.kinds import called, function
+from vemcvx.real import brief, real
 
 Floats = NDArray[np.float64]
 
@@ -52,10 +54,24 @@ class Kernel:
     names: tuple[str, ...]
     in_words: Callable[[Floats], str] | None = None
 
+    def __post_init__(self) -> None:
+        modes = real(self.modes, "Kernel: modes", "(n, k) motions, one a column")
+        names = self.names if isinstance(self.names, (tuple, list)) else ()
+        if modes.ndim != 2 or len(names) != modes.shape[1] or not all(isinstance(name, str) for name in names):
+            raise SceneError(
+                f"Kernel: found modes of shape {modes.shape} and names = {brief(self.names)}; wanted one column of "
+                "numbers, and one name, a motion."
+            )
+        if not np.isfinite(modes).all():
+            raise SceneError("Kernel: modes: found NaN or infinite values; all must be finite.")
+        function(self.in_words, "Kernel: found in_words", "a function of (k,) shares of the motions")
+        object.__setattr__(self, "modes", modes)
+        object.__setattr__(self, "names", tuple(names))
+
     def name(self, c: Floats) -> str:
         """The motion modes @ c in words."""
         if self.in_words is not None:
-            return self.in_words(c)
+            return str(called(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
         large = np.abs(c) > 1e-3 * np.abs(c).max()
         return " with ".join(name for name, present in zip(self.names, large, strict=True) if present)
 

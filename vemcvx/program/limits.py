@@ -10,7 +10,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.program.checks import at_instant, checked_matrix, finite
+from vemcvx.kinds import called, function
+from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
 from vemcvx.real import real, shape_in_words
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,7 @@ class Limits:
             j = int(np.argmin(softness))
             raise SceneError(f"Limits: found the softness {softness[j]:.6g} of {self.name(j)}; it must be >= 0.")
         object.__setattr__(self, "softness", softness)
+        function(self.places, "Limits: found places", "a function of j that says where limit j acts")
         if not callable(self.e):
             object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
 
@@ -55,7 +57,7 @@ class Limits:
 
     def name(self, j: int) -> str:
         """Where limit `j` acts, in words."""
-        return f"limit {j}" if self.places is None else self.places(j)
+        return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
 
     def reach(self, t: float) -> Floats:
         """e (r,) at the instant `t`."""

@@ -14,9 +14,21 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.program.checks import SYMMETRIC, at_instant, check_stiffness, check_symmetric, checked_matrix, finite
+from vemcvx.kinds import called, function, instance, is_whole
+from vemcvx.program.checks import (
+    SAY,
+    SYMMETRIC,
+    at_instant,
+    check_semidefinite,
+    check_stiffness,
+    checked_matrix,
+    finite,
+    motions,
+    permutation,
+)
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.limits import Limits
+from vemcvx.program.motion import Motion
 from vemcvx.real import brief, real, shape_in_words
 
 # Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
@@ -60,12 +72,16 @@ class Norms:
 
     def __post_init__(self) -> None:
         B = checked_matrix(self.B, "Norms: B")
-        if not isinstance(self.block, (int, np.integer)) or self.block < 1 or B.shape[0] % self.block:
+        if not is_whole(self.block) or self.block < 1 or B.shape[0] % self.block:
             raise SceneError(
-                f"Norms: found B with {B.shape[0]} rows and block = {self.block!r}; "
+                f"Norms: found B with {B.shape[0]} rows and block = {brief(self.block)}; "
                 "B must have a whole number of blocks of rows."
             )
         object.__setattr__(self, "B", B)
+        object.__setattr__(self, "block", int(self.block))
+        function(self.places, "Norms: found places", "a function of i that says where term i acts")
+        function(self.law, "Norms: found law", "a function of (t, p) that gives weights")
+        function(self.slope, "Norms: found slope", "a function of (t, p) that gives the law's derivative")
         if not callable(self.w):
             object.__setattr__(self, "w", self._checked(self.w))
 
@@ -76,7 +92,7 @@ class Norms:
 
     def name(self, i: int) -> str:
         """Where term `i` acts, in words."""
-        return f"norm term {i}" if self.places is None else self.places(i)
+        return f"norm term {i}" if self.places is None else str(called(self.places, (i,), "Norms: places failed", SAY))
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`."""
@@ -84,11 +100,15 @@ class Norms:
 
     def weights_under(self, t: float, p: Floats) -> Floats:
         """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
-        return self.weights(t) if self.law is None else self._checked(self.law(t, p))
+        return self.weights(t) if self.law is None else self._checked(self._ask("law", t, p))
 
     def slope_under(self, t: float, p: Floats) -> sp.csr_matrix:
         """The derivative (m, r) of the weights there; `slope` must be given."""
-        return checked_matrix(self.slope(t, p), "Norms: slope", (self.count, len(p)))  # type: ignore[misc]
+        return checked_matrix(self._ask("slope", t, p), "Norms: slope", (self.count, len(p)))
+
+    def _ask(self, name: str, t: float, p: Floats) -> ArrayLike:
+        failed = f"Norms: {name}: its function failed when called as f(t, p) with t = {t:.6g}"
+        return called(getattr(self, name), (t, p), failed, "return weights, or their derivative")
 
     def tilt(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
@@ -129,28 +149,6 @@ class Norms:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
-
-    a(u, u) = y'Ky + 2 y'stretch + stored, and the norm terms measure B (y - y_prev) + (drag - drag_prev). Where the
-    supports move far, and strain little, these sums cancel; `frame` and `pair` give the same without.
-    """
-
-    stretch: Callable[[float], Floats]
-    """t -> (n,), P'A u_D"""
-    drag: Callable[[float], Floats]
-    """t -> (m * block,), what u_D adds to the argument of the norms"""
-    stored: Callable[[float, float], float]
-    """(s, t) -> u_D(s)'A u_D(t)"""
-    frame: Callable[[float, Floats], Floats]
-    """(t, y) -> (n_u,), u seen from the body: less a motion that strains nothing"""
-    pair: Callable[[Floats, Floats], float]
-    """a of two such fields"""
-    reach: Callable[[float], Floats] | None = None
-    """t -> (r,), what u_D takes from the limits"""
-
-
-@dataclass(frozen=True)
 class DraggedTerms:
     """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
 
@@ -182,7 +180,8 @@ class Damping:
     def __post_init__(self) -> None:
         C = checked_matrix(self.C, "Damping: C")
         if C.nnz:
-            check_symmetric(C, "Damping: C")
+            check_semidefinite(C, "Damping: C")
+        instance(self.motion, Motion, "Damping: found motion", "a Motion")
         object.__setattr__(self, "C", C)
 
 
@@ -232,35 +231,36 @@ class System:
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
             )
-        if self.norms is not None and not isinstance(self.norms, Norms):
-            raise SceneError(f"System: found norms = {brief(self.norms)}; wanted Norms(B, w), or None.")
-        if self.norms is not None and self.norms.B.shape[1] != self.n:
-            raise SceneError(
-                f"System: found norms over {self.norms.B.shape[1]} unknowns, but K has {self.n}; "
-                "B must have one column an unknown."
-            )
-        if self.limits is not None and not isinstance(self.limits, Limits):
-            raise SceneError(f"System: found limits = {brief(self.limits)}; wanted Limits(D, e), or None.")
-        if self.limits is not None and self.limits.D.shape[1] != self.n:
-            raise SceneError(
-                f"System: found limits over {self.limits.D.shape[1]} unknowns, but K has {self.n}; "
-                "D must have one column an unknown."
-            )
+        instance(self.norms, Norms, "System: found norms", "Norms(B, w)")
+        instance(self.limits, Limits, "System: found limits", "Limits(D, e)")
+        instance(self.motion, Motion, "System: found motion", "a Motion")
+        instance(self.damping, Damping, "System: found damping", "Damping(C)")
+        instance(self.dragged, DraggedTerms, "System: found dragged", "DraggedTerms")
+        instance(self.kernel, Kernel, "System: found kernel", "a Kernel(modes, names)")
+        for what, matrix in (("norms", self.norms and self.norms.B), ("limits", self.limits and self.limits.D)):
+            if matrix is not None and matrix.shape[1] != self.n:
+                raise SceneError(
+                    f"System: found {what} over {matrix.shape[1]} unknowns, but K has {self.n}; "
+                    f"{'B' if what == 'norms' else 'D'} must have one column an unknown."
+                )
         if self.damping is not None and self.damping.C.shape != self.K.shape:
             raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
-        if self.order is not None and not np.array_equal(np.sort(self.order), np.arange(self.n)):
-            raise SceneError(
-                f"System: found order = {brief(self.order)}; wanted a permutation of the {self.n} unknowns, or None."
-            )
+        if self.motion is not None:
+            rows = 0 if self.norms is None else self.norms.B.shape[0]
+            limits = 0 if self.limits is None else self.limits.count
+            object.__setattr__(self, "motion", self.motion.sized(self.n, rows, limits))
+        if self.order is not None:
+            object.__setattr__(self, "order", permutation(self.order, self.n))
+        if self.near_kernel is not None:
+            object.__setattr__(self, "near_kernel", motions(self.near_kernel, self.n))
         if self.kernel is not None:
             self._check_kernel(self.kernel)
 
     def _check_kernel(self, kernel: Kernel) -> None:
         N = kernel.modes
-        if N.ndim != 2 or len(N) != self.n or len(kernel.names) != N.shape[1]:
+        if len(N) != self.n:
             raise SceneError(
-                f"System: found a kernel of {brief(N)} with {len(kernel.names)} names; wanted one column of {self.n} "
-                "and one name a motion."
+                f"System: found a kernel over {len(N)} unknowns; wanted one column of {self.n} and one name a motion."
             )
         felt = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
         if felt.any():
@@ -293,7 +293,7 @@ class System:
     def push(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
         wanted = f"({self.n},) forces, one an unknown"
-        f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted, copy=False)
+        f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted)
         if f.shape != (self.n,):
             raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
         finite(f, f"System: load({t:.6g})")

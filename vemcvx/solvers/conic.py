@@ -22,7 +22,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.errors import NotAccepted
+from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.kinds import flag
 from vemcvx.program.certificate import certify, duality_gap
 from vemcvx.program.form import (
     ABSOLUTE_VALUES,
@@ -33,6 +34,7 @@ from vemcvx.program.form import (
     Form,
 )
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.real import brief
 from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy
 
@@ -130,7 +132,13 @@ class ThroughCvxpy(Solver):
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.solver, str):
+            raise SceneError(f"ThroughCvxpy: found solver = {brief(self.solver)}; wanted its name in cvxpy, as 'SCS'.")
         checked_accuracy(self.accuracy, self.name)
+        flag(self.polish, f"{self.name}: polish")
+        named = isinstance(self.options, Mapping) and all(isinstance(name, str) for name in self.options)
+        if not named:
+            raise SceneError(f"{self.name}: found options = {brief(self.options)}; wanted a dict of its own names.")
 
     @property
     def name(self) -> str:

@@ -16,14 +16,13 @@ sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitel
 
 from __future__ import annotations
 
-import numbers
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.errors import SceneError
+from vemcvx.kinds import whole
 from vemcvx.program.certificate import duality_gap, rounding_floor
 from vemcvx.program.form import (
     ABSOLUTE_VALUES,
@@ -69,11 +68,7 @@ class Newton(Solver):
 
     def __post_init__(self) -> None:
         checked_accuracy(self.accuracy, "Newton")
-        if not isinstance(self.max_iterations, numbers.Integral) or self.max_iterations < 1:
-            raise SceneError(
-                f"Newton: found max_iterations = {self.max_iterations!r}; it is a whole number of "
-                "linear solves, at least 1."
-            )
+        whole(self.max_iterations, "Newton", "max_iterations", "linear solves")
 
     def prepare(self, form: Form) -> _PreparedNewton:
         return _PreparedNewton(self.max_iterations)

@@ -6,13 +6,12 @@ believed in nothing: the caller certifies every answer.
 
 from __future__ import annotations
 
-import numbers
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 from numpy.typing import NDArray
 
-from vemcvx.errors import SceneError
+from vemcvx.kinds import part
 from vemcvx.program.form import Form
 from vemcvx.program.step_program import Answer, StepProgram
 
@@ -64,7 +63,4 @@ class Solver(ABC):
 
 def checked_accuracy(accuracy: float, solver: str) -> None:
     """Refuse accuracies that mean nothing."""
-    if not isinstance(accuracy, numbers.Real) or not 0 < accuracy < 1:
-        raise SceneError(
-            f"{solver}: found accuracy = {accuracy!r}; it is a relative energy error between 0 and 1, such as 1e-6."
-        )
+    part(accuracy, solver, "accuracy", "a relative energy error", "1e-6")

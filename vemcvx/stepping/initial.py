@@ -51,7 +51,7 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     jump = _norm(run, settled.full - y)  # type: ignore[operator]
     scale = max(state.ledger.norm, _norm(run, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
-        raise SceneError(_violation(run, state, jump / scale))
+        raise SceneError(_violation(run, state, jump / scale if scale > 0 else np.inf))
     return _at_rest(
         run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=_off(settled, jump))
     )

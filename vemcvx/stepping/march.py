@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
+from vemcvx.kinds import flag
 from vemcvx.linear import LinearSolver
 from vemcvx.program.system import System
 from vemcvx.real import brief, real
@@ -76,6 +77,9 @@ def march(
         A step misses the accuracy asked for.
     """
     _check_kinds(system, solver, linear, progress)
+    check, condense = flag(check, "check"), flag(condense, "condense")
+    if storage is not None and not hasattr(storage, "lasting"):
+        raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
     instants = checked_times(times)
     steps = len(instants) - 1
     kept = stored_steps(store, steps)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import HistoryError, SceneError
+from vemcvx.kinds import is_whole
 from vemcvx.stepping.acceptance import say_floor
 from vemcvx.stepping.backward_euler import completed, sticking
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
@@ -33,9 +34,9 @@ def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
         return np.arange(steps + 1)
     if isinstance(store, str) and store == "last":
         return np.array([steps])
-    if isinstance(store, (int, np.integer)) and not isinstance(store, bool) and store >= 1:
+    if is_whole(store) and store >= 1:
         return np.unique(np.append(np.arange(0, steps + 1, min(store, steps + 1)), steps))
-    if isinstance(store, (Sequence, np.ndarray)) and not isinstance(store, str) and _numbers(store, steps):
+    if isinstance(store, (Sequence, np.ndarray)) and not isinstance(store, (str, bytes)) and _numbers(store, steps):
         return np.unique(np.append(np.asarray(store, dtype=np.int64), steps))
     raise SceneError(
         f"store: found {store!r}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a sequence "
@@ -44,7 +45,7 @@ def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
 
 
 def _numbers(store: Sequence[int], steps: int) -> bool:
-    return all(isinstance(n, (int, np.integer)) and not isinstance(n, bool) and 0 <= n <= steps for n in store)
+    return all(is_whole(n) and 0 <= n <= steps for n in store)
 
 
 SCALARS = (

@@ -1,0 +1,225 @@
+"""Whatever is handed in, wherever: one sentence of the package's own, and no warning.
+
+Every parameter of everything public meets every value of :mod:`wrong_kinds`; what is right there after all is named.
+"""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pytest
+from wrong_kinds import HELD, MESH, PUSH, STEEL, WRONG, K, load, marched, run
+
+import vemcvx as vx
+from vemcvx.program.kernel import Kernel
+from vemcvx.program.motion import Motion
+
+GRIPPED = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
+SCENE = vx.Scene(STEEL, HELD, PUSH, *GRIPPED)
+FREE = np.array([[1.0, -1.0], [-1.0, 1.0]])
+NONE = np.zeros(2)
+
+# Kinds of setting, by what of WRONG is right for them. Flags in arrays are the numbers 0 and 1.
+NAMES = {"a word", "a number in words", "a flag in words"}
+VALUES = {"flags", "an array", "negative"}
+FUNCTIONS = {name for name, make in WRONG.items() if callable(make())}
+NOTHING = {"no list", "no dict", "no array"}
+
+
+def settled(*effects):
+    return run(STEEL, HELD, *effects, initial="settled")
+
+
+def solved(solver):
+    return run(STEEL, HELD, PUSH, *GRIPPED, solver=solver)
+
+
+def with_norms(norms):
+    return marched(vx.System(K, load, norms))
+
+
+def with_motion(motion):
+    return marched(vx.System(K, load, vx.Norms(np.eye(2), 0.1), motion=motion))
+
+
+def with_kernel(kernel):
+    return marched(vx.System(FREE, lambda t: [t, -t], vx.Norms(np.eye(2), 0.1), kernel=kernel))
+
+
+MOTION = {
+    "stretch": lambda t: NONE,
+    "drag": lambda t: NONE,
+    "stored": lambda s, t: 0.0,
+    "frame": lambda t, y: y,
+    "pair": lambda u, v: float(u @ K @ v),
+    "reach": None,
+}
+ON = "bottom"
+# What to make, its parameters, what to do with it; parameters for which something of WRONG is right.
+MADE = [
+    (vx.Elasticity, {"young": 200.0, "poisson": 0.3, "plane": "strain", "stabilisation": "shear", "on": None},
+     lambda made: run(made, HELD, PUSH), {"on": {"None"}}),
+    (vx.Orthotropic, {"young": (2.0, 1.0), "poisson": 0.3, "shear": 0.5, "angle": 0.0, "plane": "stress", "on": None},
+     lambda made: run(made, HELD, PUSH), {"on": {"None"}, "young": {"an array"}, "angle": {"negative"}}),
+    (vx.Clamp, {"on": "right"}, lambda made: run(STEEL, made, PUSH), {}),
+    (vx.Symmetry, {"on": ON}, lambda made: run(STEEL, HELD, made, PUSH), {}),
+    (vx.BilateralContact, {"on": ON}, lambda made: run(STEEL, HELD, made, PUSH), {}),
+    (vx.UnilateralContact, {"on": ON, "gap": 0.0}, lambda made: run(STEEL, HELD, made, PUSH), {"gap": VALUES}),
+    (vx.NormalCompliance, {"stiffness": 40.0, "on": ON, "gap": 0.0}, lambda made: run(STEEL, HELD, made, PUSH),
+     {"stiffness": VALUES, "gap": VALUES}),
+    (vx.TrescaFriction, {"bound": 0.1, "on": ON, "quadrature": "nodes", "backward": 0.2,
+                         "while_closed": None},
+     lambda made: run(STEEL, HELD, PUSH, GRIPPED[0], made),
+     {"bound": VALUES, "backward": VALUES | {"None"}, "while_closed": {"None"}}),
+    (vx.CoulombFriction, {"coefficient": 0.1, "on": ON, "cap": None},
+     lambda made: run(STEEL, HELD, PUSH, vx.UnilateralContact(ON), made),
+     {"coefficient": VALUES, "cap": VALUES | {"None"}}),
+    (vx.Traction, {"force": (1.0, 0.0), "on": "left"}, settled, {"force": VALUES}),
+    (vx.Pressure, {"value": 1.0, "on": "left"}, settled, {"value": VALUES}),
+    (vx.PointLoad, {"force": (1.0, 0.0), "at": (0.0, 0.0)}, settled, {"force": VALUES, "at": VALUES}),
+    (vx.BodyForce, {"force": (1.0, 0.0)}, settled, {"force": VALUES}),
+    (vx.Prestress, {"stress": (1.0, 0.0, 0.0)}, settled, {}),
+    (vx.PrescribedDisplacement, {"value": 0.0, "on": "left", "direction": "normal"}, settled,
+     {"value": VALUES, "direction": VALUES}),
+    (vx.ElasticFoundation, {"normal": 1.0, "tangential": 1.0, "on": ON}, lambda made: run(STEEL, HELD, made, PUSH),
+     {"normal": VALUES, "tangential": VALUES}),
+    (vx.ThermalStrain, {"expansion": 1e-3, "temperature": 1.0}, settled,
+     {"expansion": VALUES, "temperature": VALUES}),
+    (vx.Viscosity, {"shear": 1.0, "volume": 1.0}, lambda made: run(STEEL, HELD, PUSH, made), {}),
+    (vx.Norms, {"B": np.eye(2), "w": [0.1, 0.2], "block": 1, "places": None, "law": None, "bias": None, "slope": None},
+     with_norms,
+     {"B": {"a sparse matrix"}, "w": VALUES | {"a class"}, "places": FUNCTIONS | {"None"}, "law": {"None"},
+      "bias": {"None"}, "slope": FUNCTIONS | {"None"}}),
+    (vx.Limits, {"D": np.eye(2), "e": [0.1, 0.2], "softness": 0.0, "places": None},
+     lambda made: marched(vx.System(K, load, limits=made)),
+     {"D": {"a sparse matrix"}, "e": VALUES | {"a class"}, "softness": VALUES, "places": FUNCTIONS | {"None"}}),
+    (vx.Damping, {"C": np.eye(2), "motion": None}, lambda made: marched(vx.System(K, load, damping=made)),
+     {"C": {"a sparse matrix"}, "motion": {"None"}}),
+    (Kernel, {"modes": np.ones((2, 1)), "names": ("all",), "in_words": None}, with_kernel,
+     {"in_words": FUNCTIONS | {"None"}}),
+    (Motion, MOTION, with_motion, {"stored": FUNCTIONS, "reach": FUNCTIONS | {"None"}}),
+    (vx.System, {"K": K, "load": load, "norms": vx.Norms(np.eye(2), 0.1), "motion": None, "order": None,
+                 "near_kernel": None, "kernel": None, "limits": None, "damping": None, "dragged": None}, marched,
+     {"K": {"a sparse matrix"}, "order": {"None", "flags"}}
+     | {key: {"None"} for key in ("norms", "motion", "near_kernel", "kernel", "limits", "damping", "dragged")}),
+    (vx.Newton, {"accuracy": 1e-8, "max_iterations": 9}, solved, {"max_iterations": {"huge"}}),
+    (vx.Direct, {"accuracy": 1e-8}, lambda made: run(STEEL, HELD, PUSH, solver=made), {}),
+    (vx.Clarabel, {"accuracy": 1e-6, "polish": False, "options": {}}, solved, {"options": {"no dict"}}),
+    (vx.OSQP, {"accuracy": 1e-6, "polish": False, "options": {}}, solved, {"options": {"no dict"}}),
+    (vx.ThroughCvxpy, {"solver": "CLARABEL", "accuracy": 1e-3, "polish": False, "options": {}}, solved,
+     {"options": {"no dict"}}),
+    (vx.Multigrid, {"tolerance": 1e-12, "max_iterations": 200},
+     lambda made: run(STEEL, HELD, PUSH, linear=made), {"max_iterations": {"huge"}}),
+]  # fmt: skip
+CALLED = [
+    (vx.march, {"system": vx.System(K, load), "times": [0.0, 1.0], "solver": None, "initial": None, "store": "all",
+                "check": True, "condense": True, "linear": None, "storage": None},
+     {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear", "storage")}),
+    (vx.simulate, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "store": "all",
+                   "check": True, "condense": True, "linear": None, "resume": False},
+     {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear")}),
+    (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "solver": None, "initial": None,
+                "most_unknowns": 4000, "theta": 0.6}, {key: {"None"} for key in ("solver", "initial")}),
+    (vx.meshes.squares, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
+    (vx.meshes.triangles, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
+    (vx.meshes.hexagons, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
+    (vx.meshes.l_shape, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
+    (vx.meshes.distorted, {"n": 2, "box": ((0, 1), (0, 1)), "seed": 0, "amount": 0.5}, {"seed": {"huge"}}),
+    (vx.meshes.hanging, {"n": 2, "box": ((0, 1), (0, 1)), "seed": 0, "fraction": 0.3}, {"seed": {"huge"}}),
+    (vx.meshes.nonconvex, {"n": 2, "box": ((0, 1), (0, 1)), "zigzag": 0.1}, {}),
+    (vx.meshes.voronoi, {"n": 2, "box": ((0, 1), (0, 1)), "seed": 0, "cells": None, "relaxations": 1, "shortest": 0.0},
+     {"cells": {"None"}, "seed": {"huge"}}),
+    (vx.PolygonMesh, {"points": MESH.points, "cells": [[0, 1, 3, 2]], "boundaries": None, "cell_data": None},
+     {key: {"None", "no dict"} for key in ("boundaries", "cell_data")}),
+    (vx.meshes.refinement, {"mesh": MESH, "cells": None, "balance": True}, {"cells": {"None", "no list", "no array"}}),
+    (vx.meshes.common_refinement, {"a": MESH, "b": MESH}, {}),
+    (vx.measures.orders, {"h": [1.0, 0.5], "errors": [1.0, 0.5]}, {key: {"an array"} for key in ("h", "errors")}),
+    (MESH.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
+    (MESH.with_cell_data, {"name": "a", "values": [1.0]}, {"name": NAMES}),
+]  # fmt: skip
+PLACES = {
+    f"{made.__name__}.{name}": (lambda v, m=made, g=given, n=name, u=use: u(m(**{**g, n: v})), right.get(name, set()))
+    for made, given, use, right in MADE
+    for name in given
+} | {
+    f"{called.__name__}.{name}": (lambda v, c=called, g=given, n=name: c(**{**g, n: v}), right.get(name, set()))
+    for called, given, right in CALLED
+    for name in given
+}
+
+
+def of_history(history):
+    """What is asked of a history, and of two."""
+    measures = vx.measures
+    return {
+        **{name: (getattr(history, name), set()) for name in ("stress", "von_mises", "row", "reaction", "probe")},
+        "start": (lambda v: history.along(v, (1, 1)), {"flags"}),
+        "end": (lambda v: history.along((0, 0), v), {"flags"}),
+        "count": (lambda v: history.along((0, 0), (1, 1), v), set()),
+        "field": (lambda v: history.along((0, 0), (1, 1), 3, v), set()),
+        "budget": (vx.error_budget, set()),
+        "budget's steps": (lambda v: vx.error_budget(history, v), {"None", "flags"}),
+        "error": (lambda v: measures.l2_error(history, v), VALUES),
+        "distance": (lambda v: measures.energy_distance(v, history), set()),
+        "kind": (lambda v: measures.energy_distance(history, history, kind=v), set()),
+        "step": (lambda v: measures.energy_distance(history, history, step=v), set()),
+        "time": (lambda v: measures.energy_distance(history, history, time=v), {"None"}),
+        "common": (lambda v: measures.energy_distance(history, history, common=v), set()),
+    }
+
+
+def check(use, right, names):
+    """Each of the values is refused in words of the package, or right."""
+    for name in names:
+        try:
+            use(WRONG[name]())
+        except vx.VemcvxError as error:
+            said = str(error)
+        except BaseException as error:
+            raise AssertionError(f"{name}: {type(error).__name__}: {error}") from error
+        else:
+            said = name if name in right else ""
+        assert said, f"{name} was accepted, or refused without a word"
+
+
+EVERY = 6
+"""By default each place meets every so many of the values; together they all occur."""
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_wrong_kinds_are_refused(place):
+    use, right = PLACES[place]
+    check(use, right, list(WRONG)[list(PLACES).index(place) % EVERY :: EVERY])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", PLACES)
+def test_all_wrong_kinds_are_refused(place):
+    check(*PLACES[place], WRONG)
+
+
+def test_histories_refuse_wrong_kinds():
+    for use, right in of_history(vx.simulate(SCENE, MESH, [0.0, 1.0])).values():
+        check(use, right, WRONG)
+
+
+def test_every_parameter_is_asked():
+    """What is left out takes anything (progress), writes files, or is asked elsewhere; the list is short."""
+    asked = {place.partition(".")[0]: set() for place in PLACES}
+    for place in PLACES:
+        owner, _, name = place.partition(".")
+        asked[owner].add(name)
+    left = {
+        f"{name}.{parameter}"
+        for name in vx.__all__
+        if callable(thing := getattr(vx, name))
+        and not (inspect.isclass(thing) and issubclass(thing, (BaseException, vx.History, vx.Contact, vx.Trajectory)))
+        and name not in ("Effect", "Solver", "LinearSolver", "Adapted", "ErrorBudget")
+        for parameter in inspect.signature(thing).parameters
+        if parameter not in asked.get(name, ())
+    }
+    assert left == {
+        *("Scene.effects", "march.progress", "simulate.progress", "simulate.stream", "adapt.progress"),
+        *("error_budget.history", "error_budget.steps", "read_history.folder"),
+    }

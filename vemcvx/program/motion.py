@@ -1,0 +1,62 @@
+"""Supports that move: what u_D adds to the energy, to the norm terms and to the limits of a system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import SceneError
+from vemcvx.kinds import called
+from vemcvx.program.checks import finite
+from vemcvx.real import brief, real, shape_in_words
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
+
+    a(u, u) = y'Ky + 2 y'stretch + stored, and the norm terms measure B (y - y_prev) + (drag - drag_prev). Where the
+    supports move far, and strain little, these sums cancel; `frame` and `pair` give the same without.
+    """
+
+    stretch: Callable[[float], Floats]
+    """t -> (n,), P'A u_D"""
+    drag: Callable[[float], Floats]
+    """t -> (m * block,), what u_D adds to the argument of the norms"""
+    stored: Callable[[float, float], float]
+    """(s, t) -> u_D(s)'A u_D(t)"""
+    frame: Callable[[float, Floats], Floats]
+    """(t, y) -> (n_u,), u seen from the body: less a motion that strains nothing"""
+    pair: Callable[[Floats, Floats], float]
+    """a of two such fields"""
+    reach: Callable[[float], Floats] | None = None
+    """t -> (r,), what u_D takes from the limits"""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not callable(value) and not (name == "reach" and value is None):
+                raise SceneError(f"Motion: found {name} = {brief(value)}; wanted a function.")
+
+    def sized(self, n: int, rows: int, limits: int) -> Motion:
+        """The same, whose functions are checked whenever they are called; what they give is kept by nobody else."""
+        shapes = {"stretch": (n,), "drag": (rows,), "stored": (), "pair": (), "reach": (limits,)}
+
+        def checked(name: str, function: Callable[..., ArrayLike]) -> Callable[..., Any]:
+            def value(*given: Any) -> Any:
+                subject = f"Motion: {name}"
+                wanted = f"numbers of shape {shapes.get(name, '(n_u,)')}"
+                x = real(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
+                if x.shape != shapes.get(name, x.shape[:1]):
+                    raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
+                finite(x, subject)
+                return x if x.ndim else float(x)
+
+            return value
+
+        return Motion(**{name: f and checked(name, f) for name, f in vars(self).items()})

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -193,7 +194,7 @@ class Given:
 
     subject: str
     kind: str
-    value: Callable[..., Floats]
+    value: Callable[..., Any]
     edges: Ints | None = None
     """(m, 2) of a datum on the boundary"""
     load: Load | None = None

@@ -67,9 +67,10 @@ def test_approach(family, motion, condense, friction):
     judge(*lowered(motion, friction, family, vx.Newton(), condense), motion, friction)
 
 
+@pytest.mark.parametrize("friction", ["none", "Coulomb's"])
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
-def test_approach_by_conic_solvers(solver):
-    judge(*lowered("down and back", "none", "voronoi", solver, True), "down and back", "none")
+def test_approach_by_conic_solvers(solver, friction):
+    judge(*lowered("down and back", friction, "voronoi", solver, True), "down and back", friction)
 
 
 @pytest.mark.slow

@@ -144,7 +144,7 @@ def reference(name, form, n):
     states = [initial_state(run, 0.0, None)]
     for k in range(1, len(levels)):
         states.append(step(run, states[-1], k, float(k)))
-    return Reference(name, form, system, (*states[:-1], completed(run, states[-1], given=False)))
+    return Reference(name, form, system, (*states[:-1], completed(run, states[-1])))
 
 
 def measured(exact, name, solver, repeats):
@@ -160,7 +160,7 @@ def measured(exact, name, solver, repeats):
         earlier.append(timed(step, run, states[-3], last - 1, last - 1.0)[0])
         seconds, found = timed(step, run, states[-2], last, float(last))
         later.append(seconds)
-    found = completed(run, found, given=False)
+    found = completed(run, found)
     apart = length(exact.system.K, found.full - exact.answer.full)
     errors = found.certificate.error, found.certificate.error_floor, bound(exact.answer), apart
     return Row(

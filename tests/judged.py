@@ -74,7 +74,14 @@ def judged(drawn):
             history = run(drawn)
         except vx.VemcvxError as error:
             return Verdict(refused=f"{type(error).__name__}: {error}")
-        verdict = Verdict()
+        return judge(drawn, history)
+
+
+def judge(drawn, history):
+    """Hold a history of a drawn scene against exact steps."""
+    verdict = Verdict()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vx.SceneWarning)
         posed = pose(history.scene, history.mesh, history.trajectory.times)
         if drawn.start == "resumed":
             _same(drawn, history, verdict)

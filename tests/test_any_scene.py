@@ -6,10 +6,15 @@ A failure names the seed of the scene: ``any_scene.draw(seed)`` builds it, ``jud
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from any_scene import draw
-from judged import judged
+from exact_steps import Steps, floats
+from judged import judge, judged, run
+
+import vemcvx as vx
 
 CHUNK = 25
 DEFAULT, ALL = range(10_000, 10_030), range(1000)
@@ -50,6 +55,57 @@ def tried(seeds):
         faults += [f"{fault}\n  {drawn.words}" for fault in complaints(drawn, verdict)]
     assert not faults, "\n".join([f"{len(faults)} faults:", *faults])
     return refused.total(), steps, unknown, run
+
+
+def known():
+    """A drawn scene in which bodies slip on two sides and obstacles press, and its history."""
+    drawn = draw(83)
+    return drawn, run(drawn)
+
+
+FALSE = {
+    "certificate": lambda t: {"state": t.state * (1 + 1e-5 * np.sin(np.arange(t.state.shape[1])))},
+    "ledger": lambda t: {"work": t.work * (1 + 1e-6)},
+    "number": lambda t: {"gap": np.where(np.arange(len(t.gap)) == 1, np.nan, t.gap)},
+}
+
+
+@pytest.mark.parametrize("complaint", FALSE)
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+def test_the_judge_notices_what_is_false(complaint):
+    """What an answer gets wrong by a millionth is found, and nothing is where it is right."""
+    drawn, history = known()
+    assert judge(drawn, history).faults == []
+    trajectory = history.trajectory
+    false = replace(history, trajectory=replace(trajectory, **FALSE[complaint](trajectory)))
+    assert any(fault.startswith(complaint) for fault in judge(drawn, false).faults)
+
+
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+def test_the_judge_notices_forces_that_do_not_balance():
+    drawn, history = known()
+    forces = np.array(history.forces)
+    forces[-1, 0] *= 1 + 1e-9
+    assert any(fault.startswith("balance") for fault in judge(drawn, replace(history, forces=forces)).faults)
+
+
+def test_exact_steps_are_exact():
+    """Two springs between a wall and friction, whose answer is a fraction."""
+    system = vx.System(
+        np.array([[3.0, -1.0], [-1.0, 2.0]]),
+        lambda t: np.array([5.0, 1.0]) * t,
+        vx.Norms(np.array([[0.0, 1.0]]), [0.25]),
+        limits=vx.Limits(np.array([[1.0, 0.0]]), [1.0]),
+    )
+    step = Steps(system).step(np.zeros(2), 0.0, 1.0, (np.zeros(2), np.zeros(1), np.zeros(1)))
+    # The wall holds x = 1; y slips: 2 y = 1 + 1 - 1/4.
+    d = Steps(system).unscaled(step.d, step.unit)
+    assert d.tolist() == [1.0, 0.875]
+    assert floats(step.p)[0] > 0
+    assert step.slip_sets.tolist() == [1]
+    assert step.acts.tolist() == [True]
+    # |(1, 7/8)|_K^2 = 3 - 2 * 7/8 + 2 * 49/64, and it is its own distance from zero.
+    assert step.distance(0 * step.d) == pytest.approx(np.sqrt(3 - 1.75 + 2 * 49 / 64), rel=1e-15)
 
 
 def test_certificates_hold_in_any_scene():

@@ -21,12 +21,11 @@ DEFAULT, ALL = range(10_000, 10_030), range(1000)
 
 # What is known to be amiss, and so not asked here: (kinds and start that it concerns, which complaint).
 OPEN = (
-    ({"Coulomb"}, "certificate"),  # the fixed point's is an estimate
-    ({"Coulomb"}, "ledger"),
     ({"viscous"}, "certificate"),  # rounding of stiffness and damping together is guessed too small
+    ({"Coulomb"}, "ledger"),  # increments of friction are those of a fixed point
     ({"kernel", "thin"}, "certificate"),  # what is out of balance on the kernel is left out of the full system's
 )
-SLOW = ({"Coulomb", "kernel"},)
+SLOW = ({"Coulomb", "kernel", "clarabel"}, {"Coulomb", "kernel", "osqp"})
 """Kinds of scenes that take minutes, and are passed over."""
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vemcvx.effects import Friction
 from vemcvx.errors import SceneWarning
-from vemcvx.scene.edges import lengths_of, owned, united
+from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import freedom, normal_rows, on_free, tangential_rows
 from vemcvx.scene.supports import PARALLEL, Supports
 
@@ -54,8 +54,13 @@ class Terms:
     """(e, 2) of each end its node, and the other node of its edge"""
 
 
-def friction_terms(frictions: Sequence[Friction], supports: Supports, times: Sequence[float] = ()) -> Terms:
-    """The terms of all frictions where something can slip or is dragged; equal node and normal make one term."""
+def friction_terms(
+    frictions: Sequence[Friction], owns: tuple[sp.csr_matrix, Ints], supports: Supports, times: Sequence[float] = ()
+) -> Terms:
+    """The terms of all frictions where something can slip or is dragged; equal node and normal make one term.
+
+    `owns` are the ends of edges that their rows own, numbered as those of obstacles are, and their names.
+    """
     points = supports.points
     if not frictions:
         none = np.zeros(0)
@@ -67,8 +72,7 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, times: Seq
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero(held.beside | held.dragged)])
     gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))[kept]
-    ends, names = owned(frictions)
-    ends = united(ends, term)[kept]
+    ends = united(owns[0], term)[kept]
 
     def weights(t: float) -> Floats:
         return gather @ np.concatenate([f.weights(t) for f in frictions])
@@ -98,7 +102,7 @@ def friction_terms(frictions: Sequence[Friction], supports: Supports, times: Seq
     depends = pressed if laws else None
     follows = slope if laws and all(f.slope is not None for f in laws) else None
     tilts = bias if any(f.bias is not None for f in frictions) else None
-    edges = len(acting), held.dragged[kept], ends, names
+    edges = len(acting), held.dragged[kept], ends, owns[1]
     return Terms(rows, nodes[first][kept], lengths_of(ends), weights, depends, frictions, follows, tilts, *edges)
 
 

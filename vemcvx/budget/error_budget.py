@@ -23,7 +23,7 @@ from vemcvx.budget.skeleton import skeleton
 from vemcvx.budget.surface import instant
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.history import History
-from vemcvx.real import brief, real
+from vemcvx.real import brief, plain
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import Posed, pose
 from vemcvx.stepping.state import prepare
@@ -104,8 +104,8 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     after = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     wanted = after
     if steps is not None:
-        words = "numbers of stored steps, such as [-1]"
-        wanted = np.atleast_1d(real(steps, "error_budget: steps", words))
+        words, given = "numbers of stored steps, such as [-1]", plain(steps)
+        wanted = np.zeros(0) if given is None or given.dtype.kind not in "iuf" else np.atleast_1d(given)
         if wanted.ndim != 1 or len(wanted) == 0 or not (np.abs(wanted) < 2**53).all() or (wanted % 1).any():
             raise HistoryError(f"error_budget: found steps = {brief(steps)}; wanted {words}.")
     rows = [history.row(int(n)) for n in wanted]

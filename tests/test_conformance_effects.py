@@ -19,7 +19,7 @@ from vemcvx.effects import Contribution, Given
 from vemcvx.vem import Space
 
 TIMES = np.array([0.0, 0.4, 1.0])
-OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at"}
+OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at", "while_closed"}
 """Fields of effects that carry no data f(x, t)."""
 
 
@@ -96,6 +96,8 @@ class Other:
 
 REST = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, on="east"),))
 REST_STRESS = Other("west", beside=(vx.Elasticity(young=80.0, poisson=0.2, plane="stress", on="east"),))
+# Where the normal is held without an obstacle no pressure is known, and none counts.
+UNPRESSED = Other(True, {"backward": None}, beside=(vx.UnilateralContact(on="left"),))
 
 
 @dataclass(frozen=True)
@@ -217,21 +219,21 @@ SAMPLES = {
         vx.TrescaFriction(uneven, on="bottom"),
         (STEEL, HELD, SHAKEN, TOUCHING),
         data={"bound": 1, "backward": 1},
-        others={"bound": 2.0, "on": "left", "quadrature": "integral", "backward": 1.0},
+        others={"bound": 2.0, "on": "left", "quadrature": "integral", "backward": 1.0, "while_closed": UNPRESSED},
     ),
     "TrescaFriction, one way more than the other": Sample(
         vx.TrescaFriction(uneven, on="bottom", backward=1.0),
         (STEEL, HELD, SHAKEN, TOUCHING),
         (vx.TrescaFriction(uneven, on="bottom"),),
         {"bound": 1, "backward": 1},
-        {"bound": 5.0, "on": "left", "quadrature": "integral", "backward": 2.0},
+        {"bound": 5.0, "on": "left", "quadrature": "integral", "backward": 2.0, "while_closed": UNPRESSED},
     ),
     "TrescaFriction, integral": Sample(
         vx.TrescaFriction(uneven, on="bottom", quadrature="integral"),
         (STEEL, HELD, SHAKEN, TOUCHING),
         (RUBBING,),
         {"bound": 1, "backward": 1},
-        {"bound": 2.0, "on": "left", "quadrature": "nodes", "backward": 1.0},
+        {"bound": 2.0, "on": "left", "quadrature": "nodes", "backward": 1.0, "while_closed": UNPRESSED},
     ),
     "UnilateralContact": Sample(
         vx.UnilateralContact(on="bottom", gap=apart),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from vemcvx.errors import SceneWarning
 from vemcvx.history.contact import contact_history
 from vemcvx.history.history import History
-from vemcvx.scene.edges import borne
 from vemcvx.scene.pose import Posed
 from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory
@@ -57,12 +56,13 @@ def _warn_of_rubbing_in_the_air(posed: Posed, trajectory: Trajectory) -> None:
     asked = [friction for friction in terms.frictions if friction.in_the_air]
     if not asked or obstacles is None or len(obstacles.nodes) == 0:
         return
-    press = borne(terms.ends, obstacles.ends)
-    pressed = trajectory.pressures @ press.T
+    at_nodes = np.zeros((len(trajectory.stored), len(posed.space.mesh.points)))
+    np.add.at(at_nodes, (slice(None), obstacles.nodes), trajectory.pressures)
+    pressed = at_nodes[:, terms.nodes]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
     shut = pressed > CLOSED * pressed.max(initial=0.0)
-    gone = ~(shut[1:] | shut[:-1]) & (np.diff(press.indptr) > 0)
+    gone = ~(shut[1:] | shut[:-1]) & np.isin(terms.nodes, obstacles.nodes)
     gone &= np.isin(terms.nodes, np.concatenate([friction.nodes for friction in asked]))
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > CLOSED * total:

@@ -52,6 +52,8 @@ class Motion:
                 subject = f"Motion: {name}"
                 wanted = f"numbers of shape {shapes.get(name, '(n_u,)')}"
                 x = real(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
+                if shapes.get(name) == () and x.size == 1:
+                    x = x.reshape(())
                 if x.shape != shapes.get(name, x.shape[:1]):
                     raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
                 finite(x, subject)

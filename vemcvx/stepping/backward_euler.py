@@ -103,8 +103,9 @@ def sharpened(attempt: Trial, state: State) -> State:
     stick = np.linalg.norm(state.lam + Shifts.of(form).norms[:, None] * state.slip, axis=1) <= state.walls
     y = run.condensation.recover(state.y, force)
     y, lam, p = refined(run.condensation, form, force.phi, y, state.lam, state.p, stick)
-    size = np.maximum(np.linalg.norm(lam, axis=1), np.finfo(float).tiny)
-    lam, p = lam * np.minimum(1.0, state.walls / size)[:, None], np.maximum(p, 0.0)
+    size = np.linalg.norm(lam, axis=1)
+    share = np.divide(state.walls, size, out=np.ones_like(size), where=size > state.walls)
+    lam, p = lam * share[:, None], np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     y[touched[form.limits.columns]] -= np.maximum(form.limits.read(y[touched]) - reach, 0.0) / form.D.data
     moved, excess = y[touched] - state.y, form.limits.read(y[touched]) - reach

@@ -17,7 +17,7 @@ from judged import judge, judged, run
 import vemcvx as vx
 
 CHUNK = 25
-DEFAULT, ALL = range(10_000, 10_030), range(1000)
+DEFAULT, ALL = (72, 609, *range(10_000, 10_028)), range(1000)
 
 # What is known to be amiss, and so not asked here: (kinds and start that it concerns, which complaint).
 OPEN = (

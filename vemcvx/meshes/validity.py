@@ -105,16 +105,18 @@ def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, 
         if cells.ndim != 2:
             raise MeshError(f"cells as one array must have the shape (n_cells, k); got {cells.shape}.")
         return np.arange(len(cells) + 1) * cells.shape[1], cells.astype(np.int64).ravel()
+    wanted = f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}."
     try:
-        rows = [plain(cell) for cell in cells]
-        if any(row is None for row in rows):
-            raise ValueError
+        rows = [cell if type(cell) is np.ndarray else plain(cell) for cell in cells]
     except Exception:  # of whatever a user hands in
-        raise MeshError(f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}.") from None
+        raise MeshError(wanted) from None
     for number, row in enumerate(rows):
+        if row is None:
+            raise MeshError(wanted)
         if row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):
             raise MeshError(f"cell {number} must be a list of node numbers; got {row.dtype} of shape {row.shape}.")
     offsets = np.zeros(len(rows) + 1, dtype=np.int64)
     np.cumsum([len(row) for row in rows], out=offsets[1:])
-    flat = [row.astype(np.int64) for row in rows if row.size]
-    return offsets, np.concatenate(flat) if flat else np.empty(0, dtype=np.int64)
+    flat = [row for row in rows if row.size]
+    whole = np.concatenate(flat, dtype=np.int64, casting="unsafe") if flat else np.empty(0, dtype=np.int64)
+    return offsets, whole

@@ -112,7 +112,10 @@ def sharpened(attempt: Trial, state: State) -> State:
     # What sticks has not moved, and keeps its slip to the last bit.
     slip = state.slip + form.blocks(form.rows.read(moved))
     over = limit_gaps(form.softness, p, excess, EPS * (np.abs(reach) + np.abs(excess)))
-    own = replace(state.certificate, equilibrium=0.0, friction=norm_gaps(state.walls, lam, slip), limits=over)
+    # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
+    depends = run.system.norms is not None and run.system.norms.law is not None
+    friction, away = norm_gaps(state.walls, lam, slip), state.certificate.distance if depends else 0.0
+    own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away)
     answer = Answer(state.y - before.y + moved, lam, state.iterations, state.status, state.safeguards, p)
     ledger = advance_in_full(run.system, before, state.drive, y, answer, slip, state.walls)
     return replace(

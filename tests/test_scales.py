@@ -295,3 +295,20 @@ def test_a_settled_start_is_held_to_the_accuracy():
     scene = pulled(1.0)
     with pytest.raises(vx.NotCertified, match=r"^step 0 at t = 0\.5"):
         vx.simulate(scene, vx.meshes.squares(4), [0.5, 1.0], initial="settled", solver=vx.Newton(max_iterations=1))
+
+
+def test_a_start_out_of_balance_is_left_at_the_first_step():
+    """Nothing changes, but the given state is farther off than a step may be: it is solved, not held."""
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.3),
+        vx.Clamp("left"),
+        vx.Traction((0.0, -0.01), "right"),
+        vx.BilateralContact("bottom"),
+        vx.TrescaFriction(1e-3, "bottom"),
+    )
+    mesh = vx.meshes.squares(4)
+    start = vx.simulate(scene, mesh, [0.0], initial="settled").displacement[0]
+    history = vx.simulate(scene, mesh, [0.0, 1.0, 2.0], initial=start * (1 + 4e-7))
+    assert 1e-7 < history.certificate[0] <= 1e-6
+    assert (history.certificate[1:] <= 1e-8).all()
+    assert (history.certificate_total >= history.certificate[0]).all()

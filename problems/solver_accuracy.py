@@ -14,23 +14,23 @@ relative to the largest |u_m*|_K so far, K the full stiffness. A row where that 
 command exits with 1. Seconds, of processor time in one thread, are those of a step in the middle of a run: before each
 the solver answers the step before it (OSQP and SCS, which start from their last answer, would otherwise start from this
 one), and the median is taken. Set-up is factorisation and condensation, and what the first step takes more than later
-ones (compilation by cvxpy). Solvers go through accuracies until they miss one; a miss is three attempts.
+ones (compilation by cvxpy). Solvers go through accuracies until they miss one; a miss is up to three attempts.
 
 What comes out (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.15):
 
-- The gap is of first order in the multipliers, the answer's error of second: without degenerate terms conic answers are
-  up to a million times better than certified (6e-14, certified 3e-8). With them Clarabel's are as bad as certified to
-  within a factor of two: the bound is sharp.
-- Clarabel, whatever is asked, stops at 1e-8 to 3e-8 condensed, at 3e-8 to 1.4e-7 full. Degenerate terms cost it 25
-  iterations in place of 16 (condensed), 27 in place of 10 (full). On the chain 1e-6 is the best that it reaches: asked
-  for 1e-8 it ends at 9e-6. From all of these, and from an answer of 4e-3, one active-set step (polish=True) leads to
-  the solution, certified to rounding.
-- OSQP finds the active set by its own polishing: 5e-12 condensed, whatever is asked. On the full program it is 2e-9,
-  with degenerate terms 2e-7; on the chain its polishing fails in some steps, which run into the limit of 100,000
-  iterations and end at 2e-6. polish=True mends that too, to 1e-8 or better (the true error is 6e-15).
-- OSQP's time is no matter of accuracy. It iterates by 25s, 100 to 400 times; of the 1.7 ms of a condensed step that is
-  .2, cvxpy takes 1.0, scaling and certificate the rest. Of the 26 ms of a full step nine tenths are its own. What
-  shows in its times are misses, asked three times over, and polishing that fails: 100,000 iterations.
+- The gap is of first order in the multipliers, the answer's error of second: without degenerate terms conic answers
+  are nearly a million times better than certified (2.5e-14, certified 1.8e-8). With them Clarabel's are as bad as
+  certified to within a factor of two: the bound is sharp.
+- Clarabel, whatever is asked, stops at 5e-9 to 2e-8, condensed and full. Degenerate terms cost it 29 and 30 iterations
+  in place of 11, for 1e-7. On the chain it keeps 1e-6; asked for 1e-8 it misses in 74 of 117 steps and ends at 3.5e-7.
+  From all of these, and from an answer of 5e-3, one active-set step (polish=True) leads to the solution, certified to
+  rounding.
+- OSQP finds the active set by its own polishing: 1e-12 to 3e-12 condensed, 2e-12 to 1.2e-11 full, whatever is asked.
+  On the chain its polishing fails in some steps, which run into the limit of 100,000 iterations at every attempt and
+  end at 2.3e-6. polish=True mends that too, to 3e-9 or better (the true error is 4e-15).
+- OSQP iterates by 25s: condensed 375 to 700 times, with degenerate terms 700 to 2,850 times. On the full program
+  iterations grow with the accuracy, from 175 to 625 and from 325 to 1,350, and 1e-10 takes two to three times as long
+  as 1e-2. Where polishing fails on the chain, three attempts make 300,000.
 - Newton ends at rounding after finitely many steps; accuracy costs it nothing.
 - HiGHS calls an answer optimal that is 14 % off, in one step, and is right in the other: the certificate knows which.
 
@@ -70,7 +70,7 @@ ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 FLOOR = 1e-15
 """Asked of the reference: as much as there is."""
 MOST_UNKNOWNS = {"HIGHS": 100}
-"""HiGHS takes half a second for 136 and minutes for 2,000, its limit of time notwithstanding."""
+"""HiGHS may take very long for more, its limit of time notwithstanding."""
 OURS = {
     "Newton": vx.Newton,
     "Clarabel": vx.Clarabel,

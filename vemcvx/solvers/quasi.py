@@ -90,15 +90,17 @@ def settled(program: StepProgram, law: Law, start: Point, response: Response) ->
 
     A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope; the
     softer law W(SOFTER p) meets it there, and its answer, with SOFTER p in place of p, begins on the same slope.
+    And what slips with given weights seems to stick beside the larger ones that its forces ask for: the sets are
+    those of the given weights then.
 
     Parameters
     ----------
     program : StepProgram
-        Its weights are not looked at.
+        `start` is its answer.
     response : Response
         Of its form.
     """
-    found = _settled(program, law, start, response)
+    found = _settled(program, law, start, response) or _settled(program, law, start, response, program.w)
     if found is not None:
         return found
     softer = _settled(program, law.scaled(np.ones(1), np.full(len(start.p), SOFTER)), start, response)
@@ -108,11 +110,15 @@ def settled(program: StepProgram, law: Law, start: Point, response: Response) ->
     return _settled(program, law, Point(point.d, point.lam, SOFTER * point.p), response)
 
 
-def _settled(program: StepProgram, law: Law, start: Point, response: Response) -> Settled | None:
+def _settled(
+    program: StepProgram, law: Law, start: Point, response: Response, w: Floats | None = None
+) -> Settled | None:
+    """A solution from the sets at `start`, beside weights `w` (m,) if given."""
     shift, point, met = Shifts.of(program.form) * SHIFT, start, set()
     for count in range(1, MOST_ROUNDS + 1):
-        sets, pressed = _sets(program, law, point, shift)
-        if (mark := sets.direction.tobytes() + sets.act.tobytes()) in met and program.form.block == 1:
+        sets, pressed = _sets(program, law, point, shift, w if count == 1 else None)
+        mark = sets.stick.tobytes() + sets.direction.tobytes() + sets.act.tobytes()
+        if mark in met and program.form.block == 1:
             return None
         met.add(mark)
         try:
@@ -121,7 +127,7 @@ def _settled(program: StepProgram, law: Law, start: Point, response: Response) -
             return None
         point = found.point
         if found.holds(program, law, sets):
-            d = program.feasible(point.d)
+            d = program.feasible(_at_rest(program, sets, point.d))
             p = np.maximum(point.p, 0.0)
             w = law.weights(p)
             lam = replace(program, w=w).project(point.lam)
@@ -129,10 +135,22 @@ def _settled(program: StepProgram, law: Law, start: Point, response: Response) -
     return None
 
 
-def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts) -> tuple[Sets, Floats]:
+def _at_rest(program: StepProgram, sets: Sets, d: Floats) -> Floats:
+    """The increments with those that stick where they are, to the last bit: large weights make work of the rest."""
+    still = np.flatnonzero(np.repeat(sets.stick, program.form.block) & program.form.rows.single)
+    entry = program.form.B.indptr[still]
+    d = d.copy()
+    d[program.form.B.indices[entry]] = program.b[still] / program.form.B.data[entry]
+    return d
+
+
+def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts, w: Floats | None = None) -> tuple[Sets, Floats]:
     """The sets at a point, and the forces (r,) at which the law is to be looked at there."""
     pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p), 0.0)
-    return sets_at(replace(program, w=law.weights(pressed)), at, shift), pressed
+    w = law.weights(pressed) if w is None else w
+    sets = sets_at(replace(program, w=w), at, shift)
+    # Friction of nothing holds nothing: as a row that sticks it may double another one, at a corner.
+    return replace(sets, stick=sets.stick & (w > 0)), pressed
 
 
 class Response:
@@ -183,6 +201,20 @@ class _Found:
         return bool(within.all() and forth.all() and pressed.all())
 
 
+def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
+    """Whether forces balance, to SOLVED of the loads, on motions that K does not feel.
+
+    Where sets leave such a motion free, their system is singular but for rounding, and what solves it is so far away
+    that nothing measured against it would tell.
+    """
+    form = program.form
+    if form.kernel is None:
+        return True
+    pushed = np.abs(form.kernel).T @ np.abs(program.g)
+    left, blur = form.hold.imbalance(lam, p, form.kernel.T @ program.g, pushed)
+    return bool((np.abs(left) <= blur + SOLVED * pushed).all())
+
+
 def _size(s: Floats) -> Floats:
     return np.linalg.norm(s, axis=1)
 
@@ -208,8 +240,11 @@ def _on_sets(program: StepProgram, law: Law, sets: Sets, pressed: Floats, respon
         error = float(np.sqrt(max(step @ (form.K @ step), 0.0)))
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
     force, free = np.abs(program.g).max(initial=0.0), program.g @ form.factor.solve(program.g)
-    norm = np.sqrt(abs(free)) + np.sqrt(abs(x @ response.matrix @ x))
-    if last > SOLVED * max(force, size.max(initial=0.0)) or error > SOLVED * norm:
+    # What anchors answer to a motion is no force of the step: it is as large as any error of that motion.
+    held = x[: limits.stop]
+    norm = np.sqrt(abs(free)) + np.sqrt(abs(held @ response.matrix[: limits.stop, : limits.stop] @ held))
+    solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
+    if not solved or not _balances(program, form.blocks(x[norms]), x[limits]):
         raise LinAlgError("singular")
     forces = 8 * last + ROUNDED * EPS * size.max(initial=0.0)
     reach = response.absolute @ np.abs(d)

@@ -17,10 +17,12 @@ active-set steps anyway answer with d_s itself, often after the first program; a
 
 Where sets do not settle, or the law is not known to be piecewise affine, the certificate is an *estimate*:
 
-    CAUTION (|d_k - d_{k-1}|_K rate + e_k) / (1 - rate),   rate: the largest of the last WINDOW ratios of increments,
+    CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
+    i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,
 
-e_k the certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a
-lucky small one passes for the constant of contraction.) An iteration that does not contract is an error.
+(a body between walls may slip no further while weights still grow: the sum is the work of what they grow by), e_k the
+certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a lucky
+small one passes for the constant of contraction.) An iteration that does not contract is an error.
 """
 
 from __future__ import annotations
@@ -101,6 +103,13 @@ class Dependent:
         apart = one.y - other.y
         return float(np.sqrt(max(apart @ (self.run.form.K @ apart), 0.0)))
 
+    def work_apart(self, one: State, other: State) -> float:
+        """The work of the difference of their weights on the larger of their slips, over the norm of states."""
+        slip = np.maximum(np.linalg.norm(one.slip, axis=1), np.linalg.norm(other.slip, axis=1))
+        work = float(np.abs(one.weights - other.weights) @ slip)
+        accuracy = self.run.solver.accuracy
+        return work / max(one.unit(accuracy), other.unit(accuracy)) if work > 0 else 0.0
+
 
 def resolved(step: Dependent, start: Floats) -> State:
     """The state whose weights are those that its own pressures call for.
@@ -122,7 +131,7 @@ def resolved(step: Dependent, start: Floats) -> State:
         iterations, safeguards = iterations + state.iterations, safeguards + state.safeguards
         near = step.settled(state)
         if before is not None:
-            increments.append(step.distance(state, before))
+            increments.append(step.distance(state, before) + step.work_apart(state, before))
         if near is None:
             met = np.array_equal(step.law(state.p), w)
             own = step.certified(state, _estimated(state.certificate, [0.0] * (WINDOW + 1) if met else increments))

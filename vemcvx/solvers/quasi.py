@@ -149,7 +149,7 @@ def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts, w: Floats | 
     pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p), 0.0)
     w = law.weights(pressed) if w is None else w
     sets = sets_at(replace(program, w=w), at, shift)
-    # Friction of nothing holds nothing: as a row that sticks it may double another one, at a corner.
+    # A weight of nothing holds nothing: as a row that sticks it may double another one, at a corner.
     return replace(sets, stick=sets.stick & (w > 0)), pressed
 
 

@@ -29,7 +29,7 @@ SHAPES = {
     **dict.fromkeys(("contact.points", "contact.normals"), "m dim"),
     **dict.fromkeys(("contact.slip", "contact.traction"), "S m dim"),
     **{f"contact.{name}": "S m" for name in ("bound", "backward", "pressure", "sticking", "wear", "closed")},
-    **{f"trajectory.{name}": "N" for name in ("times", "energy", "dissipated", "work", "norm", "gap", "floor", "lag")},
+    **{f"trajectory.{name}": "N" for name in ("times", "energy", "dissipated", "work", "norm", "gap", "floor")},
     **{f"trajectory.{name}": "N" for name in ("stuck", "iterations", "safeguards", "contraction", "estimated", "unit")},
     **{f"trajectory.{name}": "S terms" for name in ("weights", "sticking", "worn")},
     **{"trajectory.stored": "S", "trajectory.state": "S n", "trajectory.multipliers": "S terms block"},

@@ -131,7 +131,6 @@ def sharpened(attempt: Trial, state: State) -> State:
         certificate=full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), own),
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
-        lag=attempt._lag(answer, slip),
     )
 
 
@@ -281,15 +280,6 @@ class Trial:
             answer.iterations,
             answer.status,
             answer.safeguards,
-            lag=self._lag(answer, slip),
             size=max(before.size, size),
             noise=noise,
         )
-
-    def _lag(self, answer: Answer, slip: Floats) -> float:
-        """w_prev |s| - lam_prev . s, and the change of the limits' forces times their motion, what gives way aside."""
-        before, form = self.before, self.run.form
-        rubbed = float(before.walls @ np.linalg.norm(slip, axis=1)) - float(before.lam.ravel() @ slip.ravel())
-        press = answer.p - before.p
-        moved = form.limits.read(answer.d) - (self.drive.reach - before.drive.reach) - form.softness * press
-        return rubbed + float(np.abs(press * moved).sum())

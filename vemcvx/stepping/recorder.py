@@ -50,7 +50,7 @@ def _numbers(store: Sequence[int], steps: int) -> bool:
 
 SCALARS = (
     *("energy", "dissipated", "work", "norm", "gap", "floor"),
-    *("iterations", "safeguards", "contraction", "stuck", "lag", "estimated", "unit"),
+    *("iterations", "safeguards", "contraction", "stuck", "estimated", "unit"),
 )
 TYPES = {"iterations": np.int64, "safeguards": np.int64, "stuck": np.int64, "estimated": bool}
 EVERY_STEP = ("scalars", "data", "initial")
@@ -152,7 +152,7 @@ class Recorder:
         sticks = np.concatenate([sticks, dragged.still])
         scalars = (
             *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
-            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), state.lag, c.estimate),
+            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), c.estimate),
             state.unit(self._run.solver.accuracy),
         )
         self._enter(n, "scalars", scalars)

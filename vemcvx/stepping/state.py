@@ -115,8 +115,6 @@ class State:
     """how many of the iterations stood in for faster ones"""
     rate: float = np.nan
     """with which the fixed point of pressure-dependent weights contracted"""
-    lag: float = 0.0
-    """what the step may have lost to time: w_prev |s| - lam_prev . s, and its like for limits"""
     full: Floats | None = None
     """(n,) all unknowns, once somebody has asked for them"""
     size: float = 0.0

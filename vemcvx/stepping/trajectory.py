@@ -50,8 +50,6 @@ class Trajectory:
         Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
     contraction : (N + 1,) array
         Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
-    lag : (N + 1,) array
-        What each step may have lost to time, energy times two: w_prev |s| - lam_prev . s and its like.
     estimated : (N + 1,) array of bool
         Where the certificate is an estimate and no bound: weights depend on the answer, and no solution was found to
         hold it against (:mod:`vemcvx.stepping.fixed_point`).
@@ -86,7 +84,6 @@ class Trajectory:
     iterations: Ints
     safeguards: Ints
     contraction: Floats
-    lag: Floats
     estimated: Bools
     seconds: dict[str, float]
     solver: str

@@ -133,7 +133,6 @@ CALLED = [
     (vx.PolygonMesh, {"points": MESH.points, "cells": [[0, 1, 3, 2]], "boundaries": None, "cell_data": None},
      {key: {"None", "no dict"} for key in ("boundaries", "cell_data")}),
     (vx.meshes.refinement, {"mesh": MESH, "cells": None, "balance": True}, {"cells": {"None", "no list", "no array"}}),
-    (vx.meshes.common_refinement, {"a": MESH, "b": MESH}, {}),
     (vx.measures.orders, {"h": [1.0, 0.5], "errors": [1.0, 0.5]}, {key: {"an array"} for key in ("h", "errors")}),
     (MESH.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
     (MESH.with_cell_data, {"name": "a", "values": [1.0]}, {"name": NAMES}),

@@ -16,8 +16,8 @@ from vemcvx.history import History
 from vemcvx.measures.cell_rule import cell_rule
 from vemcvx.measures.field import Field, field_of
 from vemcvx.measures.measured import Measured, measured
+from vemcvx.meshes.interpolation import projected_values
 from vemcvx.vem import stresses
-from vemcvx.vem.projection import area_gradients, boundary_weights
 
 Floats = NDArray[np.float64]
 
@@ -81,23 +81,8 @@ def l2_error(history: History | Field, displacement: data.Datum, step: int = -1)
     field = field_of(history, step, "l2_error")
     x, weights, owner = cell_rule(field.space)
     exact = data.vector(displacement, x, field.time, "l2_error: displacement")
-    centre, value, gradient = _linear(field)
-    missed = exact - value[owner] - np.einsum("qab,qb->qa", gradient[owner], x - centre[owner])
+    missed = exact - projected_values(field.mesh, owner, x) @ field.displacement
     squares = weights * np.sum(missed**2, axis=1)
     return measured(
         np.bincount(owner, squares, field.mesh.n_cells).astype(float), float(weights @ np.sum(exact**2, axis=1))
     )
-
-
-def _linear(field: Field) -> tuple[Floats, Floats, Floats]:
-    """Pi u(x) = value + gradient (x - centre) on every cell: (n_cells, 2), (n_cells, 2) and (n_cells, 2, 2)."""
-    n = field.mesh.n_cells
-    centre, value, gradient = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2, 2))
-    for group in field.space.groups:
-        corners, u = group.corners, field.displacement[group.nodes]
-        areas, g = area_gradients(corners)
-        w = boundary_weights(corners)
-        centre[group.cells] = group.points[group.nodes[:, 0]] + np.einsum("ci,cia->ca", w, corners)
-        value[group.cells] = np.einsum("ci,cia->ca", w, u)
-        gradient[group.cells] = np.matmul((u - u[:, :1]).transpose(0, 2, 1), g) / areas[:, None, None]
-    return centre, value, gradient

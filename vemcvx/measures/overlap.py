@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import MeshError
-from vemcvx.measures.clipping import clip
 from vemcvx.measures.pieces import Pieces, convex_pieces, doubled_areas, fans, inside
 from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes.clipping import clip
 from vemcvx.meshes.segments import overlapping_boxes
 from vemcvx.vem import Space
 

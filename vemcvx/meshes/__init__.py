@@ -1,6 +1,5 @@
 """Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files."""
 
-from vemcvx.meshes.common_refinement import common_refinement
 from vemcvx.meshes.distorted import distorted
 from vemcvx.meshes.files import read
 from vemcvx.meshes.hanging import hanging
@@ -27,7 +26,6 @@ __all__ = [
     "FAMILIES",
     "PolygonMesh",
     "Refinement",
-    "common_refinement",
     "distorted",
     "hanging",
     "hexagons",

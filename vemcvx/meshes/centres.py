@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.meshes.clipping import left_of
 from vemcvx.meshes.geometry import Floats
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.ragged import offsets_of
@@ -80,29 +81,17 @@ def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
     """
     edge = np.roll(corners, -1, axis=1) - corners
     inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / np.hypot(edge[..., 0], edge[..., 1])[..., None]
+    empty = np.zeros(len(corners), dtype=bool)
     kernel = np.broadcast_to(np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), (len(corners), 4, 2))
-    for start, normal in zip(corners.transpose(1, 0, 2), inward.transpose(1, 0, 2), strict=True):
-        kernel = _clipped(kernel, start, normal)
+    for start, along in zip(corners.transpose(1, 0, 2), edge.transpose(1, 0, 2), strict=True):
+        kernel, left = left_of(kernel, start, along)
+        empty |= ~left
     arms = kernel - kernel[:, :1]
     after = np.roll(arms, -1, axis=1)
     part = arms[..., 0] * after[..., 1] - arms[..., 1] * after[..., 0]
     doubled = part.sum(axis=1)[:, None]
     moments = np.einsum("ci,cia->ca", part, arms + after)
-    full = doubled > 0.0
+    full = (doubled > 0.0) & ~empty[:, None]
     points = kernel[:, 0] + np.divide(moments, 3.0 * doubled, out=np.zeros_like(moments), where=full)
     points = np.where(full, points, 0.0)
     return points, np.einsum("cia,cia->ci", points[:, None] - corners, inward).min(axis=1)
-
-
-def _clipped(polygons: Floats, start: Floats, inward: Floats) -> Floats:
-    """The parts of convex polygons (c, m, 2) on the inner side of one line each; the last vertex fills rows up."""
-    height = np.einsum("cia,ca->ci", polygons - start[:, None], inward)
-    after, below = np.roll(polygons, -1, axis=1), np.roll(height, -1, axis=1)
-    cut = (height < 0.0) != (below < 0.0)
-    share = np.divide(height, height - below, out=np.zeros_like(height), where=cut)[..., None]
-    both = np.stack([polygons, polygons + share * (after - polygons)], axis=2).reshape(len(polygons), -1, 2)
-    kept = np.stack([height >= 0.0, cut], axis=2).reshape(len(polygons), -1)
-    counts = kept.sum(axis=1)
-    order = np.argsort(~kept, axis=1, kind="stable")[:, : max(1, counts.max())]
-    order = np.take_along_axis(order, np.minimum(np.arange(order.shape[1]), np.maximum(counts, 1)[:, None] - 1), axis=1)
-    return np.take_along_axis(both, order[..., None], axis=1)

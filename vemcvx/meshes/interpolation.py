@@ -1,4 +1,4 @@
-"""Values inside a cell: the projection Pi of the virtual elements (see `vem.projection`) at one point of each cell.
+"""Values inside cells: the projection Pi of the virtual elements (see `vem.projection`) at points.
 
     Pi v(x) = sum_i v_i (w_i + G_i . (x - xbar)),   G_i = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2 |K|),
 
@@ -8,6 +8,7 @@ with w_i the weights of the mean over the boundary and xbar = sum_i w_i x_i. Lin
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from vemcvx.meshes.geometry import Floats
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -15,24 +16,22 @@ from vemcvx.meshes.ragged import offsets_of, spans
 from vemcvx.meshes.topology import Ints, next_corner, previous_corner
 
 
-def linear_weights(mesh: PolygonMesh, cells: Ints, at: Floats) -> tuple[Ints, Ints, Floats]:
-    """Weights of the vertices of cells for the values of Pi at one point ``at`` (c, 2) of each.
+def projected_values(mesh: PolygonMesh, cells: Ints, points: Floats) -> csr_array:
+    """The matrix (p, n_nodes) that takes nodal values to those of Pi at points.
 
-    Returns
-    -------
-    counts : (c,) int
-        Number of vertices of each cell.
-    nodes : (m,) int
-        Vertices, cell after cell.
-    weights : (m,) float
-        Of their values; they add up to one in each cell.
+    Parameters
+    ----------
+    cells : (p,) array of int
+        The cell whose linear function is asked for at each point.
+    points : (p, 2) array
     """
-    counts = np.diff(mesh.offsets)[cells]
+    shape = (len(cells), mesh.n_nodes)
     if not len(cells):
-        return counts, np.empty(0, dtype=np.int64), np.empty(0)
+        return csr_array(shape)
+    counts = np.diff(mesh.offsets)[cells]
     offsets = offsets_of(counts)
     nodes = mesh.vertices[spans(mesh.offsets[cells], counts)]
-    x = mesh.points[nodes] - np.repeat(at, counts, axis=0)
+    x = mesh.points[nodes] - np.repeat(points, counts, axis=0)
     after, before = x[next_corner(offsets)], x[previous_corner(offsets)]
     length = np.hypot(*(after - x).T)
     both = length + length[previous_corner(offsets)]
@@ -41,4 +40,5 @@ def linear_weights(mesh: PolygonMesh, cells: Ints, at: Floats) -> tuple[Ints, In
     chord = after - before
     doubled = np.add.reduceat(x[:, 0] * chord[:, 1], offsets[:-1])  # the very sum that makes the gradient of x one
     slope = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.repeat(doubled, counts)[:, None]
-    return counts, nodes, w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))
+    values = w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))
+    return csr_array((values, nodes, offsets), shape=shape)

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.errors import MeshError
 from vemcvx.kinds import flag
@@ -23,10 +23,10 @@ from vemcvx.meshes.centres import centres_of
 from vemcvx.meshes.children import children_of, kinds_of, outlines_of
 from vemcvx.meshes.edges import Edges, edges_of
 from vemcvx.meshes.geometry import Floats
-from vemcvx.meshes.interpolation import linear_weights
+from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.named import check_boundaries, check_cell_data
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.ragged import first_in_row, offsets_of, rotation
+from vemcvx.meshes.ragged import first_in_row, rotation
 from vemcvx.meshes.segments import Bools, rounding
 from vemcvx.meshes.sides import Splitting, splitting_of
 from vemcvx.meshes.topology import Ints, cell_of_corner
@@ -98,8 +98,8 @@ def refinement(mesh: PolygonMesh, cells: ArrayLike | None = None, *, balance: bo
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
     refined = _carried(mesh, PolygonMesh.unchecked(points, offsets, vertices, mesh._box), parents, edges, middle)
     parents.flags.writeable = False
-    weights = linear_weights(mesh, np.flatnonzero(kinds.centred), inner)
-    return Refinement(refined, parents, _prolongation(mesh.n_nodes, ends, *weights))
+    at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
+    return Refinement(refined, parents, _prolongation(mesh.n_nodes, ends, at_centres))
 
 
 def check_marks(cells: ArrayLike | None, n_cells: int) -> Bools:
@@ -172,9 +172,7 @@ def _carried(mesh: PolygonMesh, refined: PolygonMesh, parents: Ints, edges: Edge
     return refined._replace(_named=named, cell_data=MappingProxyType(data))
 
 
-def _prolongation(n_nodes: int, ends: Ints, counts: Ints, nodes: Ints, weights: Floats) -> csr_array:
+def _prolongation(n_nodes: int, ends: Ints, inner: csr_array) -> csr_array:
     """Rows of the identity, of means over edges, and of the inner nodes, one below the other."""
-    rows = np.concatenate([np.ones(n_nodes, dtype=np.int64), np.full(len(ends), 2), counts])
-    columns = np.concatenate([np.arange(n_nodes), ends.ravel(), nodes])
-    values = np.concatenate([np.ones(n_nodes), np.full(ends.size, 0.5), weights])
-    return csr_array((values, columns, offsets_of(rows)), shape=(len(rows), n_nodes))
+    middles = csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), n_nodes))
+    return csr_array(vstack([eye_array(n_nodes), middles, inner], format="csr"))

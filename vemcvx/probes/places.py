@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes.interpolation import projected_values
 from vemcvx.probes.location import Location, locate
 from vemcvx.real import real, shape_in_words
-from vemcvx.vem import Space
-from vemcvx.vem.point_values import point_values
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +75,7 @@ def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
     spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))
-    return sp.csr_matrix(edges + spread @ point_values(Space(mesh), cell, x[inner]))
+    return sp.csr_matrix(edges + spread @ projected_values(mesh, cell, x[inner]))
 
 
 def _points(points: ArrayLike, dim: int, subject: str) -> Floats:

@@ -34,7 +34,7 @@ def clip(subject: Floats, window: Floats) -> Floats:
     result = np.zeros_like(polygon)
     for start in range(window.shape[1]):
         from_, to = window[rows, start], window[rows, (start + 1) % window.shape[1]]
-        polygon, left = _cut(polygon, from_, to - from_)
+        polygon, left = left_of(polygon, from_, to - from_)
         rows, polygon = rows[left], polygon[left]
     if polygon.shape[1] > result.shape[1]:
         result = np.zeros((len(result), polygon.shape[1], 2))
@@ -42,8 +42,11 @@ def clip(subject: Floats, window: Floats) -> Floats:
     return result + origin
 
 
-def _cut(polygon: Floats, point: Floats, direction: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """The parts of polygons (p, m, 2) to the left of lines, and which of them have any."""
+def left_of(polygon: Floats, point: Floats, direction: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """The parts of convex polygons (p, m, 2) left of lines through points (p, 2), and which of them have any.
+
+    Where there is none, the last vertex of the polygon is repeated.
+    """
     to = polygon - point[:, None]
     side = direction[:, None, 0] * to[..., 1] - direction[:, None, 1] * to[..., 0]
     if (side >= 0).all():

@@ -389,14 +389,12 @@ class March:
 
     def _step(self, before, s, t):
         """A convex program, or a fixed point of them."""
-        p = before.p
         if not self.press.any():
-            return self._program(before, s, t, self.bounds(t, p))
-        if not p.any():
-            # Where nothing has pressed yet, what presses on a floor that holds tight is a beginning.
-            tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
-            p = self._program(before, s, t, (tight, tight)).p
-        state = None
+            return self._program(before, s, t, self.bounds(t, before.p))
+        # What presses on a floor that holds tight is a beginning: friction of yesterday's pressures may not hold a
+        # body that nothing else holds.
+        tight = 10 * np.abs(self.load(t)).sum() * np.ones(len(self.T)) * (self.press.sum(axis=1) > 0)
+        p, state = self._program(before, s, t, (tight, tight)).p, None
         for _ in range(MOST_PROGRAMS):
             state = self._program(before, s, t, self.bounds(t, p), state)
             change = np.abs(state.p - p).max()

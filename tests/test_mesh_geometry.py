@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.meshes import FAMILIES, PolygonMesh, topology
+from vemcvx.meshes import FAMILIES, PolygonMesh
+from vemcvx.meshes.polygons import topology
 
 SHAPES = {
     # vertices, area, centroid, diameter

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.meshes.blocks import Blocks
-from vemcvx.meshes.hostile import check_data
+from vemcvx.meshes.io.blocks import Blocks
+from vemcvx.meshes.io.unsafe import check_data
 
 ROOT = Path(vx.__file__).parent.parent
 SECONDS = 20

@@ -60,7 +60,7 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 HEAVY = {
     "cvxpy": "solvers/conic.py",
     "matplotlib": "canvas.py",
-    "meshio": "meshes/files.py",
+    "meshio": "meshes/io/files.py",
     "distributed": "cost/pool.py",
 }
 

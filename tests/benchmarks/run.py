@@ -1,6 +1,6 @@
 """Ratios measured side by side, printed, and written as CSV and picture.
 
-    python tests/benchmarks/run.py [--quick] [--out results/benchmarks] [--readme]
+python tests/benchmarks/run.py [--quick] [--out results/benchmarks] [--readme]
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vemcvx.budget.skeleton import Skeleton
 from vemcvx.measures.pieces import convex_pieces, doubled_areas, fans
-from vemcvx.meshes.topology import edge_keys
+from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.vem import Space
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from vemcvx.meshes.topology import cell_of_corner, next_vertex, shared_edges
+from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, shared_edges
 from vemcvx.scene.pose import Posed
 from vemcvx.vem import elastic_matrix, mean_shear
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.history import History
-from vemcvx.meshes.files import write_cells
+from vemcvx.meshes.io.files import write_cells
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 Fields = dict[str, NDArray[np.float64]]

@@ -18,7 +18,7 @@ from vemcvx.errors import SceneError
 from vemcvx.history.contact import Contact
 from vemcvx.kinds import is_whole
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.topology import edge_keys
+from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.real import brief
 from vemcvx.scene import Scene
 from vemcvx.stepping.trajectory import Trajectory

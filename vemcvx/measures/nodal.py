@@ -16,7 +16,7 @@ from vemcvx.errors import MeshError
 from vemcvx.measures.field import Field
 from vemcvx.measures.measured import Measured, measured
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.search import search_tree
+from vemcvx.meshes.polygons.search import search_tree
 from vemcvx.vem import elastic_matrix, strains, stresses
 from vemcvx.vem.anisotropic import softest_shear
 from vemcvx.vem.projection import vertex_values

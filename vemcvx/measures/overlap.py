@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from vemcvx.errors import MeshError
 from vemcvx.measures.pieces import Pieces, convex_pieces, doubled_areas, fans, inside
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.clipping import clip
-from vemcvx.meshes.segments import overlapping_boxes
+from vemcvx.meshes.polygons.clipping import clip
+from vemcvx.meshes.polygons.segments import overlapping_boxes
 from vemcvx.vem import Space
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.meshes.triangulation import clip_ears
+from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem import CellGroup, Space
 
 Floats = NDArray[np.float64]

@@ -1,16 +1,15 @@
 """Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files."""
 
-from vemcvx.meshes.distorted import distorted
-from vemcvx.meshes.files import read
-from vemcvx.meshes.hanging import hanging
-from vemcvx.meshes.hexagons import hexagons
-from vemcvx.meshes.l_shape import l_shape
-from vemcvx.meshes.nonconvex import nonconvex
-from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.refine import Refinement, refinement
-from vemcvx.meshes.squares import squares
-from vemcvx.meshes.triangles import triangles
-from vemcvx.meshes.voronoi import voronoi
+from vemcvx.meshes.families.distorted import distorted
+from vemcvx.meshes.families.hanging import hanging
+from vemcvx.meshes.families.hexagons import hexagons
+from vemcvx.meshes.families.l_shape import l_shape
+from vemcvx.meshes.families.nonconvex import nonconvex
+from vemcvx.meshes.families.squares import squares
+from vemcvx.meshes.families.triangles import triangles
+from vemcvx.meshes.families.voronoi import voronoi
+from vemcvx.meshes.local_refinement.refine import Refinement, refinement
+from vemcvx.meshes.polygon_mesh import PolygonMesh, read
 
 FAMILIES = {
     "squares": squares,

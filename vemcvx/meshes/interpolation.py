@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from vemcvx.meshes.geometry import Floats
-from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.ragged import offsets_of, spans
-from vemcvx.meshes.topology import Ints, next_corner, previous_corner
+from vemcvx.meshes.polygons.ragged import offsets_of, spans
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.meshes.polygons.topology import Ints, next_corner, previous_corner
+from vemcvx.meshes.tessellation import Tessellation
 
 
-def projected_values(mesh: PolygonMesh, cells: Ints, points: Floats) -> csr_array:
+def projected_values(mesh: Tessellation, cells: Ints, points: Floats) -> csr_array:
     """The matrix (p, n_nodes) that takes nodal values to those of Pi at points.
 
     Parameters

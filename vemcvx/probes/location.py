@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.ragged import spans
-from vemcvx.meshes.segments import overlapping_boxes
-from vemcvx.meshes.topology import next_vertex
+from vemcvx.meshes.polygons.ragged import spans
+from vemcvx.meshes.polygons.segments import overlapping_boxes
+from vemcvx.meshes.polygons.topology import next_vertex
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.meshes.triangulation import clip_ears
+from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem.space import CellGroup
 
 Floats = NDArray[np.float64]

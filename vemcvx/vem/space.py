@@ -9,16 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
+from vemcvx.meshes import PolygonMesh
 from vemcvx.vem.boundary import BoundaryPart, read_only
-
-if TYPE_CHECKING:
-    from vemcvx.meshes import PolygonMesh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,0 +1,119 @@
+"""The box and the cell counts that every family of meshes is asked for.
+
+A family is called with n (cells per unit length) or with a pair of counts, and with a box ((x0, x1), (y0, y1)).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vemcvx.errors import MeshError
+from vemcvx.kinds import is_real, is_whole
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.real import brief
+
+Count = int | tuple[int, int]
+Corners = tuple[tuple[float, float], tuple[float, float]]
+# A mesh of that size takes 10 GB before anything is assembled.
+MOST_CELLS = 10**8
+# Areas and moments of cells must neither overflow nor vanish.
+SHORTEST, LARGEST = 1e-60, 1e60
+
+UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Box:
+    """The rectangle [left, right] x [bottom, top]."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+
+    @property
+    def width(self) -> float:
+        """Length of the bottom side."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> float:
+        """Length of the left side."""
+        return self.top - self.bottom
+
+
+def check_box(box: Corners) -> Box:
+    """Return the box as four finite numbers, or raise MeshError."""
+    try:
+        (left, right), (bottom, top) = box
+        values = [float(left), float(right), float(bottom), float(top)]
+        if not all(map(is_real, (left, right, bottom, top))):
+            raise TypeError
+    except Exception:  # of whatever a user hands in
+        raise MeshError(f"box must be ((x0, x1), (y0, y1)), four numbers; got {box!r}.") from None
+    if not all(map(math.isfinite, values)):
+        raise MeshError(f"box must be finite; got {box!r}.")
+    for axis, low, high in (("x", values[0], values[1]), ("y", values[2], values[3])):
+        if not low < high:
+            raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
+        if high - low < SHORTEST or max(-low, high) > LARGEST:
+            raise MeshError(
+                f"box must have sides above {SHORTEST:g} and coordinates below {LARGEST:g}, or areas underflow and "
+                f"overflow; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units."
+            )
+    return Box(*values)
+
+
+def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> int:
+    """Return a whole number from ``least`` to ``most``, or raise MeshError."""
+    if not is_whole(value):
+        raise MeshError(f"{name} must be a whole number; got {value!r}.")
+    if value < least:
+        raise MeshError(f"{name} must be at least {least}; got {value!r}.")
+    if value > most:
+        raise MeshError(f"{name} must be at most {most:g}; got {brief(value)}.")
+    return int(value)
+
+
+def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) -> float:
+    """Return a number in [0, high), or [0, high] if ``closed``, or raise MeshError."""
+    inside = is_real(value) and (0.0 <= value < high or (closed and value == high))
+    if not inside:
+        bracket = "]" if closed else ")"
+        raise MeshError(f"{name} must be a number in [0, {high:g}{bracket}; got {value!r}.")
+    return float(value)
+
+
+def cell_counts(n: Count, box: Box, stretch: float = 1.0) -> tuple[int, int]:
+    """Cells along x and y: the given pair, or n / stretch and n * stretch a unit length, at least one."""
+    if isinstance(n, (tuple, list, np.ndarray)):
+        if len(n) != 2:
+            raise MeshError(f"n must be a whole number or a pair (nx, ny); got {n!r}.")
+        nx, ny = check_whole("nx", n[0]), check_whole("ny", n[1])
+    else:
+        n = check_whole("n", n)
+        nx, ny = max(1, round(n * box.width / stretch)), max(1, round(n * box.height * stretch))
+    check_total(nx * ny)
+    return nx, ny
+
+
+def check_total(cells: int) -> int:
+    """Return the number of cells if a mesh of so many is no slip of the keyboard, or raise MeshError."""
+    if cells > MOST_CELLS:
+        raise MeshError(f"that would be {cells:.3g} cells; at most {MOST_CELLS:g} are made. Ask for fewer.")
+    return cells
+
+
+def ticks(low: float, high: float, count: int) -> Floats:
+    """Return count + 1 equally spaced numbers, both ends exact, or raise MeshError if rounding makes them meet."""
+    line = np.linspace(low, high, count + 1)
+    if not np.all(np.diff(line) > 0.0):
+        raise MeshError(
+            f"{count} cells between {low!r} and {high!r} are narrower than the spacing of floating-point "
+            "numbers there; use fewer cells or a box nearer to the origin."
+        )
+    return line

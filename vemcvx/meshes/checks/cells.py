@@ -1,0 +1,139 @@
+"""Is every cell by itself a simple polygon with an area? Checks of a user's mesh, one cell at a time.
+
+A convex cell is told by its turns: none to the right, and once around in all. Only the others have their edges
+compared pair by pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from vemcvx.errors import MeshError
+from vemcvx.meshes.polygons.segments import TOLERANCE, Bools, beside, cross, crossing, rounding
+from vemcvx.meshes.polygons.shapes import Floats, areas_and_centroids, diameters
+from vemcvx.meshes.polygons.topology import Ints, next_vertex, previous_corner
+
+PAIRS_AT_ONCE = 500_000  # about 100 MB of temporaries
+
+
+def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
+    """Signed areas (n_cells,), or MeshError at the first cell that is not a simple polygon with an area."""
+    areas = areas_and_centroids(points, offsets, vertices)[0]
+    sizes = diameters(points, offsets, vertices)
+    largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
+    thin = np.abs(areas) <= TOLERANCE * largest * sizes
+    suspects = np.flatnonzero(thin | ~_convex(points, offsets, vertices, areas))
+    ends = np.column_stack([vertices, next_vertex(offsets, vertices)])
+    cells, first, second = _near_pairs(points, ends, offsets, suspects)
+    _check_crossings(points, cells, first, second)
+    if thin.any():
+        cell = int(np.flatnonzero(thin)[0])
+        raise MeshError(
+            f"cell {cell} has no area: its vertices {_brief(vertices[offsets[cell] : offsets[cell + 1]])} lie on one "
+            f"line (area {areas[cell]:.3g}, diameter {sizes[cell]:.3g}). Remove it or correct its vertices."
+        )
+    _check_touching(points, cells, first, second)
+    return areas
+
+
+def _convex(points: Floats, offsets: Ints, vertices: Ints, areas: Floats) -> Bools:
+    """Cells that turn one way only and once around, with no turn back by (nearly) half a circle."""
+    edge = points[next_vertex(offsets, vertices)] - points[vertices]
+    before = edge[previous_corner(offsets)]
+    turn = np.arctan2(cross(before, edge), np.einsum("ij,ij->i", before, edge))
+    turn *= np.repeat(np.sign(areas), np.diff(offsets))
+    # A straight angle may turn back by rounding; 1e-9 keeps such cells here, and cannot hide a crossing: the turns
+    # of a cell that winds twice add up to two full circles.
+    one_way = np.minimum.reduceat(turn, offsets[:-1]) > -1e-9
+    no_spike = np.maximum.reduceat(turn, offsets[:-1]) < np.pi - 1e-6
+    once = np.abs(np.add.reduceat(turn, offsets[:-1]) - 2.0 * np.pi) < 1e-3
+    return one_way & no_spike & once
+
+
+def _pairs_of_edges(offsets: Ints, cells: Ints) -> Iterator[tuple[Ints, Ints, Ints]]:
+    """Cell and two corners (edges start there) for every pair of edges of the given cells, in portions."""
+    counts = np.diff(offsets)[cells]
+    for count in np.unique(counts):
+        here = cells[counts == count]
+        for start in range(0, count * (count - 1) // 2, PAIRS_AT_ONCE):
+            one, other = _pairs_of(count, start, min(start + PAIRS_AT_ONCE, count * (count - 1) // 2))
+            portion = max(1, PAIRS_AT_ONCE // len(one))
+            for begin in range(0, len(here), portion):
+                some = here[begin : begin + portion]
+                corner = offsets[some][:, None]
+                yield np.repeat(some, len(one)), (corner + one).ravel(), (corner + other).ravel()
+
+
+def _pairs_of(count: int, start: int, stop: int) -> tuple[Ints, Ints]:
+    """Pairs (i, j), i < j < count, number start to stop, ordered by j and then i."""
+    number = np.arange(start, stop)
+    j = np.floor(0.5 + np.sqrt(2.0 * number + 0.25)).astype(np.int64)
+    j += (j + 1) * j // 2 <= number
+    j -= j * (j - 1) // 2 > number
+    return number - j * (j - 1) // 2, j
+
+
+def _near_pairs(points: Floats, ends: Ints, offsets: Ints, cells: Ints) -> tuple[Ints, Ints, Ints]:
+    """Cell and two edges (m, 2), as node numbers, for the pairs of edges of a cell whose boxes meet up to rounding."""
+    start, end = points[ends[:, 0]], points[ends[:, 1]]
+    slack = rounding(start, end)[:, None]
+    left, bottom = (np.minimum(start, end) - slack).T.copy()
+    right, top = (np.maximum(start, end) + slack).T.copy()
+    found = [(np.empty(0, dtype=np.int64),) * 3]
+    for cell, i, j in _pairs_of_edges(offsets, cells):
+        beside_x = (left[i] <= right[j]) & (left[j] <= right[i])
+        near = np.flatnonzero(beside_x & (bottom[i] <= top[j]) & (bottom[j] <= top[i]))
+        found.append((cell[near], i[near], j[near]))
+    cell, i, j = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return cell, ends[i], ends[j]
+
+
+def _check_crossings(points: Floats, cells: Ints, first: Ints, second: Ints) -> None:
+    bad = np.flatnonzero(crossing(points, first, second))
+    if len(bad):
+        k = bad[0]
+        raise MeshError(
+            f"cell {cells[k]} crosses itself: its edges {_brief(first[k])} and {_brief(second[k])} intersect. List its "
+            "vertices in order around it."
+        )
+
+
+def _check_touching(points: Floats, cells: Ints, first: Ints, second: Ints) -> None:
+    edge = np.concatenate([first, first, second, second])
+    other = np.concatenate([second, second, first, first])
+    node = np.concatenate([second[:, 0], second[:, 1], first[:, 0], first[:, 1]])
+    apart = np.flatnonzero((edge[:, 0] != node) & (edge[:, 1] != node))
+    edge, other, node, cells = edge[apart], other[apart], node[apart], np.tile(cells, 4)[apart]
+    at, start, end = points[node], points[edge[:, 0]], points[edge[:, 1]]
+    bad = np.flatnonzero(beside(at, start, end)[0] <= rounding(at, start, end))
+    if not len(bad):
+        return
+    tips = (edge[bad, :, None] == other[bad, None]).any(axis=2)  # which end of the edge the other edge starts from
+    k = bad[np.argmax(tips.any(axis=1))]  # a spike also makes edges farther on touch: name the spike
+    if tips.any():
+        tip = edge[k][np.isin(edge[k], other[k])][0]
+        raise MeshError(
+            f"cell {cells[k]} has a spike: at node {tip} its outline turns back on itself (node {node[k]} lies on the "
+            f"edge {_brief(edge[k])}). Remove the node at the tip from the cell."
+        )
+    raise MeshError(
+        f"cell {cells[k]} touches itself: its node {node[k]} lies on its edge {_brief(edge[k])}. Split the cell there, "
+        "or move the node."
+    )
+
+
+def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
+    """Vertices with the given cells listed the other way round, each from the same first vertex."""
+    counts = np.repeat(np.diff(offsets), np.diff(offsets))
+    start = np.repeat(offsets[:-1], np.diff(offsets))
+    place = np.arange(len(vertices)) - start
+    mirrored = start + (counts - place) % counts
+    return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
+
+
+def _brief(nodes: Ints) -> str:
+    """Node numbers in brackets, long lists cut."""
+    shown = ", ".join(map(str, nodes[:6]))
+    return f"({shown}{', ...' if len(nodes) > 6 else ''})"

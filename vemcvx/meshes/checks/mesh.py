@@ -1,0 +1,122 @@
+"""From what a user hands in to the arrays of a valid mesh, or to a MeshError that names the fault.
+
+Mended, with a note for a warning: clockwise cells (turned) and nodes that no cell uses (dropped). The order of the
+checks is that in which faults can be told: numbers, places of nodes, single cells, how cells fit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import MeshError
+from vemcvx.meshes.box import LARGEST
+from vemcvx.meshes.checks.cells import check_cells, turned
+from vemcvx.meshes.checks.tiling import check_coincident, check_tiling
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.meshes.polygons.topology import Ints, cell_of_corner
+from vemcvx.real import plain
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """Arrays of a valid mesh (see `PolygonMesh`), and what was mended on the way."""
+
+    points: Floats
+    offsets: Ints
+    vertices: Ints
+    node_map: Ints | None
+    notes: tuple[str, ...]
+
+
+def checked(points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer]) -> Checked:
+    """Return valid arrays made of a user's points and cells, or raise MeshError."""
+    points = check_points(points)
+    offsets, vertices = check_cell_lists(cells, len(points))
+    notes = []
+    used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
+    check_coincident(points, used)
+    backwards = check_cells(points, offsets, vertices) < 0.0
+    if backwards.any():
+        vertices = turned(offsets, vertices, backwards)
+        notes.append(
+            f"{backwards.sum()} of {len(backwards)} cells were listed clockwise (the first is cell "
+            f"{np.flatnonzero(backwards)[0]}) and have been turned."
+        )
+    check_tiling(points, offsets, vertices)
+    node_map = None
+    if len(used) < len(points):
+        node_map = np.full(len(points), -1)
+        node_map[used] = np.arange(len(used))
+        notes.append(
+            f"{len(points) - len(used)} of {len(points)} nodes belong to no cell (the first is node "
+            f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
+        )
+        points, vertices = points[used], node_map[vertices]
+    return Checked(points, offsets, vertices, node_map, tuple(notes))
+
+
+def check_points(points: ArrayLike) -> Floats:
+    """A copy of the points as finite floats (n_nodes, 2), or MeshError."""
+    given = plain(points)
+    if given is None or given.dtype.kind not in "biuf":
+        raise MeshError("points must be real numbers of shape (n_nodes, 2); what was given does not read as such.")
+    array = np.array(given, dtype=float)
+    if array.ndim != 2 or array.shape[1] != 2:
+        hint = " Meshes are plane: leave out the third coordinate." if array.shape[1:] == (3,) else ""
+        raise MeshError(f"points must have the shape (n_nodes, 2); got {array.shape}.{hint}")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if len(bad):
+        raise MeshError(f"node {bad[0]} is at {tuple(array[bad[0]].tolist())}: coordinates must be finite.")
+    largest = np.abs(array).max(initial=0.0)
+    if largest > LARGEST:
+        raise MeshError(f"coordinates reach {largest:.3g}; more than {LARGEST:g} overflows. Choose other units.")
+    return array
+
+
+def check_cell_lists(cells: Sequence[ArrayLike] | NDArray[np.integer], n_nodes: int) -> tuple[Ints, Ints]:
+    """Offsets and vertices of cells of at least three different nodes that exist, or MeshError."""
+    offsets, vertices = _flattened(cells)
+    counts = np.diff(offsets)
+    if not len(counts):
+        raise MeshError("a mesh needs at least one cell; got none.")
+    if counts.min() < 3:
+        cell = int(np.flatnonzero(counts < 3)[0])
+        raise MeshError(f"cell {cell} has {counts[cell]} vertices; a polygon has at least 3.")
+    owner = cell_of_corner(offsets)
+    bad = np.flatnonzero((vertices < 0) | (vertices >= n_nodes))
+    if len(bad):
+        raise MeshError(
+            f"cell {owner[bad[0]]} names node {vertices[bad[0]]}; the {n_nodes} nodes are numbered 0 to {n_nodes - 1}."
+        )
+    order = np.lexsort((vertices, owner))
+    twice = np.flatnonzero((np.diff(vertices[order]) == 0) & (np.diff(owner[order]) == 0))
+    if len(twice):
+        k = order[twice[0]]
+        raise MeshError(f"cell {owner[k]} names node {vertices[k]} twice; every vertex must appear once.")
+    return offsets, vertices
+
+
+def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, Ints]:
+    if isinstance(cells, np.ndarray) and cells.dtype.kind in "iu":
+        if cells.ndim != 2:
+            raise MeshError(f"cells as one array must have the shape (n_cells, k); got {cells.shape}.")
+        return np.arange(len(cells) + 1) * cells.shape[1], cells.astype(np.int64).ravel()
+    wanted = f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}."
+    try:
+        rows = [cell if type(cell) is np.ndarray else plain(cell) for cell in cells]
+    except Exception:  # of whatever a user hands in
+        raise MeshError(wanted) from None
+    for number, row in enumerate(rows):
+        if row is None:
+            raise MeshError(wanted)
+        if row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):
+            raise MeshError(f"cell {number} must be a list of node numbers; got {row.dtype} of shape {row.shape}.")
+    offsets = np.zeros(len(rows) + 1, dtype=np.int64)
+    np.cumsum([len(row) for row in rows], out=offsets[1:])
+    flat = [row for row in rows if row.size]
+    whole = np.concatenate(flat, dtype=np.int64, casting="unsafe") if flat else np.empty(0, dtype=np.int64)
+    return offsets, whole

@@ -1,0 +1,159 @@
+"""Named parts of the boundary, and named data on cells: checks of what the user hands in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import MeshError
+from vemcvx.kinds import called
+from vemcvx.meshes.box import Box
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.meshes.polygons.topology import Ints, edge_keys
+from vemcvx.real import plain
+
+WHOLE = "boundary"
+
+
+def side_edges(points: Floats, boundary: Ints, box: Box) -> dict[str, Ints]:
+    """Boundary edges on each side of the box; the families put points on its sides to the bit."""
+    x, y = points[boundary[:, 0]], points[boundary[:, 1]]
+    sides = {"left": (0, box.left), "right": (0, box.right), "bottom": (1, box.bottom), "top": (1, box.top)}
+    named = {}
+    for name, (axis, place) in sides.items():
+        named[name] = boundary[(x[:, axis] == place) & (y[:, axis] == place)]
+        named[name].flags.writeable = False
+    return named
+
+
+def check_name(name: object) -> str:
+    """Return a name that a part of the boundary may have, or raise MeshError."""
+    if not isinstance(name, str) or not name:
+        raise MeshError(f"the name of a part of the boundary must be a non-empty string; got {name!r}.")
+    if name == WHOLE:
+        raise MeshError(f"the name {WHOLE!r} is taken: it always means the whole boundary. Choose another name.")
+    return name
+
+
+def choose_edges(
+    name: object, predicate: Callable[[Floats], NDArray[np.bool_]], points: Floats, boundary: Ints
+) -> Ints:
+    """Boundary edges whose midpoints the predicate accepts (see `PolygonMesh.with_boundary`)."""
+    name = check_name(name)
+    if not callable(predicate):
+        raise MeshError(f"boundary {name!r}: predicate must be a function of the midpoints (m, 2); got {predicate!r}.")
+    midpoints = 0.5 * (points[boundary[:, 0]] + points[boundary[:, 1]])
+    failed = f"boundary {name!r}: the predicate failed for midpoints of shape {midpoints.shape}"
+    chosen = _array(called(predicate, (midpoints,), failed, "take all midpoints at once and return a boolean for each"))
+    if chosen.shape != (len(boundary),) or chosen.dtype != bool:
+        raise MeshError(
+            f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
+            f"and must return booleans of shape ({len(boundary)},); it returned {chosen.dtype} of shape "
+            f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5."
+        )
+    if not chosen.any():
+        low, high = midpoints.min(axis=0), midpoints.max(axis=0)
+        raise MeshError(
+            f"boundary {name!r}: the predicate selects none of the {len(boundary)} boundary edges; their "
+            f"midpoints lie in [{low[0]:g}, {high[0]:g}] x [{low[1]:g}, {high[1]:g}]."
+        )
+    return boundary[chosen]
+
+
+def check_boundaries(
+    boundaries: Mapping[str, ArrayLike] | None, boundary: Ints, n_nodes: int, node_map: Ints | None
+) -> dict[str, Ints]:
+    """Named edges as their cells run them, in the order of the boundary; MeshError if one is not on it."""
+    boundaries = {} if boundaries is None else boundaries
+    if not isinstance(boundaries, Mapping):
+        raise MeshError(f"boundaries must map names to edges (m, 2); got {type(boundaries).__name__}.")
+    keys = edge_keys(boundary[:, 0], boundary[:, 1], n_nodes)
+    named = {}
+    for name, given in boundaries.items():
+        given = _check_edges(check_name(name), given, n_nodes if node_map is None else len(node_map))
+        edges = given if node_map is None else node_map[given]
+        wanted = edge_keys(edges[:, 0], edges[:, 1], n_nodes)
+        strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
+        if len(strange):
+            a, b = given[strange[0]]
+            raise MeshError(
+                f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
+                f"{len(given)} are not). Name only edges that belong to exactly one cell."
+            )
+        named[name] = boundary[np.isin(keys, wanted)]
+        named[name].flags.writeable = False
+    return named
+
+
+def _check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
+    edges = _array(edges)
+    if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.dtype.kind not in "iu":
+        raise MeshError(
+            f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
+            f"{edges.dtype} of shape {edges.shape}."
+        )
+    if edges.min() < 0 or edges.max() >= n_nodes:
+        raise MeshError(
+            f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to {edges.max()}."
+        )
+    return edges.astype(np.int64)
+
+
+def check_datum_name(name: object) -> str:
+    """Return a name that a cell datum may have, or raise MeshError."""
+    if not isinstance(name, str) or not name:
+        raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
+    return name
+
+
+def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
+    """Read-only copies of arrays with one row a cell, or MeshError."""
+    cell_data = {} if cell_data is None else cell_data
+    if not isinstance(cell_data, Mapping):
+        raise MeshError(f"cell_data must map names to arrays of {n_cells} rows; got {type(cell_data).__name__}.")
+    checked = {}
+    for name, values in cell_data.items():
+        check_datum_name(name)
+        array = _array(values).copy()
+        if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
+            raise MeshError(
+                f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
+                f"cells; got {array.dtype} of shape {array.shape}."
+            )
+        array.flags.writeable = False
+        checked[name] = array
+    return checked
+
+
+def plotted_values(values: str | ArrayLike, cell_data: Mapping[str, NDArray[Any]], n_cells: int) -> Floats:
+    """One number a cell to colour it by: an array, or the name of a cell datum."""
+    if isinstance(values, str):
+        if values not in cell_data:
+            raise MeshError(f"there is no cell datum {values!r}; this mesh has {', '.join(cell_data) or 'none'}.")
+        values = cell_data[values]
+    array = check_cell_data({"values": values}, n_cells)["values"]
+    if array.ndim != 1:
+        raise MeshError(f"values to plot must be one number a cell, shape ({n_cells},); got shape {array.shape}.")
+    return array.astype(float)
+
+
+def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
+    """Points moved by the displacement, if there is one."""
+    if displacement is None:
+        return points
+    array = _array(displacement)
+    if array.shape != points.shape or array.dtype.kind not in "biuf":
+        raise MeshError(
+            f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
+            f"shape {array.shape}."
+        )
+    return points + array
+
+
+def _array(values: ArrayLike) -> NDArray[Any]:
+    """Values as an array; what makes none as an array of objects, which every check refuses."""
+    array = plain(values)
+    return np.empty(0, dtype=object) if array is None else array

@@ -1,0 +1,1 @@
+"""Families of meshes of a box, one a file, and an L."""

@@ -1,0 +1,44 @@
+"""Squares whose inner nodes are moved at random: quadrilaterals of every shape, some of them not convex."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
+from vemcvx.meshes.families.squares import square_grid
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+
+
+def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float = 0.5) -> PolygonMesh:
+    """Mesh a box with distorted squares.
+
+    Parameters
+    ----------
+    n : int or (int, int)
+        Cells a unit length along each side (at least one), or the numbers of cells along x and y.
+    box : ((x0, x1), (y0, y1))
+        The rectangle to mesh.
+    seed : int
+        Start of the random numbers; the same seed gives the same mesh.
+    amount : float
+        In [0, 1): inner nodes move by up to this part of half a cell along each axis. Nodes then stay in disjoint
+        boxes about their places, so opposite edges of a cell never meet and every cell is valid.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells in the order of `squares`, boundaries "left", "right", "bottom", "top" and "boundary".
+
+    Raises
+    ------
+    MeshError
+        n is not a positive whole number, box is not a rectangle, or ``amount`` is not in [0, 1).
+    """
+    rectangle = check_box(box)
+    amount = check_fraction("amount", amount, 1.0)
+    nx, ny = cell_counts(n, rectangle)
+    points, corners = square_grid(nx, ny, rectangle)
+    random = np.random.default_rng(check_whole("seed", seed, 0))
+    inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
+    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * [rectangle.width / nx, rectangle.height / ny]
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)

@@ -1,0 +1,45 @@
+"""Equal rectangles (squares where the box allows), numbered row by row from the lower left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.meshes.polygons.topology import Ints
+
+
+def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+    """Mesh a box with equal squares.
+
+    Parameters
+    ----------
+    n : int or (int, int)
+        Cells a unit length along each side (at least one), or the numbers of cells along x and y.
+    box : ((x0, x1), (y0, y1))
+        The rectangle to mesh.
+    seed : int
+        Taken by every family; nothing is random here.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells row by row, boundaries "left", "right", "bottom", "top" and "boundary"; h = sqrt(2) / n.
+
+    Raises
+    ------
+    MeshError
+        n is not a positive whole number, or box is not a rectangle.
+    """
+    rectangle = check_box(box)
+    points, corners = square_grid(*cell_counts(n, rectangle), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+
+
+def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
+    """Return nodes ((nx + 1)(ny + 1), 2) row by row, and the corners (nx ny, 4) of the cells, counter-clockwise."""
+    x, y = ticks(box.left, box.right, nx), ticks(box.bottom, box.top, ny)
+    points = np.column_stack([np.tile(x, ny + 1), np.repeat(y, nx + 1)])
+    first = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
+    return points, first[:, None] + np.array([0, 1, nx + 2, nx + 1])

@@ -1,0 +1,37 @@
+"""Squares cut in two by the diagonal from the lower left; halving n nests the meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box
+from vemcvx.meshes.families.squares import square_grid
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+
+
+def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+    """Mesh a box with right-angled triangles, two to each square of `squares`.
+
+    Parameters
+    ----------
+    n : int or (int, int)
+        Squares a unit length along each side (at least one), or the numbers of squares along x and y.
+    box : ((x0, x1), (y0, y1))
+        The rectangle to mesh.
+    seed : int
+        Taken by every family; nothing is random here.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes row by row, the lower then the upper triangle of each square; boundaries "left", "right", "bottom", "top".
+
+    Raises
+    ------
+    MeshError
+        n is not a positive whole number, or box is not a rectangle.
+    """
+    rectangle = check_box(box)
+    points, corners = square_grid(*cell_counts(n, rectangle), rectangle)
+    vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
+    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)

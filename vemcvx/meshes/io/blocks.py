@@ -1,0 +1,169 @@
+"""A mesh as files hold it: cells in blocks of one kind, data in one array a block, and back.
+
+A block holds cells of one vertex count. In files that keep data, one block a count permutes the cells, the datum
+`CELL` carries the number of each, and reading restores the order; in others a block is a run of equal counts. Every
+named boundary goes along as a block of lines, marked by a datum
+"boundary:<name>" (1 on its lines, 0 elsewhere); otherwise lines have the data of the cells they bound, so that
+colouring by a datum looks the same with and without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.errors import MeshError
+from vemcvx.meshes.checks.names import WHOLE
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.meshes.polygons.topology import Ints, boundary_corners, cell_of_corner, edge_keys
+from vemcvx.meshes.tessellation import Tessellation
+
+CELL, MARK, PHYSICAL = "vemcvx:cell", "boundary:", "gmsh:physical"
+POLYGONS = ("triangle", "quad", "polygon")
+PASSED_OVER = ("vertex", "empty")
+
+Data = dict[str, list[NDArray[Any]]]
+
+
+@dataclass
+class Blocks:
+    """Cells and their data, block by block.
+
+    Attributes
+    ----------
+    cells : list of (kind, (m, k) int)
+        Kinds are meshio's: "triangle", "quad", "polygon", "line" ...
+    data : dict of str to list of (m, ...) arrays
+        One array a block.
+    lines, surfaces : dict of str to list of (m,) bool
+        Named sets of cells, one array a block: of lines, of polygons.
+    """
+
+    cells: list[tuple[str, Ints]]
+    data: Data = field(default_factory=dict)
+    lines: Data = field(default_factory=dict)
+    surfaces: Data = field(default_factory=dict)
+
+
+def cell_blocks(mesh: Tessellation, cell_data: Mapping[str, NDArray[Any]], *, in_order: bool = False) -> Blocks:
+    """Return the polygons of a mesh with the given data and the cell numbers.
+
+    There is one block a vertex count, or, ``in_order``, a new one whenever the count changes.
+    """
+    counts = np.diff(mesh.offsets)
+    blocks = Blocks([])
+    if in_order:
+        members = np.split(np.arange(mesh.n_cells), np.flatnonzero(np.diff(counts)) + 1)
+    else:
+        members = [np.flatnonzero(counts == count) for count in np.unique(counts)]
+    for cells in members:
+        count = counts[cells[0]]
+        corners = mesh.vertices[mesh.offsets[cells, None] + np.arange(count)]
+        blocks.cells.append(({3: "triangle", 4: "quad"}.get(int(count), "polygon"), corners))
+    for name, values in {**cell_data, CELL: np.arange(mesh.n_cells)}.items():
+        blocks.data[name] = [_storable(values)[cells] for cells in members]
+    return blocks
+
+
+def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
+    """Add a block of lines a named boundary, with the data of their cells, to ``blocks`` of all cells of the mesh."""
+    boundary = mesh.boundaries[WHOLE]
+    keys = edge_keys(boundary[:, 0], boundary[:, 1], mesh.n_nodes)
+    owner = cell_of_corner(mesh.offsets)[boundary_corners(mesh.offsets, mesh.vertices, mesh.n_nodes)]
+    place = np.argsort(np.concatenate(blocks.data[CELL]))  # of each cell in the data of all blocks
+    on_cells = {name: np.concatenate(parts) for name, parts in blocks.data.items()}
+    named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
+    for edges in named.values():
+        inside = np.isin(keys, edge_keys(edges[:, 0], edges[:, 1], mesh.n_nodes))
+        blocks.cells.append(("line", boundary[inside]))
+        for name, parts in blocks.data.items():
+            parts.append(on_cells[name][place[owner[inside]]])
+    first = len(blocks.cells) - len(named)
+    for number, name in enumerate(named):
+        blocks.lines[name] = [np.full(len(c), k == first + number) for k, (_, c) in enumerate(blocks.cells)]
+
+
+def mesh_of(points: Floats, blocks: Blocks) -> tuple[Tessellation, list[str]]:
+    """Return the mesh of the polygons of a file, its lines as boundaries; and notes on lines inside it, left out."""
+    polygons = [number for number, (kind, _) in enumerate(blocks.cells) if kind in POLYGONS]
+    strange = [kind for kind, _ in blocks.cells if kind not in (*POLYGONS, *PASSED_OVER, "line")]
+    if strange:
+        raise MeshError(
+            f"it holds cells of the kind {strange[0]!r}; wanted are plane polygons with straight edges (triangles, "
+            "quads, polygons) and lines. Export the plane surface alone, with elements of first order."
+        )
+    if not polygons:
+        raise MeshError(f"it holds no polygons, only {', '.join(kind for kind, _ in blocks.cells) or 'nothing'}.")
+    ragged = [kind for kind, corners in blocks.cells if np.ndim(corners) != 2 and kind in POLYGONS]
+    if ragged:
+        raise MeshError(f"its cells of the kind {ragged[0]!r} do not all have as many nodes as that takes.")
+    cells, order = _cells_in_order(blocks, polygons)
+    data = {
+        name: np.concatenate([parts[k] for k in polygons])[order]
+        for name, parts in blocks.data.items()
+        if name != CELL and not name.startswith(MARK)
+    }
+    for name, parts in blocks.surfaces.items():
+        data[name] = np.concatenate([parts[k] for k in polygons])[order].astype(np.uint8)
+    numbers = {name: _native(values) for name, values in data.items() if values.dtype.kind in "biuf"}
+    mesh = Tessellation(_plane(points), cells, cell_data=numbers)
+    return _with_lines(mesh, blocks)
+
+
+def _cells_in_order(blocks: Blocks, polygons: Iterable[int]) -> tuple[list[Ints] | Ints, Ints]:
+    rows = [blocks.cells[number][1] for number in polygons]
+    order = np.arange(sum(map(len, rows)))
+    if CELL in blocks.data:
+        order = np.argsort(np.concatenate([blocks.data[CELL][number] for number in polygons]), kind="stable")
+    if len({row.shape[1] for row in rows}) == 1:
+        return np.concatenate(rows)[order], order
+    flat = [cell for row in rows for cell in row]
+    return [flat[number] for number in order], order
+
+
+def _plane(points: Floats) -> Floats:
+    """The points without a third coordinate that is the same everywhere."""
+    points = np.asarray(points, dtype=float)
+    if points.ndim == 2 and points.shape[1] == 3 and len(points):
+        # A plane that was turned into place by the program that wrote the file is plane to its digits. Points that
+        # are no numbers are left to the checks of the mesh, which name them.
+        if np.ptp(points[:, 2]) > 1e-9 * np.nanmax(np.abs(points - points[0]), initial=0.0):
+            raise MeshError(
+                f"its points do not lie in a plane z = constant: z runs from {points[:, 2].min():.6g} to "
+                f"{points[:, 2].max():.6g}. Turn the mesh into the x-y plane first."
+            )
+        return points[:, :2]
+    return points
+
+
+def _with_lines(mesh: Tessellation, blocks: Blocks) -> tuple[Tessellation, list[str]]:
+    """Name boundaries by lines; lines inside the mesh are left out, with a note."""
+    notes, boundaries = [], {}
+    boundary = mesh.boundaries[WHOLE]
+    keys = edge_keys(boundary[:, 0], boundary[:, 1], mesh.n_nodes)
+    for name, parts in blocks.lines.items():
+        edges = np.concatenate([c[part] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"])
+        number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
+        edges = np.where((edges >= 0) & (edges < len(number)), number[np.clip(edges, 0, len(number) - 1)], -1)
+        wanted = np.isin(keys, edge_keys(edges[:, 0], edges[:, 1], mesh.n_nodes)[(edges >= 0).all(axis=1)])
+        inner = len(np.unique(np.sort(edges, axis=1), axis=0)) - np.count_nonzero(wanted)
+        if inner:
+            notes.append(f"{inner} of {len(edges)} lines named {name!r} are not on the boundary and are left out.")
+        if wanted.any() and not (name == WHOLE and wanted.all()):
+            boundaries[name] = boundary[wanted]
+    return mesh.with_boundaries(boundaries), notes
+
+
+def _native(values: NDArray[Any]) -> NDArray[Any]:
+    """Values in the byte order of this machine; legacy VTK files are big-endian."""
+    return values.astype(values.dtype.newbyteorder("="))
+
+
+def _storable(values: NDArray[Any]) -> NDArray[Any]:
+    """Values in a type that files know: truth values as 0 and 1."""
+    values = np.asarray(values)
+    return values.astype(np.uint8) if values.dtype == bool else values

@@ -1,0 +1,1 @@
+"""Local refinement: chosen cells are split, neighbours keep their shape and get hanging nodes."""

@@ -1,0 +1,41 @@
+"""The undirected edges of a mesh, numbered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vemcvx.meshes.polygons.topology import Ints, edge_keys, next_vertex, shared_edges
+from vemcvx.meshes.tessellation import Tessellation
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """One number for each undirected edge.
+
+    Attributes
+    ----------
+    of_corner : (n_corners,) int
+        Number of the edge that starts at each corner of the mesh.
+    ends : (n_edges, 2) int
+        Its nodes, the smaller first; edges are in the order of these pairs.
+    """
+
+    of_corner: Ints
+    ends: Ints
+
+    def find(self, pairs: Ints, n_nodes: int) -> Ints:
+        """Numbers of the edges given by their nodes (m, 2) in any order; all must exist."""
+        keys = edge_keys(self.ends[:, 0], self.ends[:, 1], n_nodes)
+        return np.searchsorted(keys, edge_keys(pairs[:, 0], pairs[:, 1], n_nodes))
+
+
+def edges_of(mesh: Tessellation) -> Edges:
+    """Number the edges of a mesh."""
+    shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    of_corner = np.empty_like(shared.corners)
+    of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
+    some = shared.corners[shared.first]
+    ends = np.column_stack([mesh.vertices[some], next_vertex(mesh.offsets, mesh.vertices)[some]])
+    return Edges(of_corner, np.sort(ends, axis=1))

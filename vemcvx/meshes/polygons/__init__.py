@@ -1,0 +1,1 @@
+"""Geometry of many polygons at once, in flat arrays."""

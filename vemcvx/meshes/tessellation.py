@@ -1,0 +1,198 @@
+"""What a polygonal mesh is: points, cells, named parts of the boundary, data on cells; immutable.
+
+Cells are simple polygons listed counter-clockwise; two cells meet in whole edges and vertices of both. A vertex may
+lie on a straight line between its neighbours (a hanging node of the cell next door) and cells need not be convex.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.errors import MeshWarning
+from vemcvx.meshes.box import Box
+from vemcvx.meshes.checks.mesh import checked
+from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
+from vemcvx.meshes.polygons import shapes as geometry
+from vemcvx.meshes.polygons import topology
+from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.meshes.polygons.topology import Ints
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Tessellation:
+    """Points and polygonal cells, checked: the data of a :class:`vemcvx.PolygonMesh`, whose docstring says the rest."""
+
+    points: Floats
+    offsets: Ints
+    vertices: Ints
+    cell_data: Mapping[str, NDArray[Any]]
+    node_map: Ints | None
+    _named: Mapping[str, Ints]
+    _box: Box | None
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        cells: Sequence[ArrayLike] | NDArray[np.integer],
+        *,
+        boundaries: Mapping[str, ArrayLike] | None = None,
+        cell_data: Mapping[str, ArrayLike] | None = None,
+    ):
+        mesh = checked(points, cells)
+        for note in mesh.notes:
+            warnings.warn(note, MeshWarning, stacklevel=2)
+        self._fill(mesh.points, mesh.offsets, mesh.vertices, node_map=mesh.node_map)
+        named = check_boundaries(boundaries, self._boundary, self.n_nodes, mesh.node_map)
+        object.__setattr__(self, "_named", named)
+        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
+
+    @classmethod
+    def unchecked(cls, points: Floats, offsets: Ints, vertices: Ints, box: Box | None = None) -> Self:
+        """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
+        mesh = object.__new__(cls)
+        mesh._fill(points, offsets, vertices, _box=box)
+        return mesh
+
+    def _fill(self, points: Floats, offsets: Ints, vertices: Ints, **others: object) -> None:
+        fields = {
+            "points": _frozen(points),
+            "offsets": _frozen(offsets),
+            "vertices": _frozen(vertices),
+            "cell_data": MappingProxyType({}),
+            "node_map": None,
+            "_named": {},
+            "_box": None,
+            **others,
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def _replace(self, **fields: object) -> Self:
+        """Return a mesh that shares everything, also what is already computed, but the given fields."""
+        mesh = object.__new__(type(self))
+        mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key != "boundaries"})
+        mesh.__dict__.update(fields)
+        return mesh
+
+    def __getstate__(self) -> dict[str, object]:
+        kept = {name: getattr(self, name) for name in ("points", "offsets", "vertices", "node_map", "_named", "_box")}
+        return {**kept, "cell_data": dict(self.cell_data)}  # a mapping proxy cannot be pickled
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        data = {name: _frozen(values) for name, values in state.pop("cell_data").items()}
+        named = {name: _frozen(edges) for name, edges in state.pop("_named").items()}
+        self._fill(**state, cell_data=MappingProxyType(data), _named=named)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.boundaries)
+        return (
+            f"{type(self).__name__}({self.n_cells} cells, {self.n_nodes} nodes, h = {self.h:.4g}, boundaries: {names})"
+        )
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.points)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.offsets) - 1
+
+    @cached_property
+    def cells(self) -> tuple[Ints, ...]:
+        """Vertex numbers of each cell, counter-clockwise: one view an array of ``vertices`` a cell."""
+        return tuple(self.vertices[start:end] for start, end in pairwise(self.offsets.tolist()))
+
+    @cached_property
+    def _areas_and_centroids(self) -> tuple[Floats, Floats]:
+        areas, centroids = geometry.areas_and_centroids(self.points, self.offsets, self.vertices)
+        return _frozen(areas), _frozen(centroids)
+
+    @property
+    def areas(self) -> Floats:
+        """Area of each cell, (n_cells,)."""
+        return self._areas_and_centroids[0]
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroid of each cell, (n_cells, 2)."""
+        return self._areas_and_centroids[1]
+
+    @cached_property
+    def diameters(self) -> Floats:
+        """Largest distance of two vertices of each cell, (n_cells,)."""
+        return _frozen(geometry.diameters(self.points, self.offsets, self.vertices))
+
+    @cached_property
+    def h(self) -> float:
+        """Mesh size: the largest cell diameter."""
+        return float(self.diameters.max())
+
+    @cached_property
+    def _boundary(self) -> Ints:
+        corners = topology.boundary_corners(self.offsets, self.vertices, self.n_nodes)
+        ends = topology.next_vertex(self.offsets, self.vertices)
+        return _frozen(np.column_stack([self.vertices[corners], ends[corners]]))
+
+    @cached_property
+    def boundaries(self) -> Mapping[str, Ints]:
+        """Named parts of the boundary: name -> edges (m, 2); "boundary" is all of it.
+
+        An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
+        """
+        sides = {} if self._box is None else side_edges(self.points, self._boundary, self._box)
+        return MappingProxyType({**sides, **self._named, "boundary": self._boundary})
+
+    @cached_property
+    def neighbours(self) -> Ints:
+        """Pairs of cells that share an edge, (m, 2)."""
+        return _frozen(topology.neighbours(self.offsets, self.vertices, self.n_nodes))
+
+    def with_boundary(self, name: str, predicate: Callable[[Floats], NDArray[np.bool_]]) -> Self:
+        """Return this mesh with one more named part of its boundary.
+
+        Parameters
+        ----------
+        name : str
+            Its name; a part of that name is replaced, and parts may overlap.
+        predicate : callable
+            Takes the midpoints (m, 2) of all boundary edges, returns which belong: bool (m,).
+
+        Raises
+        ------
+        MeshError
+            The name is reserved or no string, the answer is not (m,) bool, or it selects nothing.
+        """
+        edges = choose_edges(name, predicate, self.points, self._boundary)
+        return self._replace(_named={**self._named, name: _frozen(edges)})
+
+    def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
+        """Return this mesh with more named parts of its boundary: name -> edges (m, 2), in either direction.
+
+        Raises
+        ------
+        MeshError
+            A name is reserved, or an edge is not on the boundary.
+        """
+        added = check_boundaries(boundaries, self._boundary, self.n_nodes, None)
+        return self._replace(_named={**self._named, **added})
+
+    def with_cell_data(self, name: str, values: ArrayLike) -> Self:
+        """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
+        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
+        return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    array.flags.writeable = False
+    return array

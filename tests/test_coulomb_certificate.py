@@ -206,6 +206,19 @@ def test_a_body_that_only_friction_and_contact_hold_costs_what_others_do():
     assert history.reaction("bottom") == pytest.approx(np.column_stack([-0.29 * history.times, np.ones(5)]), abs=1e-9)
 
 
+def test_conic_solvers_take_such_a_body_as_it_is(caplog):
+    """One program for each weights, not one a proximal point: 350 to 830 iterations a step, once."""
+    with caplog.at_level(logging.DEBUG, logger="vemcvx"):
+        history = vx.simulate(resting(), vx.meshes.squares(6), [0.0, 1.0], initial="settled", solver=vx.Clarabel())
+    programs = sum(record.message.startswith("step 1, program") for record in caplog.records)
+    assert 1 < programs <= 10
+    # Interior points are asked once more, with care, where they miss.
+    assert history.iterations[-1] <= 50 * programs
+    assert history.certificate.max() <= 1e-6
+    polished = vx.simulate(resting(), vx.meshes.squares(6), [0.0, 1.0], initial="settled", solver=vx.OSQP(polish=True))
+    assert polished.certificate.max() <= 1e-9
+
+
 def test_a_pressed_joint_in_si_units():
     """Steel, millimetres in metres: a plate under 60 MPa, pulled; 38,917 iterations in the first step, once."""
     mesh = vx.meshes.squares((4, 1), box=((0, 0.08), (0, 0.02)))

@@ -11,7 +11,7 @@ d <= e_j; elsewhere it is a squared positive part. The program is data; each sol
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,11 @@ class StepProgram:
             ease = level / (level + s), level / (level + z)
             lam, p, _ = self.form.hold.nearest(lam, p, self.w, self.form.kernel.T @ self.g, ease)
         return self.project(lam), np.maximum(p, 0.0)
+
+    def proximal(self, centre: Floats) -> StepProgram:
+        """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
+        form = self.form
+        return self if form.anchor is None else replace(self, form=form.regular, g=self.g + form.anchor * centre)
 
     def at_rest(self) -> Floats | None:
         """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""

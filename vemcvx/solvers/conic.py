@@ -16,7 +16,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -131,6 +131,8 @@ class ThroughCvxpy(Solver):
     polish: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
+    semidefinite: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         if not isinstance(self.solver, str):
             raise SceneError(f"ThroughCvxpy: found solver = {brief(self.solver)}; wanted its name in cvxpy, as 'SCS'.")
@@ -235,7 +237,8 @@ class _PreparedConic:
 def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
     lam, p = program.admissible(answer.lam, answer.p, answer.d)
-    sharper = answer_on(program, sets_at(program, Point(answer.d, lam, p), Shifts.of(program.form)))
+    near = program.proximal(answer.d)
+    sharper = answer_on(near, sets_at(near, Point(answer.d, lam, p), Shifts.of(program.form)))
     d = program.feasible(sharper.d)
     pair = program.admissible(sharper.lam, sharper.p, d)
     before, after = certify(program, answer.d, lam, p), certify(program, d, *pair)

@@ -44,6 +44,8 @@ class Solver(ABC):
 
     accuracy: float
     accepts: ClassVar[frozenset[str]]
+    semidefinite: ClassVar[bool] = False
+    """whether it takes a K with a kernel; others are asked for proximal points (:mod:`vemcvx.program.kernel`)"""
 
     @property
     def name(self) -> str:

@@ -22,7 +22,7 @@ from vemcvx.solvers.sets import Point, Shifts
 from vemcvx.stepping.acceptance import caused_beside
 from vemcvx.stepping.fixed_point import Dependent, resolved
 from vemcvx.stepping.ledger import Drive, advance, advance_in_full, drive
-from vemcvx.stepping.seminorm import answered, refuse_unbalanced
+from vemcvx.stepping.seminorm import answered, proximal, refuse_unbalanced
 from vemcvx.stepping.state import Run, State
 
 Floats = NDArray[np.float64]
@@ -225,8 +225,9 @@ class Trial:
         def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
             return self.run.after(spent + more).prepared.solve(program, target, lam, p)
 
-        left = self.run.most - spent
-        answer = answered(ask, left, scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha))
+        asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)
+        step_by_step = scaled.form.kernel is not None and not self.run.solver.semidefinite
+        answer = proximal(ask, self.run.most - spent, *asked) if step_by_step else answered(ask, *asked)
         certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.enter(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 

@@ -171,8 +171,8 @@ def _rate(increments: list[float], window: int) -> float:
 
 def _hopeless(increments: list[float]) -> bool:
     """Whether increments shrink too slowly."""
-    slow = len(increments) > 10 and all(b > SLOWEST * a for a, b in pairwise(increments[-11:]))
-    idle = len(increments) > IDLE and min(increments[-IDLE:]) > 0.5 * min(increments[:-IDLE])
+    slow = len(increments) > 10 and all(b >= SLOWEST * a for a, b in pairwise(increments[-11:]))
+    idle = len(increments) > IDLE and min(increments[-IDLE:]) >= 0.5 * min(increments[:-IDLE])
     return slow or idle
 
 

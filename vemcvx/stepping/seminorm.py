@@ -1,6 +1,6 @@
-"""Asking a solver for one step, also where K has a kernel: the proximal point method on the anchors.
+"""Asking a solver for one step, also where K has a kernel: by the proximal point method on the anchors.
 
-Solvers are asked for positive definite programs only; the theory stands in :mod:`vemcvx.program.kernel`. Each
+So solvers are asked that take positive definite programs only; the theory stands in :mod:`vemcvx.program.kernel`. Each
 proximal point is judged by the gap of the program that was posed, in the seminorm of K.
 """
 
@@ -27,26 +27,21 @@ SHARP = 1e-4
 
 
 Ask = Callable[[StepProgram, float, Floats, Floats, int], Answer]
-"""(program, target, lam, p, iterations so far) -> the solver's answer, for forms without a kernel"""
+"""(program, target, lam, p, iterations so far) -> the solver's answer"""
 
 
-def answered(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+def answered(ask: Ask, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
     """The solver's answer to a step, with admissible multipliers.
 
     Parameters
     ----------
     ask : callable
-        For ``program.form.regular``.
-    most : float
-        Iterations at which to stop regardless.
     program : StepProgram
     target : float
         Duality gap that is good enough.
     lam, p : (m, block) and (r,) arrays
         Multipliers to start from.
     """
-    if program.form.kernel is not None:
-        return _proximal(ask, most, program, target, lam, p)
     answer = ask(program, target, lam, p, 0)
     d = program.feasible(answer.d)
     lam, p = program.admissible(answer.lam, answer.p, d)
@@ -72,15 +67,18 @@ def refuse_unbalanced(program: StepProgram, kernel: Kernel, touched: Ints, n: in
     refuse_unheld(kernel, parts, float(field @ program.g), float(program.w @ felt), n, t)
 
 
-def _proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+    """The same where K has a kernel and the solver takes none, in no more than `most` iterations and the last point's.
+
+    Here `ask` answers programs of ``program.form.regular``.
+    """
     form, d = program.form, np.zeros(len(program.g))
     lam, p = program.admissible(lam, p, d)
     best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
     iterations = safeguards = 0
     centres = _Centres(np.flatnonzero(form.anchor))  # type: ignore[arg-type]
     for _ in range(MOST_POINTS):
-        nearby = StepProgram(form.regular, program.g + form.anchor * d, program.w, program.b, program.e)
-        answer = ask(nearby, target, lam, p, iterations)
+        answer = ask(program.proximal(d), target, lam, p, iterations)
         iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
         centre, d = d, program.feasible(answer.d)
         lam, p = program.admissible(answer.lam, answer.p, d)

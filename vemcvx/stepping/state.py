@@ -58,7 +58,7 @@ class Run:
         if iterations == 0 or type(self.solver) is not Newton:
             return self
         solver = replace(self.solver, max_iterations=max(self.solver.max_iterations - iterations, 1))
-        return replace(self, solver=solver, prepared=solver.prepare(self.scaling.form.regular))
+        return replace(self, solver=solver, prepared=solver.prepare(asked_of(solver, self.scaling)))
 
     @cached_property
     def response(self) -> Response:
@@ -136,6 +136,11 @@ class State:
         return self.certificate.error <= accuracy * self.unit(accuracy)
 
 
+def asked_of(solver: Solver, scales: Scaling) -> Form:
+    """The scaled form that the solver is asked for: with a kernel only where it takes one."""
+    return scales.form if solver.semidefinite else scales.form.regular
+
+
 def prepare(
     system: System, solver: Solver | None, check: bool, condense: bool, linear: LinearSolver | None = None
 ) -> Run:
@@ -145,4 +150,4 @@ def prepare(
     scales = scaling(condensation.form)
     plain = condensation.form.separate and not condensation.form.softness.any()
     refines = plain and needs_refinement(condensation, chosen.accuracy)
-    return Run(system, condensation, scales, chosen, chosen.prepare(scales.form.regular), check, refines)
+    return Run(system, condensation, scales, chosen, chosen.prepare(asked_of(chosen, scales)), check, refines)

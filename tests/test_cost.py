@@ -29,8 +29,8 @@ from vemcvx.cost.remaining import seconds_left
 from vemcvx.cost.row import table
 from vemcvx.cost.run_point import high_water_mb, run_point
 from vemcvx.cost.sweep import finished_row
-from vemcvx.files.archive import read_archive
 from vemcvx.measures import energy_distance
+from vemcvx.results.io.archive import read_archive
 
 ROOT = Path(vx.__file__).parent.parent
 PROBLEM = str(ROOT / "problems" / "feng_han_huang.py")

@@ -14,9 +14,11 @@ from conftest import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.errors import HistoryError
-from vemcvx.files import Origin, read_history, write_history
-from vemcvx.files.archive import SHAPES
 from vemcvx.owned import Owned
+from vemcvx.results.history import read_history
+from vemcvx.results.io.archive import SHAPES
+from vemcvx.results.io.folder import write_results
+from vemcvx.results.io.summary import Origin
 from vemcvx.vem import Space, strains
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -141,7 +143,7 @@ def test_on_triangles_the_density_adds_up_to_the_stored_energy(tmp_path):
 
 
 def test_summary_has_the_keys_of_the_contract(history, tmp_path):
-    write_history(history, tmp_path, Origin("block", "voronoi", 5))
+    write_results(history, tmp_path, Origin("block", "voronoi", 5))
     told = json.loads((tmp_path / "summary.json").read_text())
     kinds = {
         "format": str,
@@ -328,11 +330,11 @@ def test_words_of_other_kinds_are_refused(history, tmp_path, words):
 @pytest.mark.parametrize("wrong", [5, None, True, 1.5, b"x", ["x"], "", "a\0b", "\ud800", "x" * 300], ids=repr)
 def test_what_is_no_folder_is_said(history, wrong, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for action in (history.write, read_history, lambda folder: write_history(history, folder)):
+    for action in (history.write, read_history, lambda folder: write_results(history, folder)):
         with pytest.raises(HistoryError, match="wanted a path, such|cannot be made a folder|there is no such folder"):
             action(wrong)
     with pytest.raises(HistoryError, match="wanted a History"):
-        write_history(wrong, tmp_path)
+        write_results(wrong, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu"])

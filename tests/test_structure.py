@@ -13,7 +13,7 @@ import vemcvx
 
 ROOT = Path(vemcvx.__file__).parent
 LAYERS = [
-    ["errors"],
+    ["errors", "version"],
     ["real", "canvas"],
     ["kinds"],
     ["owned"],
@@ -39,22 +39,18 @@ LAYERS = [
     ["stepping/initial", "stepping/trajectory", "stepping/checkpoint"],
     ["stepping/recorder"],
     ["stepping/march"],
-    ["history/contact"],
-    ["history/history"],
-    ["history/in_words"],
-    ["history/outputs"],
+    ["results"],
     ["simulate"],
     ["measures"],
     ["budget"],
     ["adaptivity"],
-    ["probes"],
-    ["plots", "files"],
+    ["plots"],
     ["cost"],
     ["cli"],
     ["__main__"],
 ]
 """Packages as wholes, or module by module where a package has layers of its own."""
-LAYERED = {"program": "system", "scene": "scene", "stepping": "march", "history": "history"}
+LAYERED = {"program": "system", "scene": "scene", "stepping": "march"}
 """These, and the last of the modules that each exports."""
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 HEAVY = {

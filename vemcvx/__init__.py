@@ -42,17 +42,16 @@ from vemcvx.errors import (
     SceneWarning,
     VemcvxError,
 )
-from vemcvx.files import read_history
-from vemcvx.history import Contact, History
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Damping, Limits, Norms, System
+from vemcvx.results.contact import Contact
+from vemcvx.results.history import History, read_history
 from vemcvx.scene import Scene
 from vemcvx.simulate import simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
-
-__version__ = "0.1.0"
+from vemcvx.version import __version__
 
 __all__ = [
     "OSQP",
@@ -104,6 +103,7 @@ __all__ = [
     "UnilateralContact",
     "VemcvxError",
     "Viscosity",
+    "__version__",
     "adapt",
     "error_budget",
     "march",

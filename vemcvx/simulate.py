@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.history import History
-from vemcvx.history.outputs import record
 from vemcvx.kinds import flag
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import PolygonMesh
 from vemcvx.real import brief, real, shape_in_words
+from vemcvx.results.from_march import record
+from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import Posed, pose
 from vemcvx.solvers import Solver

@@ -21,11 +21,11 @@ from vemcvx.adaptivity.marking import cells_to_refine
 from vemcvx.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.budget.course import course
 from vemcvx.errors import SceneError
-from vemcvx.history import History
-from vemcvx.history.outputs import record
 from vemcvx.kinds import LARGEST, is_real
 from vemcvx.meshes import PolygonMesh
 from vemcvx.real import brief
+from vemcvx.results.from_march import record
+from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose
 from vemcvx.simulate import check_kinds

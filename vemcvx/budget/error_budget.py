@@ -22,8 +22,8 @@ from vemcvx.budget.residual import indicators
 from vemcvx.budget.skeleton import skeleton
 from vemcvx.budget.surface import instant
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.history import History
 from vemcvx.real import brief, plain
+from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import Posed, pose
 from vemcvx.stepping.state import prepare

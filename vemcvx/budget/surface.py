@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.budget.skeleton import Skeleton
-from vemcvx.history import History
 from vemcvx.meshes.polygons.topology import edge_keys
+from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import Posed
 from vemcvx.scene.terms import Terms

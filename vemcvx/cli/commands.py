@@ -17,8 +17,8 @@ from typing import Annotated
 
 import typer
 
-from vemcvx import __version__
 from vemcvx.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.version import __version__
 
 INVALID, NOT_CERTIFIED = 2, 3
 

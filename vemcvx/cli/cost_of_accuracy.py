@@ -23,6 +23,7 @@ from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
 from vemcvx.owned import Owned
 from vemcvx.stepping.march import checked_times
+from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
 TABLE, PICTURE = "cost.csv", "cost.png"
@@ -57,8 +58,6 @@ class FromFile:
     @property
     def mark(self) -> str:
         """Of what the file says; those that it imports are not looked at."""
-        from vemcvx import __version__
-
         words = [__version__.encode(), Path(self.path).read_bytes(), *map(os.fsencode, self.settings)]
         return hashlib.sha256(b"\0".join(words)).hexdigest()[:16]
 

@@ -15,9 +15,9 @@ from vemcvx.adaptivity import adapt
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
-from vemcvx.files import Origin, writable_folder, write_history
-from vemcvx.files.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable
-from vemcvx.history import History
+from vemcvx.results.history import History
+from vemcvx.results.io.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable, writable_folder, write_results
+from vemcvx.results.io.summary import Origin
 from vemcvx.simulate import simulate
 from vemcvx.stepping.storage import CHECKPOINT, Folder
 
@@ -126,7 +126,7 @@ def _refuse_early(asked: Run, drawings: Path) -> None:
 def _written(history: History, asked: Run, origin: Origin) -> list[str]:
     if asked.out is None:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
-    folder = write_history(history, asked.out, origin)
+    folder = write_results(history, asked.out, origin)
     return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}"]
 
 

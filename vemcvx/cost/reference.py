@@ -30,10 +30,10 @@ from vemcvx.cost.point import Ingredients, Point, Recipe
 from vemcvx.cost.row import of_its_kinds
 from vemcvx.cost.run_point import Ran
 from vemcvx.errors import HistoryError, MeshError, SceneError
-from vemcvx.files.archive import read_archive, write_archive
-from vemcvx.history import History
 from vemcvx.measures import Field, energy_distance
 from vemcvx.meshes import PolygonMesh
+from vemcvx.results.history import History
+from vemcvx.results.io.archive import read_archive, write_archive
 from vemcvx.simulate import simulate
 
 Floats = NDArray[np.float64]

@@ -21,10 +21,10 @@ from vemcvx.adaptivity import adapt
 from vemcvx.budget import error_budget
 from vemcvx.cost.point import Ingredients, Point, Recipe
 from vemcvx.errors import SceneError, SceneWarning, VemcvxError
-from vemcvx.files.summary import peak_memory_mb
-from vemcvx.history import History
 from vemcvx.measures.field import step_at
 from vemcvx.meshes import PolygonMesh
+from vemcvx.results.history import History
+from vemcvx.results.io.summary import peak_memory_mb
 from vemcvx.simulate import simulate
 
 Floats = NDArray[np.float64]

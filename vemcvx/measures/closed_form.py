@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.effects import data
-from vemcvx.history import History
 from vemcvx.measures.cell_rule import cell_rule
 from vemcvx.measures.field import Field, field_of
 from vemcvx.measures.measured import Measured, measured
 from vemcvx.meshes.interpolation import projected_values
+from vemcvx.results.history import History
 from vemcvx.vem import stresses
 
 Floats = NDArray[np.float64]

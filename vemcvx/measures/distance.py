@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
 from vemcvx.kinds import choice, flag
 from vemcvx.measures.field import Field, field_of, step_at
 from vemcvx.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
 from vemcvx.measures.measured import Measured, measured
 from vemcvx.measures.nodal import nodal_distance
 from vemcvx.measures.overlap import CommonRule, check_covered, common_rule
+from vemcvx.results.history import History
 from vemcvx.vem import elastic_matrix, stresses, upper_triangle
 
 Floats = NDArray[np.float64]

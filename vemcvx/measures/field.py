@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
 from vemcvx.kinds import number
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.checks import finite
 from vemcvx.real import brief, real
+from vemcvx.results.history import History
 from vemcvx.vem import Space, strains
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
+from vemcvx.results.history import History
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

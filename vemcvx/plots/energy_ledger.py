@@ -13,8 +13,8 @@ import numpy as np
 
 from vemcvx.canvas import new_figure
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
 from vemcvx.plots.palette import DISSIPATED, GRID, NUMERICAL, STORED, WORK
+from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.canvas import new_figure
-from vemcvx.history import History
 from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import GRID, SLIP, STICK
+from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
 from vemcvx.owned import path_of
 from vemcvx.plots.deformed_mesh import deformed_mesh
 from vemcvx.plots.energy_ledger import energy_ledger
 from vemcvx.plots.friction_traction import friction_traction
 from vemcvx.plots.stick_slip_map import stick_slip_map
+from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

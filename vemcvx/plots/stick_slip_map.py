@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from vemcvx.canvas import distinct, new_figure
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
 from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import BACKWARD, FORWARD, STICK_AREA
+from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from vemcvx.canvas import new_figure
 from vemcvx.errors import HistoryError
-from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.deformed_mesh import magnification
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
+from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

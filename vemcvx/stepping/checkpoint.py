@@ -23,6 +23,7 @@ from vemcvx.program.system import System
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.state import Run, State
 from vemcvx.stepping.storage import Arrays
+from vemcvx.version import __version__
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,8 +37,6 @@ PRESSURES = (0.0, 1e-150, 1.0, 1e150)
 
 def fixed_marks(run: Run, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
     """Marks of what two runs must share if one is to go on where the other stopped, by what users call it."""
-    from vemcvx import __version__
-
     condensation = run.condensation
     return {
         "version": _mark(__version__),

@@ -1,31 +1,22 @@
-"""What a simulation leaves, in the words of contact: displacements, slips, tractions, reactions, energies.
-
-Sign conventions: stresses are positive in tension; the pressure of contact is positive in compression;
-traction is the friction force per length that acts on the body; reactions act on the body.
-"""
+"""What a simulation leaves: displacements, slips, tractions, reactions, stresses, energies."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.history.contact import Contact
 from vemcvx.kinds import is_whole
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.real import brief
+from vemcvx.results.contact import Contact
 from vemcvx.scene import Scene
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
-
-if TYPE_CHECKING:
-    from vemcvx.probes import Profile
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,44 +24,8 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class History:
-    """A simulated history; arrays over time have one row a stored step.
-
-    Attributes
-    ----------
-    mesh : PolygonMesh
-    scene : Scene or None
-        None when the history was read from files: functions of a scene are not kept.
-    effects : tuple of str
-        The scene in words.
-    displacement : (S, n_nodes, dim)
-    forces : (S, n_nodes, dim)
-        Nodal forces that supports, contact and friction exert on the body, A u - f, and with viscosity A u + A_1 u' - f
-        at the rates of the step; no step leads to row 0, whose forces are those of the elastic part.
-    contact : Contact
-    moduli : (2, n_cells) or (6, n_cells)
-        Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
-        matrix row by row, see :mod:`vemcvx.vem.hooke`.
-    trajectory : Trajectory
-        The march in free unknowns, with scalars of all N + 1 instants.
-    seconds : dict
-        "assemble", "prepare" and "solve".
-    prestress : (S, n_cells, 3) or None
-        Stresses at zero strain, of eigenstrains and prestress; None where the scene has none.
-    across : (n_cells, 3) or None
-        Stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does
-        not say.
-    prestress_across : (S, n_cells) or None
-        What eigenstrains add to it; None where there are none.
-    void : tuple of str
-        What of the scene did nothing in this run, and was left out or never reached.
-    dragged_ends : (q, 2) int or None
-        Where supports drag nodes along against friction, edge by edge: the node, and the other one of the edge.
-    dragged_friction : (S, q, dim) or None
-        The friction on the body there, which `forces` include.
-    errors : dict or None
-        Of an adaptive run: "algebra", "space", "time", their sum "total", and the "target", relative energy errors.
-    """
+class Results:
+    """The arrays of a simulation: what a :class:`vemcvx.History`, whose docstring says all of them, is made of."""
 
     mesh: PolygonMesh
     scene: Scene | None
@@ -237,47 +192,6 @@ class History:
         """
         return principal(self.stress(step))
 
-    def probe(self, points: ArrayLike) -> Floats:
-        """(S, p, 2) displacements at any points (p, 2) of the body: see :mod:`vemcvx.probes`.
-
-        Exact nodal values at nodes, between two nodes linear on edges, and Pi u inside cells, (3.11).
-
-        Raises
-        ------
-        SceneError
-            A point lies outside the body, or `points` are not points.
-        """
-        from vemcvx.probes import places
-
-        return places(self.mesh, points, "probe").at_nodes(self.displacement)
-
-    def along(self, start: ArrayLike, end: ArrayLike, count: int = 101, field: str = "displacement") -> Profile:
-        """A field along a straight line, at all stored steps.
-
-        Parameters
-        ----------
-        start, end : (2,) points
-            Of the body, as all points between them.
-        count : int
-            How many points, evenly spaced, the ends among them; at least 2.
-        field : {"displacement", "stress", "stress_across", "von_mises", "principal_stresses"}
-            Displacements are those of :meth:`probe`; stresses are constant on cells, and where several cells meet the
-            mean of theirs is given.
-
-        Returns
-        -------
-        Profile
-            ``arc, values = history.along(...)``: distances (count,) from the start, and values (S, count, ...).
-
-        Raises
-        ------
-        SceneError
-            The line leaves the body, or something of the above is not as it should be.
-        """
-        from vemcvx.probes import profile
-
-        return profile(self, start, end, count, field)
-
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
         found = np.flatnonzero(self.stored == (step if step >= 0 else step + self.steps + 1)) if is_whole(step) else ()
@@ -285,15 +199,3 @@ class History:
             kept = np.array2string(self.stored, threshold=8)
             raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
         return int(found[0])
-
-    def summary(self) -> str:
-        """The run in a few lines of words."""
-        from vemcvx.history.in_words import in_words
-
-        return in_words(self)
-
-    def write(self, folder: str | Path) -> Path:
-        """Write the history to a folder: see :func:`vemcvx.files.write_history`."""
-        from vemcvx.files import write_history
-
-        return write_history(self, folder)

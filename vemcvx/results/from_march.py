@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import SceneWarning
-from vemcvx.history.contact import contact_history
-from vemcvx.history.history import History
+from vemcvx.results.contact import contact_history
+from vemcvx.results.history import History
 from vemcvx.scene.pose import Posed
 from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
-from vemcvx.history import Contact, History
 from vemcvx.meshes import PolygonMesh
+from vemcvx.results.contact import Contact
+from vemcvx.results.results import Results
 from vemcvx.stepping.trajectory import Trajectory
 
 Arrays = dict[str, NDArray[Any]]
@@ -40,7 +41,7 @@ WHOLE = "contact.nodes", "trajectory.stored", "dragged_ends"
 FLAGS = "contact.sticking", "contact.closed", "trajectory.sticking", "trajectory.estimated"
 
 
-def write_archive(history: History, path: Path) -> None:
+def write_archive(history: Results, path: Path) -> None:
     """Write every array of a history, its mesh with boundaries and cell data, and its words."""
     mesh, run = history.mesh, vars(history.trajectory)
     about = {
@@ -73,7 +74,7 @@ def is_archive(path: Path) -> bool:
         return False
 
 
-def read_archive(path: Path) -> History:
+def read_archive(path: Path) -> Results:
     """Read what :func:`write_archive` wrote.
 
     Raises
@@ -102,11 +103,11 @@ def _about(arrays: Arrays) -> dict[str, Any]:
     return about
 
 
-def _history(arrays: Arrays, about: dict[str, Any]) -> History:
+def _history(arrays: Arrays, about: dict[str, Any]) -> Results:
     mesh = _mesh(arrays)
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": mesh.points.shape[1]})
     _check_words(about)
-    return History(
+    return Results(
         mesh=mesh,
         scene=None,
         effects=tuple(about["effects"]),

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.history import History
 from vemcvx.meshes.io.files import write_cells
+from vemcvx.results.results import Results
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 Fields = dict[str, NDArray[np.float64]]
 
 
-def write_series(history: History, path: Path) -> None:
+def write_series(history: Results, path: Path) -> None:
     """Write the PVD file `path` and the steps beside it."""
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
@@ -43,7 +43,7 @@ def listed_steps(path: Path) -> set[str]:
     return {name for name in listed if name.startswith("step_") and name == Path(name).name}
 
 
-def at_nodes(history: History, row: int) -> Fields:
+def at_nodes(history: Results, row: int) -> Fields:
     """Displacement, and contact as fields of the whole body."""
     contact, u = history.contact, history.displacement[row]
     fields = {"displacement": u}
@@ -54,7 +54,7 @@ def at_nodes(history: History, row: int) -> Fields:
     return fields
 
 
-def on_cells(history: History, row: int) -> Fields:
+def on_cells(history: Results, row: int) -> Fields:
     """Stresses and strain energy per area."""
     strain = strains(Space(history.mesh), history.displacement[row])
     elastic = stresses(history.moduli, strain)

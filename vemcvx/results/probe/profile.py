@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
-from vemcvx.history import History
 from vemcvx.kinds import is_whole
-from vemcvx.probes.places import places
 from vemcvx.real import brief, real
+from vemcvx.results.probe.places import places
+from vemcvx.results.results import Results
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ class Profile(NamedTuple):
     values: Floats
 
 
-def profile(history: History, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
-    """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
+def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
+    """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.Results.along`."""
     if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
         raise SceneError(
             f"along: there is no field {field!r}; there are 'displacement', {', '.join(map(repr, ON_CELLS))}."

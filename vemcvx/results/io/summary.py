@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.files.archive import FORMAT, NAME
-from vemcvx.history import History
+from vemcvx.results.io.archive import FORMAT, NAME
+from vemcvx.results.results import Results
+from vemcvx.version import __version__
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Origin:
     """What that family was asked for: cells per unit length."""
 
 
-def write_summary(history: History, origin: Origin, writing: float, path: Path) -> None:
+def write_summary(history: Results, origin: Origin, writing: float, path: Path) -> None:
     """Write the summary; `writing` is how many seconds the other files took."""
     text = json.dumps(summary(history, origin, writing), indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
@@ -40,10 +41,8 @@ def is_summary(path: Path) -> bool:
         return False
 
 
-def summary(history: History, origin: Origin, writing: float) -> dict[str, Any]:
+def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
     """The summary as a dictionary; energies and certificates are those at the end, None where infinite."""
-    from vemcvx import __version__
-
     mesh, run = history.mesh, history.trajectory
     seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
     size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
@@ -70,7 +69,7 @@ def summary(history: History, origin: Origin, writing: float) -> dict[str, Any]:
     }
 
 
-def _contact(history: History) -> dict[str, int]:
+def _contact(history: Results) -> dict[str, int]:
     """How many contact nodes there are, and do what, in the last step."""
     touch = history.contact
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.history.history import History
+from vemcvx.results.results import Results
 
 
-def in_words(history: History) -> str:
+def in_words(history: Results) -> str:
     """What was simulated and left out, how certain it is, what it cost."""
     run, touch = history.trajectory, history.contact
     sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))

@@ -3,7 +3,7 @@
     history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
     step_0000.vtu    one file a stored step
     summary.json     what was run, how certain the answer is, the energies, the cost
-    history.npz      the arrays of the history, lossless; :func:`read_history` needs no other file
+    history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
 that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.
@@ -18,23 +18,23 @@ from collections.abc import Set
 from pathlib import Path
 
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.files.archive import is_archive, read_archive, write_archive
-from vemcvx.files.series import listed_steps, write_series
-from vemcvx.files.summary import Origin, is_summary, write_summary
-from vemcvx.history import History
 from vemcvx.owned import Owned, path_of
 from vemcvx.real import brief
+from vemcvx.results.io.archive import is_archive, read_archive, write_archive
+from vemcvx.results.io.series import listed_steps, write_series
+from vemcvx.results.io.summary import Origin, is_summary, write_summary
+from vemcvx.results.results import Results
 
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
 
 
-def write_history(history: History, folder: str | Path, origin: Origin | None = None) -> Path:
+def write_results(history: Results, folder: str | Path, origin: Origin | None = None) -> Path:
     """Write a history to a folder, which is made if need be; an older history in it is replaced.
 
     Parameters
     ----------
-    history : History
+    history : Results
     folder : str or Path
     origin : Origin, optional
         What the summary says of the problem and the family of meshes.
@@ -49,7 +49,7 @@ def write_history(history: History, folder: str | Path, origin: Origin | None = 
     HistoryError
         The folder cannot be made or written to, somebody else is writing to it, or holds files of other things there.
     """
-    if not isinstance(history, History):
+    if not isinstance(history, Results):
         raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
     folder, start = writable_folder(folder), time.perf_counter()
     older = listed_steps(folder / SERIES)
@@ -107,21 +107,8 @@ def writable_folder(folder: str | Path) -> Path:
     return folder
 
 
-def read_history(folder: str | Path) -> History:
-    """Read a history back, every number to the bit.
-
-    The scene is not kept (its data may be functions): `scene` is None, `effects` says it in words.
-
-    Parameters
-    ----------
-    folder : str or Path
-        What :func:`write_history` was given.
-
-    Raises
-    ------
-    HistoryError
-        There is no such folder, no history in it, or one that is damaged or of another format.
-    """
+def read_results(folder: str | Path) -> Results:
+    """The results in a folder: see :func:`vemcvx.read_history`."""
     where = path_of(folder, "read_history")
     if not os.path.isfile(where / ARCHIVE):
         raise HistoryError(f"{where}: {_what_is(where)}; a history is a folder with {ARCHIVE} in it.")

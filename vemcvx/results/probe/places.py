@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.probes.location import Location, locate
 from vemcvx.real import real, shape_in_words
+from vemcvx.results.probe.locate import Location, locate
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""What a simulation leaves, in the words of contact: fields, probes, files."""

@@ -1,0 +1,126 @@
+"""What a simulation leaves, in the words of contact; results that sum up, write and probe themselves.
+
+Sign conventions: stresses are positive in tension; the pressure of contact is positive in compression;
+traction is the friction force per length that acts on the body; reactions act on the body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.results.io.folder import read_results, write_results
+from vemcvx.results.probe.places import places
+from vemcvx.results.probe.profile import Profile, profile
+from vemcvx.results.results import Results
+from vemcvx.results.words import in_words
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class History(Results):
+    """A simulated history; arrays over time have one row a stored step.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh
+    scene : Scene or None
+        None when the history was read from files: functions of a scene are not kept.
+    effects : tuple of str
+        The scene in words.
+    displacement : (S, n_nodes, dim)
+    forces : (S, n_nodes, dim)
+        Nodal forces that supports, contact and friction exert on the body, A u - f, and with viscosity A u + A_1 u' - f
+        at the rates of the step; no step leads to row 0, whose forces are those of the elastic part.
+    contact : Contact
+    moduli : (2, n_cells) or (6, n_cells)
+        Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
+        matrix row by row, see :mod:`vemcvx.vem.hooke`.
+    trajectory : Trajectory
+        The march in free unknowns, with scalars of all N + 1 instants.
+    seconds : dict
+        "assemble", "prepare" and "solve".
+    prestress : (S, n_cells, 3) or None
+        Stresses at zero strain, of eigenstrains and prestress; None where the scene has none.
+    across : (n_cells, 3) or None
+        Stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does
+        not say.
+    prestress_across : (S, n_cells) or None
+        What eigenstrains add to it; None where there are none.
+    void : tuple of str
+        What of the scene did nothing in this run, and was left out or never reached.
+    dragged_ends : (q, 2) int or None
+        Where supports drag nodes along against friction, edge by edge: the node, and the other one of the edge.
+    dragged_friction : (S, q, dim) or None
+        The friction on the body there, which `forces` include.
+    errors : dict or None
+        Of an adaptive run: "algebra", "space", "time", their sum "total", and the "target", relative energy errors.
+    """
+
+    def probe(self, points: ArrayLike) -> Floats:
+        """(S, p, 2) displacements at any points (p, 2) of the body: see :mod:`vemcvx.results.probe.places`.
+
+        Exact nodal values at nodes, between two nodes linear on edges, and Pi u inside cells, (3.11).
+
+        Raises
+        ------
+        SceneError
+            A point lies outside the body, or `points` are not points.
+        """
+        return places(self.mesh, points, "probe").at_nodes(self.displacement)
+
+    def along(self, start: ArrayLike, end: ArrayLike, count: int = 101, field: str = "displacement") -> Profile:
+        """A field along a straight line, at all stored steps.
+
+        Parameters
+        ----------
+        start, end : (2,) points
+            Of the body, as all points between them.
+        count : int
+            How many points, evenly spaced, the ends among them; at least 2.
+        field : {"displacement", "stress", "stress_across", "von_mises", "principal_stresses"}
+            Displacements are those of :meth:`probe`; stresses are constant on cells, and where several cells meet the
+            mean of theirs is given.
+
+        Returns
+        -------
+        Profile
+            ``arc, values = history.along(...)``: distances (count,) from the start, and values (S, count, ...).
+
+        Raises
+        ------
+        SceneError
+            The line leaves the body, or something of the above is not as it should be.
+        """
+        return profile(self, start, end, count, field)
+
+    def summary(self) -> str:
+        """The run in a few lines of words."""
+        return in_words(self)
+
+    def write(self, folder: str | Path) -> Path:
+        """Write the history to a folder: see :mod:`vemcvx.results.io.folder`."""
+        return write_results(self, folder)
+
+
+def read_history(folder: str | Path) -> History:
+    """Read a history back, every number to the bit.
+
+    The scene is not kept (its data may be functions): `scene` is None, `effects` says it in words.
+
+    Parameters
+    ----------
+    folder : str or Path
+        What :meth:`History.write` was given.
+
+    Raises
+    ------
+    HistoryError
+        There is no such folder, no history in it, or one that is damaged or of another format.
+    """
+    found = read_results(folder)
+    return History(**{field.name: getattr(found, field.name) for field in fields(Results)})

@@ -1,0 +1,1 @@
+"""What results say at any points of the body, and along lines."""

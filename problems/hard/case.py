@@ -14,13 +14,14 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import Posed, pose
 
 ANSWER, WARNING, REFUSAL = "answer", "answer with a warning", "refuse with an error"
 SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=1e-6), vx.OSQP(accuracy=1e-6))
@@ -38,6 +39,12 @@ class Setting:
     exact: np.ndarray | None = None
     """(N + 1, n_nodes, 2) the displacement, where it is known to the last digit"""
     options: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def posed(self) -> Posed:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return pose(self.scene, self.mesh)
 
 
 @dataclass(frozen=True)
@@ -76,10 +83,13 @@ class Finding:
 
 def run(case: Case) -> list[Finding]:
     """Every solver's finding; complaints of one against another are added to the second."""
-    setting, findings = None, []
-    for solver in case.solvers:
-        setting, finding = attempt(case, solver)
-        findings.append(finding)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            setting = case.make()
+        except vx.VemcvxError as error:
+            return [judged(case, refusal(solver, error)) for solver in case.solvers]
+    findings = [attempt(case, setting, solver, caught) for solver in case.solvers]
     answers = [i for i, finding in enumerate(findings) if finding.history is not None]
     for i, j in combinations(answers, 2):
         apart = disagreement(setting, findings[i], findings[j])
@@ -88,19 +98,24 @@ def run(case: Case) -> list[Finding]:
     return findings
 
 
-def attempt(case: Case, solver: vx.Solver) -> tuple[Setting | None, Finding]:
-    """Make the case and simulate it; errors are findings too."""
-    start, setting = time.perf_counter(), None
+def refusal(solver: vx.Solver, error: vx.VemcvxError, seconds: float = 0.0) -> Finding:
+    """An error is a finding, too."""
+    did = REFUSAL if not isinstance(error, vx.NotAccepted | vx.NotCertified) else "says it cannot"
+    return Finding(solver.name, did, str(error), seconds=seconds)
+
+
+def attempt(case: Case, setting: Setting, solver: vx.Solver, earlier: Sequence[warnings.WarningMessage]) -> Finding:
+    """Simulate a case; `earlier` is what was warned of when its setting was made."""
+    start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            setting = case.make()
             options = {"check": False, **setting.options}
             history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, **options)
         except vx.VemcvxError as error:
-            did = REFUSAL if not isinstance(error, vx.NotAccepted | vx.NotCertified) else "says it cannot"
-            return setting, judged(case, Finding(solver.name, did, str(error), seconds=time.perf_counter() - start))
-    said = [str(w.message) for w in caught if issubclass(w.category, vx.SceneWarning | vx.MeshWarning)]
+            return judged(case, refusal(solver, error, time.perf_counter() - start))
+    noted = [w for w in (*earlier, *caught) if issubclass(w.category, vx.SceneWarning | vx.MeshWarning)]
+    said = [str(w.message) for w in noted]
     did = WARNING if said else ANSWER
     run = history.trajectory
     if run.certificate.max() > solver.accuracy:
@@ -120,7 +135,7 @@ def attempt(case: Case, solver: vx.Solver) -> tuple[Setting | None, Finding]:
         time.perf_counter() - start,
         history=history,
     )
-    return setting, judged(case, finding, setting)
+    return judged(case, finding, setting)
 
 
 def true_error(setting: Setting, history: vx.History) -> float:
@@ -128,7 +143,7 @@ def true_error(setting: Setting, history: vx.History) -> float:
     if setting.exact is None:
         return np.nan
     apart = (history.displacement - setting.exact[history.stored]).reshape(len(history.times), -1)
-    A = pose(setting.scene, setting.mesh).A
+    A = setting.posed.A
     distance = np.sqrt(np.maximum(np.einsum("si,is->s", apart, A @ apart.T), 0.0))
     return float(distance.max() / history.trajectory.norm.max())
 
@@ -149,10 +164,10 @@ def judged(case: Case, finding: Finding, setting: Setting | None = None) -> Find
     return finding
 
 
-def disagreement(setting: Setting | None, one: Finding, other: Finding) -> str:
+def disagreement(setting: Setting, one: Finding, other: Finding) -> str:
     """Empty where two answers differ by no more than their certificates and floors allow."""
     first, second = one.history.trajectory, other.history.trajectory
-    K = pose_quietly(setting).system.K
+    K = setting.posed.system.K
     apart = first.state - second.state
     distance = np.sqrt(np.maximum(np.einsum("si,is->s", apart, K @ apart.T), 0.0)).max()
     size = max(first.norm.max(), second.norm.max())
@@ -160,12 +175,6 @@ def disagreement(setting: Setting | None, one: Finding, other: Finding) -> str:
     if not distance <= allowed:
         return f"differs from {one.solver} by {distance / size:.1e}, allowed is {allowed / size:.1e}"
     return ""
-
-
-def pose_quietly(setting: Setting) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return pose(setting.scene, setting.mesh)
 
 
 def replace_complaint(finding: Finding, complaint: str) -> Finding:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 import vemcvx as vx
@@ -38,11 +40,17 @@ def setting(length, force):
     return Setting(scene(length, force), resized(length), TIMES)
 
 
+SOLVERS = {"Newton": vx.Newton(1e-8), "CLARABEL": vx.Clarabel(1e-6), "OSQP": vx.OSQP(1e-6)}
+
+
+@cache
+def solved(name):
+    return vx.simulate(scene(), PLAIN, TIMES, solver=SOLVERS[name], check=False)
+
+
 def plain(history):
     """The same solver in plain units."""
-    solver = {"Newton": vx.Newton(1e-8), "CLARABEL": vx.Clarabel(1e-6), "OSQP": vx.OSQP(1e-6)}
-    name = next(name for name in solver if name.lower() in history.solver.lower())
-    return vx.simulate(scene(), PLAIN, TIMES, solver=solver[name], check=False)
+    return solved(next(name for name in SOLVERS if name.lower() in history.solver.lower()))
 
 
 def same_bits(length):

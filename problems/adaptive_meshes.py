@@ -28,8 +28,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import feng_han_huang as paper
 import l_shaped_bracket as bracket
 import vemcvx as vx
-from vemcvx.adaptivity.marking import cells_to_refine
 from vemcvx.canvas import new_figure
+from vemcvx.estimate.adapt.marking import cells_to_refine
 from vemcvx.plots.palette import COMPUTED, GRID, SECOND
 
 STEPS = 32

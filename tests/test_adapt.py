@@ -12,9 +12,9 @@ from conftest import paper_scene
 from random_scenes import coarse_mesh, random_scene
 
 import vemcvx as vx
-from vemcvx.adaptivity.instants import split_steps
-from vemcvx.adaptivity.marking import GAIN, MARGIN, cells_to_refine
-from vemcvx.budget import Finer, beside_finer
+from vemcvx.estimate.adapt.marking import GAIN, MARGIN, cells_to_refine
+from vemcvx.estimate.adapt.time_steps import split_steps
+from vemcvx.estimate.budget import Finer, beside_finer
 from vemcvx.scene.pose import pose
 from vemcvx.stepping.state import prepare
 

@@ -219,7 +219,7 @@ def test_too_little_memory_is_said(monkeypatch):
     def hungry(*_, **__):
         raise MemoryError("Unable to allocate 7 EiB")
 
-    monkeypatch.setattr("vemcvx.cli.simulation.simulate", hungry)
+    monkeypatch.setattr("vemcvx.cli.run.simulate", hungry)
     refused = invoke("run", PROBLEM)
     assert refused.exit_code == 2
     assert "not enough memory: Unable to allocate 7 EiB; take a coarser mesh" in refused.output
@@ -233,7 +233,8 @@ def test_a_command_that_is_ended_shows_the_cursor_again(tmp_path, name):
     main, side = pty.openpty()
     code = f"""
 import os, signal
-from vemcvx.cli import app, simulation
+from vemcvx.cli import app
+from vemcvx.cli import run as simulation
 def simulate(*_, progress, **__):
     progress(1, 9)
     os.kill(os.getpid(), signal.{name})

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.side_by_side import Outcome, bounds_distance, clause, distance, judged
+from vemcvx.cli.compare import Outcome, bounds_distance, clause, distance, judged
 from vemcvx.scene.pose import pose
 from vemcvx.solvers.conic import installed
 

@@ -22,14 +22,14 @@ import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.alone import alone
-from vemcvx.cost.grid import Grid, common_instants
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.reference import Reference, build_reference, errors, read_reference
 from vemcvx.cost.remaining import seconds_left
 from vemcvx.cost.row import table
 from vemcvx.cost.run_point import high_water_mb, run_point
+from vemcvx.cost.settings import Grid, common_instants
 from vemcvx.cost.sweep import finished_row
-from vemcvx.measures import energy_distance
+from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.io.archive import read_archive
 
 ROOT = Path(vx.__file__).parent.parent

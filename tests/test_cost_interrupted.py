@@ -16,9 +16,9 @@ from test_cost import GRID, PROBLEM, ROOT, UNIFORM, Recipe, cost, made
 
 import vemcvx as vx
 from vemcvx.cost.alone import Crashed, alone
-from vemcvx.cost.grid import Grid
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.reference import read_reference
+from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweep import finished_row, sweep
 from vemcvx.owned import Owned
 

@@ -10,7 +10,7 @@ import pytest
 from conftest import FAMILIES, paper_scene
 
 import vemcvx as vx
-from vemcvx.budget import error_budget
+from vemcvx.estimate.budget import error_budget
 
 sys.path.insert(0, str(Path(vx.__file__).parent.parent / "problems"))
 import manufactured_full_slip as full_slip
@@ -149,7 +149,7 @@ MATERIALS = [
 @pytest.mark.parametrize("materials", MATERIALS)
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
-    from vemcvx.budget.residual import stabilised
+    from vemcvx.estimate.budget.residual import stabilised
     from vemcvx.scene.pose import pose
     from vemcvx.vem import strains, stresses
 

@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx import owned
-from vemcvx.cli import app, simulation
+from vemcvx.cli import app
+from vemcvx.cli import run as simulation
 from vemcvx.stepping import recorder
 from vemcvx.stepping.storage import Folder
 

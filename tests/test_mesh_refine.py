@@ -9,7 +9,7 @@ import pytest
 from counted import calls
 
 import vemcvx as vx
-from vemcvx.measures.overlap import common_rule
+from vemcvx.estimate.measures.overlap import common_rule
 from vemcvx.meshes import PolygonMesh, refinement
 from vemcvx.meshes.local_refinement.sides import splitting_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.budget import error_budget
+from vemcvx.estimate.budget import error_budget
 from vemcvx.scene.pose import pose
 
 pytestmark = pytest.mark.arithmetic

@@ -10,8 +10,8 @@ from conftest import paper_scene
 from random_scenes import KINDS, coarse_mesh, declared_scene
 
 import vemcvx as vx
-from vemcvx.budget import beside_finer, error_budget
-from vemcvx.budget.course import course
+from vemcvx.estimate.budget import beside_finer, error_budget
+from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.scene.pose import pose
 from vemcvx.stepping.backward_euler import completed
 from vemcvx.stepping.initial import initial_state

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.budget import error_budget
 from vemcvx.effects import Given
+from vemcvx.estimate.budget import error_budget
 
 MOST = 5.0
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)

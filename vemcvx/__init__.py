@@ -6,9 +6,7 @@ not depend on the solver. After Feng, Han and Huang, "A virtual element method f
 contact problem"; equation numbers in this package are its.
 """
 
-from vemcvx import measures, meshes
-from vemcvx.adaptivity import Adapted, adapt
-from vemcvx.budget import ErrorBudget, error_budget
+from vemcvx import meshes
 from vemcvx.effects import (
     BilateralContact,
     BodyForce,
@@ -42,13 +40,16 @@ from vemcvx.errors import (
     SceneWarning,
     VemcvxError,
 )
+from vemcvx.estimate import measures
+from vemcvx.estimate.adapt import Adapted, adapt
+from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Damping, Limits, Norms, System
 from vemcvx.results.contact import Contact
 from vemcvx.results.history import History, read_history
 from vemcvx.scene import Scene
-from vemcvx.simulate import simulate
+from vemcvx.simulation import simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.version import __version__

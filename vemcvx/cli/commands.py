@@ -79,7 +79,7 @@ def run(
     """Simulate a problem, and say what came out and how certain it is."""
     with reported():
         from vemcvx.cli.problem_file import read_problem
-        from vemcvx.cli.simulation import Run, simulate_problem
+        from vemcvx.cli.run import Run, simulate_problem
 
         if resume is not None and out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
@@ -97,7 +97,7 @@ def show(file: File, mesh: Mesh = None, n: N = 64, settings: Settings = []) -> N
     """Say a problem's scene in words: effects, unknowns, the convex program, who can solve it."""
     with reported():
         from vemcvx.cli.problem_file import read_problem
-        from vemcvx.cli.scene_in_words import print_scene
+        from vemcvx.cli.show import print_scene
 
         print_scene(read_problem(file), mesh, n, tuple(settings))
 
@@ -118,8 +118,8 @@ def compare(
 ) -> None:
     """Solve a problem by several solvers, and hold their answers against each other and their certificates."""
     with reported():
+        from vemcvx.cli.compare import Comparison, compare_solvers
         from vemcvx.cli.problem_file import read_problem
-        from vemcvx.cli.side_by_side import Comparison, compare_solvers
 
         found = compare_solvers(read_problem(file), Comparison(mesh, n, steps, solvers, accuracy, tuple(settings)))
         typer.echo(found.text)
@@ -160,7 +160,7 @@ def cost(
 ) -> None:
     """Measure what accuracy costs: true errors against seconds and unknowns, over meshes, steps and solvers."""
     with reported():
-        from vemcvx.cli.cost_of_accuracy import Wanted, cost_of_accuracy
+        from vemcvx.cli.cost import Wanted, cost_of_accuracy
         from vemcvx.cli.problem_file import read_problem
 
         asked = (mesh, n, steps, solver, accuracy, target, adaptive, workers, scheduler, out, not resume)

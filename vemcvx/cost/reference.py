@@ -24,17 +24,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.adaptivity import adapt
-from vemcvx.budget import error_budget
 from vemcvx.cost.point import Ingredients, Point, Recipe
 from vemcvx.cost.row import of_its_kinds
 from vemcvx.cost.run_point import Ran
 from vemcvx.errors import HistoryError, MeshError, SceneError
-from vemcvx.measures import Field, energy_distance
+from vemcvx.estimate.adapt import adapt
+from vemcvx.estimate.budget import error_budget
+from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.meshes import PolygonMesh
 from vemcvx.results.history import History
 from vemcvx.results.io.archive import read_archive, write_archive
-from vemcvx.simulate import simulate
+from vemcvx.simulation import simulate
 
 Floats = NDArray[np.float64]
 

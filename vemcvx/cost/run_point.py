@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.adaptivity import adapt
-from vemcvx.budget import error_budget
 from vemcvx.cost.point import Ingredients, Point, Recipe
 from vemcvx.errors import SceneError, SceneWarning, VemcvxError
-from vemcvx.measures.field import step_at
+from vemcvx.estimate.adapt import adapt
+from vemcvx.estimate.budget import error_budget
+from vemcvx.estimate.measures.field import step_at
 from vemcvx.meshes import PolygonMesh
 from vemcvx.results.history import History
 from vemcvx.results.io.summary import peak_memory_mb
-from vemcvx.simulate import simulate
+from vemcvx.simulation import simulate
 
 Floats = NDArray[np.float64]
 

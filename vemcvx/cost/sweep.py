@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.cost.alone import Crashed, Refused, alone
-from vemcvx.cost.grid import Grid, common_instants
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.point import Point, Recipe
 from vemcvx.cost.pool import Pool, pool
@@ -21,6 +20,7 @@ from vemcvx.cost.reference import FILES, PART, Reference, build_reference, error
 from vemcvx.cost.remaining import seconds_left
 from vemcvx.cost.row import CRASHED, DONE, REFUSED, Row
 from vemcvx.cost.run_point import PARTS, run_point
+from vemcvx.cost.settings import Grid, common_instants
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.owned import Owned, path_of
 

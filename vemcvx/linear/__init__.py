@@ -1,6 +1,6 @@
 """Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
 
-from vemcvx.linear.choose import choose_linear
+from vemcvx.linear.default import choose_linear
 from vemcvx.linear.dense import DenseCholesky
 from vemcvx.linear.factor import Factor, LinearSolver, Scaled
 from vemcvx.linear.multigrid import Multigrid

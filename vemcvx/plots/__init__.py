@@ -1,6 +1,6 @@
 """Pictures of a history: each a function that returns a matplotlib figure, or draws on axes that it is given."""
 
-from vemcvx.plots.closed_form import beside_closed_form
+from vemcvx.plots.beside_closed_form import beside_closed_form
 from vemcvx.plots.deformed_mesh import deformed_mesh
 from vemcvx.plots.energy_ledger import energy_ledger
 from vemcvx.plots.friction_traction import friction_traction

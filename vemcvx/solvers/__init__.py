@@ -1,8 +1,8 @@
 """Solvers of one step's convex program, of different kinds."""
 
-from vemcvx.solvers.choose import choose
 from vemcvx.solvers.clarabel import Clarabel
 from vemcvx.solvers.conic import ThroughCvxpy
+from vemcvx.solvers.default import choose
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.osqp import OSQP

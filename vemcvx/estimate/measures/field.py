@@ -13,7 +13,7 @@ from vemcvx.kinds import number
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.checks import finite
 from vemcvx.real import brief, real
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 from vemcvx.vem import Space, strains
 
 Floats = NDArray[np.float64]
@@ -75,17 +75,17 @@ class Field:
         return strains(self.space, self.displacement)
 
 
-def field_of(run: History | Field, step: int, subject: str) -> Field:
+def field_of(run: Results | Field, step: int, subject: str) -> Field:
     """The field of a history at a stored step, or the field that was given."""
     if isinstance(run, Field):
         return run
-    if not isinstance(run, History):
+    if not isinstance(run, Results):
         raise HistoryError(f"{subject}: found {brief(run)} where a History (or a vx.measures.Field) goes.")
     row = run.row(step)
     return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]))
 
 
-def step_at(history: History, time: float) -> int:
+def step_at(history: Results, time: float) -> int:
     """The number of the stored step at an instant.
 
     Raises

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import MeshError
-from vemcvx.measures.pieces import Pieces, convex_pieces, doubled_areas, fans, inside
+from vemcvx.estimate.measures.convex_parts import Pieces, convex_pieces, doubled_areas, fans, inside
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.clipping import clip
 from vemcvx.meshes.polygons.segments import overlapping_boxes

@@ -11,14 +11,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from vemcvx.adaptivity import adapt
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
+from vemcvx.estimate.adapt import adapt
 from vemcvx.results.history import History
 from vemcvx.results.io.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable, writable_folder, write_results
 from vemcvx.results.io.summary import Origin
-from vemcvx.simulate import simulate
+from vemcvx.simulation import simulate
 from vemcvx.stepping.storage import CHECKPOINT, Folder
 
 ROWS = "rows"

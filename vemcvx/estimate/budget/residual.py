@@ -4,7 +4,7 @@
                    + sum over inner edges     h_e / (4 mu) |[sigma n]|^2_e / 2       jumps, half to each neighbour
                    + sum over boundary edges  h_e / (2 mu) |t - sigma n|^2_e         loads, friction, contact, springs
                    + tau |(I - Pi) u|^2 at the vertices                              the stabilisation, as in K
-                   + what of the data was not assembled )                            :mod:`vemcvx.budget.oscillation`
+                   + what of the data was not assembled )                            :mod:`.data_oscillation`
 
 with sigma = C eps(Pi u) + sigma_0, h_K = |K|^{1/2}, h_e the mean over the neighbours, and boundary residuals only in
 the directions that supports leave free. In the order of Verfurth, *A Posteriori Error Estimation Techniques for Finite
@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.oscillation import Closer
-from vemcvx.budget.skeleton import Skeleton
-from vemcvx.budget.surface import Instant, surface_forces
+from vemcvx.estimate.budget.data_oscillation import Closer
+from vemcvx.estimate.budget.skeleton import Skeleton
+from vemcvx.estimate.budget.surface_forces import Instant, surface_forces
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import Posed
 from vemcvx.vem import strains, stresses

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import MeshError
-from vemcvx.measures.field import Field
-from vemcvx.measures.measured import Measured, measured
+from vemcvx.estimate.measures.field import Field
+from vemcvx.estimate.measures.measured import Measured, measured
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.search import search_tree
 from vemcvx.vem import elastic_matrix, strains, stresses

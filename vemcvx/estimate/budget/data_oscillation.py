@@ -10,8 +10,8 @@ A datum that is not what was assembled does work r(v) on test functions that the
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
 with t_e, f_K the means that were assembled, and g_h linear between its nodal values. The weights are those of the
-residuals (:mod:`vemcvx.budget.residual`). A bump of the height d anywhere in an edge costs mu d^2 by itself: the
-half norm of a trace does not change with its width. The last is no residual but the work itself, in its dual norm:
+residuals (:mod:`.residual`). A bump of the height d anywhere in an edge costs mu d^2 by itself: the half norm of a
+trace does not change with its width. The last is no residual but the work itself, in its dual norm:
 with it the divergence of thermal stresses inside cells is accounted for. Bounds count where friction is at its bound,
 or something has slipped before; elsewhere only where they are less than what holds there.
 """
@@ -24,10 +24,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.places import Places, in_cells, on_edges
-from vemcvx.budget.skeleton import Skeleton
-from vemcvx.budget.surface import Instant, at_ends, normals_of, pressures_at_ends
 from vemcvx.effects import Given
+from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
+from vemcvx.estimate.budget.skeleton import Skeleton
+from vemcvx.estimate.budget.surface_forces import Instant, at_ends, normals_of, pressures_at_ends
 from vemcvx.scene.pose import Posed
 from vemcvx.vem import elastic_matrix
 

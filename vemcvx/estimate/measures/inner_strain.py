@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import MeshError
-from vemcvx.measures.field import Field
+from vemcvx.estimate.measures.field import Field
 from vemcvx.vem import CellGroup
 
 Floats = NDArray[np.float64]

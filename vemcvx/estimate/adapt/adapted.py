@@ -16,11 +16,11 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.adaptivity.instants import split_steps
-from vemcvx.adaptivity.marking import cells_to_refine
-from vemcvx.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
-from vemcvx.budget.course import course
 from vemcvx.errors import SceneError
+from vemcvx.estimate.adapt.marking import cells_to_refine
+from vemcvx.estimate.adapt.time_steps import split_steps
+from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
+from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.kinds import LARGEST, is_real
 from vemcvx.meshes import PolygonMesh
 from vemcvx.real import brief
@@ -28,7 +28,7 @@ from vemcvx.results.from_march import record
 from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose
-from vemcvx.simulate import check_kinds
+from vemcvx.simulation import check_kinds
 from vemcvx.solvers import Solver
 from vemcvx.stepping.backward_euler import completed
 from vemcvx.stepping.initial import initial_state
@@ -133,7 +133,7 @@ def adapt(
     times : increasing sequence of instants
         The first, the last, and those at which the answer is wanted, which the history stores; others are put between.
     target : float
-        Relative energy error: :class:`vemcvx.budget.ErrorBudget`, the largest over the instants looked at.
+        Relative energy error: :class:`vemcvx.estimate.budget.ErrorBudget`, the largest over the instants looked at.
     solver : Solver, optional
         Its accuracy is lowered to a hundredth of the target where it asks for more than that and need not.
     initial : None, "equilibrium" or "settled"

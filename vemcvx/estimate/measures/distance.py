@@ -2,7 +2,7 @@
 
     exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
     projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
-    nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other (:mod:`vemcvx.measures.nodal`)
+    nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other (:mod:`.nodal`)
 
 The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are norms of
 a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle inequality.
@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
+from vemcvx.estimate.measures.field import Field, field_of, step_at
+from vemcvx.estimate.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
+from vemcvx.estimate.measures.measured import Measured, measured
+from vemcvx.estimate.measures.nodal import nodal_distance
+from vemcvx.estimate.measures.overlap import CommonRule, check_covered, common_rule
 from vemcvx.kinds import choice, flag
-from vemcvx.measures.field import Field, field_of, step_at
-from vemcvx.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
-from vemcvx.measures.measured import Measured, measured
-from vemcvx.measures.nodal import nodal_distance
-from vemcvx.measures.overlap import CommonRule, check_covered, common_rule
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 from vemcvx.vem import elastic_matrix, stresses, upper_triangle
 
 Floats = NDArray[np.float64]
@@ -36,8 +36,8 @@ SAME_MODULI = 1e-12
 
 
 def energy_distance(
-    run: History | Field,
-    reference: History | Field,
+    run: Results | Field,
+    reference: Results | Field,
     *,
     kind: str = "projected",
     step: int = -1,
@@ -52,7 +52,7 @@ def energy_distance(
     run, reference : History or Field
         Shares of cells are those of the mesh of `run`; relative values refer to `reference`.
     kind : {"projected", "exact", "nodal"}
-        What is compared: see :mod:`vemcvx.measures.distance`.
+        What is compared: see :mod:`vemcvx.estimate.measures.distance`.
     step, reference_step : int
         Stored steps; negative ones count from the end.
     time : float, optional
@@ -92,8 +92,8 @@ def energy_distance(
     return measured(np.bincount(rule.first, squares, u.mesh.n_cells).astype(float), norm, _apart(rule, u, v))
 
 
-def _field(run: History | Field, step: int, time: float | None, subject: str) -> Field:
-    if time is not None and isinstance(run, History):
+def _field(run: Results | Field, step: int, time: float | None, subject: str) -> Field:
+    if time is not None and isinstance(run, Results):
         step = step_at(run, time)
     return field_of(run, step, subject)
 

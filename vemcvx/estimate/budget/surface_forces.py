@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.skeleton import Skeleton
+from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses

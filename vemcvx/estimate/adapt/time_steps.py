@@ -2,7 +2,7 @@
 
 A step that loses much has data that bend or jump inside it, and these are instants from then on; or it is halved. The
 steps that together make up a given part of the loss are split at once: the smallest set, as of cells
-(:mod:`vemcvx.adaptivity.marking`).
+(:mod:`vemcvx.estimate.adapt.marking`).
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.adaptivity.marking import largest
-from vemcvx.budget import Finer
-from vemcvx.budget.course import HAIR
+from vemcvx.estimate.adapt.marking import largest
+from vemcvx.estimate.budget import Finer
+from vemcvx.estimate.budget.data_in_time import HAIR
 
 Floats = NDArray[np.float64]
 

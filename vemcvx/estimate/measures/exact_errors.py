@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.effects import data
-from vemcvx.measures.cell_rule import cell_rule
-from vemcvx.measures.field import Field, field_of
-from vemcvx.measures.measured import Measured, measured
+from vemcvx.estimate.measures.cell_rule import cell_rule
+from vemcvx.estimate.measures.field import Field, field_of
+from vemcvx.estimate.measures.measured import Measured, measured
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 from vemcvx.vem import stresses
 
 Floats = NDArray[np.float64]
 
 
-def energy_error(history: History | Field, strain: data.Datum, step: int = -1) -> Measured:
+def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
     """Error of Pi u against a known strain, in the energy norm.
 
     Parameters
@@ -55,7 +55,7 @@ def energy_error(history: History | Field, strain: data.Datum, step: int = -1) -
     return measured(np.bincount(owner, squares, field.mesh.n_cells).astype(float), reference)
 
 
-def l2_error(history: History | Field, displacement: data.Datum, step: int = -1) -> Measured:
+def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1) -> Measured:
     """Error of Pi u against a known displacement, in L2.
 
     Parameters

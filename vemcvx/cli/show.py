@@ -15,7 +15,7 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose
-from vemcvx.solvers.choose import BY_SIZE, words
+from vemcvx.solvers.default import BY_SIZE, words
 from vemcvx.stepping.march import checked_times
 
 INSTANTS = 64

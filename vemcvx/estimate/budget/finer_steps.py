@@ -2,7 +2,7 @@
 
 Steps of a condensed system are cheap. The run is marched again, on the same mesh, at its own instants and at finer
 ones: PARTS in every step, more where data turn faster than that, and wherever they bend or jump
-(:mod:`vemcvx.budget.course`). At the instants of the run both are driven by the same data, so that they differ by what
+(:mod:`.data_in_time`). At the instants of the run both are driven by the same data, so that they differ by what
 their contact forces do, and with S the condensed stiffness
 
     |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns that friction and limits touch.
@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.course import Course, course, divided
+from vemcvx.estimate.budget.data_in_time import Course, course, divided
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.initial import settled_from
 from vemcvx.stepping.state import Run
@@ -54,7 +54,7 @@ class Finer:
         Largest energy norm of the finer run.
     bends : (b,) array
     jumps : tuple of str
-        As in :class:`vemcvx.budget.course.Course`.
+        As in :class:`vemcvx.estimate.budget.data_in_time.Course`.
     """
 
     errors: Floats

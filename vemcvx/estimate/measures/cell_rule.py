@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.measures.pieces import convex_pieces, doubled_areas, fans
+from vemcvx.estimate.measures.convex_parts import convex_pieces, doubled_areas, fans
 from vemcvx.vem import Space
 
 Floats = NDArray[np.float64]

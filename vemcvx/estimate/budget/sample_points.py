@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.skeleton import Skeleton
-from vemcvx.measures.pieces import convex_pieces, doubled_areas, fans
+from vemcvx.estimate.budget.skeleton import Skeleton
+from vemcvx.estimate.measures.convex_parts import convex_pieces, doubled_areas, fans
 from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.vem import Space
 

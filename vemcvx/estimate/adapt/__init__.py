@@ -1,5 +1,5 @@
 """Meshes and instants for the accuracy asked."""
 
-from vemcvx.adaptivity.adaptive import Adapted, Pass, adapt
+from vemcvx.estimate.adapt.adapted import Adapted, Pass, adapt
 
 __all__ = ["Adapted", "Pass", "adapt"]

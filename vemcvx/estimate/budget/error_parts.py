@@ -3,9 +3,9 @@
     total = algebra + space + time
 
 algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is estimated,
-by the residuals of :mod:`vemcvx.budget.residual`. time is the distance from the same run in finer steps, on the same
-mesh (:mod:`vemcvx.budget.finer`). All are relative energy errors: parts of the largest energy norm of the run; where
-nothing has moved, of the estimate, so that all is missing.
+by the residuals of :mod:`.residual`. time is the distance from the same run in finer steps, on the same mesh
+(:mod:`.finer_steps`). All are relative energy errors: parts of the largest energy norm of the run; where nothing has
+moved, of the estimate, so that all is missing.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.budget.finer import Finer, beside_finer
-from vemcvx.budget.oscillation import Closer
-from vemcvx.budget.residual import indicators
-from vemcvx.budget.skeleton import skeleton
-from vemcvx.budget.surface import instant
 from vemcvx.errors import HistoryError, SceneError
+from vemcvx.estimate.budget.data_oscillation import Closer
+from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
+from vemcvx.estimate.budget.residual import indicators
+from vemcvx.estimate.budget.skeleton import skeleton
+from vemcvx.estimate.budget.surface_forces import instant
 from vemcvx.real import brief, plain
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
@@ -42,12 +42,12 @@ class ErrorBudget:
     steps : (S,) int
         The steps looked at.
     algebra, space, time : (S,)
-        Certified, estimated and estimated: see :mod:`vemcvx.budget.error_budget`.
+        Certified, estimated and estimated: see :mod:`vemcvx.estimate.budget.error_parts`.
     parts : mapping of str to (S,)
         The shares of space: "volume", "jumps", "boundary", "stabilisation" and "data"; space^2 is the sum of their
         squares.
     cells : (n_cells,)
-        The largest eta_K (:mod:`vemcvx.budget.residual`) of each cell over the steps looked at.
+        The largest eta_K (:mod:`vemcvx.estimate.budget.residual`) of each cell over the steps looked at.
     added : (N,)
         What each step adds to the error of time: the norm of the change.
     jumps : tuple of str

@@ -26,7 +26,7 @@ from vemcvx.cli.solver_names import NAMES, named_solver
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError
 from vemcvx.program.system import System
 from vemcvx.scene.pose import pose
-from vemcvx.simulate import simulate
+from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 from vemcvx.solvers.conic import installed
 from vemcvx.stepping.trajectory import Trajectory

@@ -1,0 +1,9 @@
+"""Errors against closed forms, distances between runs on different meshes, observed orders."""
+
+from vemcvx.estimate.measures.convergence_orders import Orders, orders
+from vemcvx.estimate.measures.distance import energy_distance
+from vemcvx.estimate.measures.exact_errors import energy_error, l2_error
+from vemcvx.estimate.measures.field import Field
+from vemcvx.estimate.measures.measured import Measured
+
+__all__ = ["Field", "Measured", "Orders", "energy_distance", "energy_error", "l2_error", "orders"]

@@ -256,6 +256,14 @@ class Trial:
         d, lam = state.y - self.before.y, self.program.project(state.lam)
         return self.enter(Answer(d, lam, state.iterations, state.status, state.safeguards, state.p), certificate)
 
+    def moved(self, state: State, under: State, certificate: Certificate) -> State:
+        """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
+        program, d = self.program, state.y - self.before.y
+        friction = norm_gaps(program.w, under.lam, program.slip(d))
+        limits = limit_gaps(program.form.softness, under.p, program.excess(d), program.excess_blur(d))
+        answer = Answer(d, under.lam, state.iterations, state.status, state.safeguards, under.p)
+        return self.enter(answer, replace(certificate, friction=friction, limits=limits))
+
     def enter(self, answer: Answer, certificate: Certificate, walls: Floats | None = None) -> State:
         """The state that an answer leads to."""
         walls = self.program.w if walls is None else walls

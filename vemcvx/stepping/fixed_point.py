@@ -13,7 +13,11 @@ by a solution of the step: what sticks, slips, touches at d_k makes one linear s
     |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
 
 a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
-active-set steps anyway answer with d_s itself, often after the first program; answers of all others stay their own.
+active-set steps anyway answer with d_s itself, often after the first program. Motions of all others stay their own;
+their forces are those of d_s, which balance and follow the law to rounding, as no solver's pressures do. To half the
+square of the bound comes what these forces miss of work on d_k, friction and limits, so that
+
+    work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
 
 Where sets do not settle, or the law is not known to be piecewise affine, the certificate is an *estimate*:
 
@@ -94,6 +98,11 @@ class Dependent:
         """The state under the weights of its own pressures, with that certificate."""
         return self.pose(self.run, self.law(state.p)).reconsidered(state, certificate)
 
+    def beside(self, state: State, near: State) -> State:
+        """The motion of the state under the forces of a solution near it, and its distance to that."""
+        error = self.distance(state, near) + near.certificate.error
+        return self.pose(self.run, near.weights).moved(state, near, near.certificate.away(error))
+
     def law(self, p: Floats) -> Floats:
         """Weights (m,) under the forces p (r,)."""
         return self.run.system.norms.weights_under(self.t, p)  # type: ignore[union-attr]
@@ -137,8 +146,7 @@ def resolved(step: Dependent, start: Floats) -> State:
             own = step.certified(state, _estimated(state.certificate, [0.0] * (WINDOW + 1) if met else increments))
         else:
             iterations += near.iterations
-            apart = step.distance(state, near) + near.certificate.error
-            own = near if step.replaces else step.certified(state, near.certificate.away(apart))
+            own = near if step.replaces else step.beside(state, near)
         own = replace(own, iterations=iterations, safeguards=safeguards, rate=_rate(increments, 1))
         error = own.certificate.error / (own.unit(accuracy) or np.inf)
         level = logging.INFO if count > PATIENCE else logging.DEBUG

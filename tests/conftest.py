@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 
 # Two test processes with two threads each would only get in each other's way on two cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -13,6 +14,11 @@ import pytest
 import vemcvx as vx
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
+FEW = ("squares", "voronoi", "hanging")
+few_families = pytest.mark.parametrize(
+    "family", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in FAMILIES]
+)
+"""For claims that know cells through the stiffness matrix alone, which is tested on every family, and take a while."""
 
 
 @pytest.fixture(params=FAMILIES)
@@ -51,6 +57,7 @@ def cyclic(t):
     return np.sin(2 * np.pi * t)
 
 
+@cache
 def small(family, n=6, **options):
-    """A mesh of the unit square with about n cells a side."""
+    """A mesh of the unit square with about n cells a side; it is read-only, and made once."""
     return vx.meshes.FAMILIES[family](n, **options)

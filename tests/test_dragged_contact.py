@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import small
+from conftest import few_families, small
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
@@ -37,6 +37,7 @@ def ledger_rest(history):
     return left - np.append(0.0, np.cumsum(rest))
 
 
+@few_families
 @pytest.mark.parametrize("direction", [None, "normal"])
 @pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
 def test_a_block_dragged_over_a_rough_floor(family, direction, touch):
@@ -87,6 +88,7 @@ def test_a_floor_that_is_dragged_as_a_whole(family):
     assert history.iterations.max() == 0
 
 
+@few_families
 @pytest.mark.parametrize("coefficient", [0.3, lambda x, t: 0.2 + 0.1 * x[:, 0]])
 def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coefficient):
     """A roller that moves its side along keeps it free to sink: the corner's pressure is known, and rubs."""
@@ -134,6 +136,7 @@ def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     assert np.array_equal(resumed.work, whole.work)
 
 
+@few_families
 def test_what_supports_hold_still_is_no_contact(family):
     """A prescribed value that never changes is a clamp: it neither rubs nor shows."""
     mesh = small(family, 4)
@@ -149,6 +152,7 @@ def test_what_supports_hold_still_is_no_contact(family):
     assert held.dragged_ends is None
 
 
+@few_families
 def test_dashpots_and_dragging_together(family):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.0),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from conftest import small
+from conftest import few_families, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Support
@@ -190,6 +190,7 @@ def test_mistakes(mistake, message):
         mistake()
 
 
+@few_families
 @pytest.mark.parametrize("degrees", [0.0, 33.0])
 @pytest.mark.parametrize("k", [0.1, 40.0, 1e6])
 def test_springs_alone_hold_a_body(family, degrees, k):

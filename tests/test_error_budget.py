@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import FAMILIES, paper_scene
+from conftest import FAMILIES, few_families, paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
@@ -31,7 +31,7 @@ def ratio_of(poisson, family, n):
     return budget.largest["total"] / true.relative
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@few_families
 def test_effectivity_on_manufactured_full_slip(family):
     assert LEAST <= ratio_of(0.3, family, 8) <= MOST
 

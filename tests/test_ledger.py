@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import cyclic, paper_load, small
+from conftest import cyclic, few_families, paper_load, small
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
@@ -31,6 +31,7 @@ def scene(moving):
     )
 
 
+@few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_ledger_closes(family, moving):
     history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
@@ -46,6 +47,7 @@ def test_ledger_closes(family, moving):
     assert history.dissipated[-1] > 1e-3 * size
 
 
+@few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_stored_energy_is_that_of_the_displacement(family, moving):
     history = vx.simulate(scene(moving), small(family, 4), TIMES, solver=vx.Newton())
@@ -55,6 +57,7 @@ def test_stored_energy_is_that_of_the_displacement(family, moving):
     assert np.abs(history.energy - energy).max() < 1e-12 * energy.max()
 
 
+@few_families
 @pytest.mark.parametrize("moving", [False, True])
 def test_reactions_and_friction_balance_the_loads(family, moving):
     history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
@@ -108,6 +111,7 @@ FLOORS = {
 }
 
 
+@few_families
 @pytest.mark.parametrize("floor", FLOORS)
 def test_ledger_closes_while_obstacles_move(family, floor):
     """work - dE - loss = 1/2 a(du, du) + p . dz with z = u . n - gap, and what soft limits store taken off p . dz."""
@@ -133,6 +137,7 @@ def test_ledger_closes_while_obstacles_move(family, floor):
     assert np.abs(np.einsum("nj,nj->n", p[1:], np.diff(gaps, axis=0))).max() > 1e-2 * size
 
 
+@few_families
 @pytest.mark.parametrize("stiffness", [None, 500.0])
 @pytest.mark.parametrize("damped", [False, True])
 def test_work_of_a_floor_that_rises(family, stiffness, damped):
@@ -169,6 +174,7 @@ def test_work_of_a_floor_that_rises(family, stiffness, damped):
     assert history.energy == pytest.approx(stored, abs=1e-9 * work[-1])
 
 
+@few_families
 @pytest.mark.parametrize("condense", [True, False])
 def test_a_body_that_is_carried_stores_nothing(family, condense):
     """A rigid motion, however far: |u|_a is at most what rounding makes of it.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from conftest import few_families
 
 import vemcvx as vx
 from vemcvx.program.certificate import certify
@@ -133,6 +134,7 @@ def depth(t):
     return 0.05 * np.interp(t, [0, 1, 2, 3], [0, 1, 0, 0.6])
 
 
+@few_families
 @pytest.mark.parametrize("stiffness", [None, 400.0])
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
 def test_contact_closes_and_opens_in_closed_form(family, stiffness, solver):
@@ -157,6 +159,7 @@ def test_contact_closes_and_opens_in_closed_form(family, stiffness, solver):
     assert (np.diff(history.work - history.energy) >= -1e-12 * history.work.max()).all()
 
 
+@few_families
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 @pytest.mark.parametrize("cap", [None, 0.35])
 def test_coulomb_friction_in_closed_form(family, solver, cap):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import cyclic, paper_load, paper_scene, small
+from conftest import cyclic, few_families, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
@@ -46,6 +46,7 @@ def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
             some.stress(3)
 
 
+@few_families
 def test_condensed_and_full_certificates_agree(family):
     """At stored steps the residual is that of the original K; it may exceed the condensed one by rounding only."""
     stored = vx.simulate(paper_scene(cyclic), small(family), TIMES)

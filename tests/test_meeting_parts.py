@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import small
+from conftest import few_families, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Friction
@@ -54,6 +54,7 @@ PAIRS = {
 }
 
 
+@few_families
 @pytest.mark.parametrize("pair", PAIRS)
 def test_one_side_in_two_names_is_one_side(family, pair):
     mesh = floor(family)
@@ -70,6 +71,7 @@ def test_one_side_in_two_names_is_one_side(family, pair):
     assert one.contact.lengths.sum() == pytest.approx(1.0, rel=1e-14)
 
 
+@few_families
 def test_bounds_of_parts_that_meet_are_those_of_their_edges(family):
     """Dragged over two floors: at the node where they meet the mean of both bounds acts, and is shown."""
     mesh = floor(family)
@@ -86,6 +88,7 @@ def test_bounds_of_parts_that_meet_are_those_of_their_edges(family):
     assert force[:, 0].sum() == pytest.approx(-(0.5 * west.sum() + 2.0 * east.sum()), rel=1e-12)
 
 
+@few_families
 @pytest.mark.parametrize("stiffness", [None, 2000.0])
 def test_coefficients_that_meet_share_the_pressure(family, stiffness):
     mesh, low, high = floor(family), 0.03, 0.1
@@ -102,6 +105,7 @@ def test_coefficients_that_meet_share_the_pressure(family, stiffness):
     assert (~contact.sticking[1:] & (west * east > 0)).any()
 
 
+@few_families
 def test_friction_on_a_part_of_a_contact_feels_the_share_of_its_edges(family):
     mesh = floor(family)
     contact = run(mesh, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.4, on="inner")).contact
@@ -115,6 +119,7 @@ def test_friction_on_a_part_of_a_contact_feels_the_share_of_its_edges(family):
     assert not contact.bound[:, ~rubs].any()
 
 
+@few_families
 def test_frictions_on_overlapping_parts_add_up(family):
     mesh = floor(family)
     frictions = vx.TrescaFriction(0.5, on="bottom"), vx.TrescaFriction(1.0, on="inner")
@@ -123,6 +128,7 @@ def test_frictions_on_overlapping_parts_add_up(family):
     assert np.abs(contact.bound - (0.5 + inner / whole)).max() < 1e-13
 
 
+@few_families
 def test_the_nearer_of_two_obstacles_stops_a_node(family):
     mesh = floor(family)
     far, near = vx.UnilateralContact(on="bottom", gap=0.02), vx.UnilateralContact(on="inner", gap=0.005)
@@ -135,6 +141,7 @@ def test_the_nearer_of_two_obstacles_stops_a_node(family):
     assert (both.contact.pressure[-1] > 0).any()
 
 
+@few_families
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 @pytest.mark.parametrize("degrees", [0.0, 30.0])
 @pytest.mark.parametrize("touch", [vx.UnilateralContact, vx.BilateralContact, lambda on: vx.NormalCompliance(1e4, on)])
@@ -153,6 +160,7 @@ def test_a_corner_shows_the_pressure_of_its_sides(family, degrees, touch):
         assert len(contact.nodes) == len(np.union1d(*(np.unique(mesh.boundaries[name]) for name in ("left", "bottom"))))
 
 
+@few_families
 def test_a_corner_shows_the_bound_of_its_sides(family):
     sides = ["left", "bottom"]
     effects = (
@@ -168,6 +176,7 @@ def test_a_corner_shows_the_bound_of_its_sides(family):
     assert contact.friction_lengths == pytest.approx(contact.lengths, rel=1e-14)
 
 
+@few_families
 def test_supports_beside_contact_keep_their_own_forces(family):
     """A slanted slide at the end of a floor: its reaction is none of the floor's pressure."""
     mesh, slant = small(family, 5), np.array([0.6, 0.8])
@@ -195,6 +204,7 @@ def test_supports_beside_contact_keep_their_own_forces(family):
     assert np.abs(rest[-1, shared] @ slant).max() > 1e-3 * size
 
 
+@few_families
 def test_friction_of_ones_own_is_shown_though_it_names_no_edges(family):
     """Effects of users may bring lengths alone, and no surface: beside others they act and are seen as before."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
+from conftest import few_families
 
 import vemcvx as vx
 
@@ -42,6 +43,7 @@ def against_closed_form(mesh, solver):
     return posed, trajectory, a, loss
 
 
+@few_families
 def test_stick_slip_and_reversal_are_exact_on_every_mesh(family):
     mesh = vx.meshes.FAMILIES[family](4, box=BOX)
     _, trajectory, a, loss = against_closed_form(mesh, vx.Newton())

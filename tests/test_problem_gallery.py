@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import few_families
 
 import vemcvx as vx
 
@@ -83,6 +84,7 @@ def test_the_stress_in_a_fibre_is_uniform():
     assert np.abs(same.stress(-1) - [inclusion.PULL, 0.0, 0.0]).max() < 1e-12
 
 
+@few_families
 def test_a_grain_leans_the_loop_of_friction(family):
     """Exact on every mesh: slip, friction and pressure at every node and step."""
     history = simulated(grain, 5, family=family)
@@ -223,6 +225,7 @@ def test_dies_press_alike_whatever_their_angle(family):
     assert history.contact.pressure[-1][inner] == pytest.approx(p, rel=10 * FLOOR)
 
 
+@few_families
 def test_a_column_and_its_layer_yield_in_series(family):
     """Exact on every mesh, before and after the gap closes."""
     history = simulated(layer, 4, family=family)

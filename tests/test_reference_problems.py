@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import few_families
 
 import vemcvx as vx
 
@@ -20,6 +21,7 @@ import plate_on_springs as winkler
 import shear_lag
 
 
+@few_families
 @pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
 @pytest.mark.parametrize("polish", [False, True])
 def test_a_block_pushed_uphill(polish, family):

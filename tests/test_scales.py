@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 import pytest
+from conftest import few_families
 
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
@@ -83,6 +84,7 @@ def test_every_approach(family, motion, condense, friction, solver):
     judge(*lowered(motion, friction, family, solver, condense, n=4, steps=6), motion, friction)
 
 
+@few_families
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_loads_that_vanish_leave_what_friction_keeps_or_nothing(family, solver):
     """Back to rest after a press that lifts off again: the scale is that of the largest state, and stays."""
@@ -243,6 +245,7 @@ def test_what_is_no_number_certifies_nothing():
     assert found.tolist() == [0.0, np.inf, np.inf, np.inf, np.inf, 0.5]
 
 
+@few_families
 @pytest.mark.parametrize("off", [1e-6, 1e-9, 0.0])
 def test_what_is_out_of_balance_at_the_start_is_certified(family, off):
     """u_0 off by so much of the energy norm: the exact run begins where one step at times[0] leads from there.

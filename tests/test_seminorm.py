@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import few_families
 
 import vemcvx as vx
 from vemcvx.program.kernel import Hold, Kernel
@@ -32,6 +33,7 @@ def swing(t):
     return np.sin(2 * np.pi * t)
 
 
+@few_families
 @pytest.mark.parametrize("condense", [True, False])
 @pytest.mark.parametrize("share", [0.1, 0.97])
 def test_friction_alone_holds_the_body(family, share, condense):

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import cyclic, monotone, paper_scene, small
+from conftest import cyclic, few_families, monotone, paper_scene, small
 
 import vemcvx as vx
 
@@ -29,6 +29,7 @@ def energy_norms(history, difference):
     return np.sqrt(np.maximum(np.einsum("ni,ni->n", flat, (A @ flat.T).T), 0.0))
 
 
+@few_families
 @pytest.mark.parametrize("course", COURSES)
 @pytest.mark.parametrize("pair", [("newton", "clarabel"), ("newton", "osqp"), ("clarabel", "osqp")])
 def test_histories_agree_within_their_accumulated_certificates(family, course, pair):
@@ -41,6 +42,7 @@ def test_histories_agree_within_their_accumulated_certificates(family, course, p
     assert claimed[-1] < 1e-5
 
 
+@few_families
 @pytest.mark.parametrize("course", COURSES)
 def test_steps_agree_from_the_same_state(family, course):
     reference = run(family, course, "newton")
@@ -60,6 +62,7 @@ def test_steps_agree_from_the_same_state(family, course):
                 assert gaps < 1e-5 * max(norms[i], norms[j])
 
 
+@few_families
 def test_the_certificate_bounds_the_true_error(family):
     """A poor answer, certified as it is, against one that is converged to the rounding floor."""
     scene, mesh = paper_scene(), small(family)
@@ -74,6 +77,7 @@ def test_the_certificate_bounds_the_true_error(family):
         assert certified > 1e-9 * np.sqrt(2 * truth.energy[-1])
 
 
+@few_families
 def test_both_stick_and_slip_occur_and_the_bound_matters(family):
     history = run(family, "monotone", "newton")
     assert 0 < history.contact.sticking[-1].sum() < len(history.contact.nodes)

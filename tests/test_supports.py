@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import FAMILIES, paper_load, small
+from conftest import FAMILIES, few_families, paper_load, small
 
 import vemcvx as vx
 from vemcvx.effects import Friction, Support
@@ -57,7 +57,7 @@ def held_by(history, name, direction):
     return history.displacement[:, nodes] @ np.asarray(direction)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@few_families
 @pytest.mark.parametrize("degrees", [30.0, 90.0, -135.0])
 def test_inclined_contact_is_level_contact_turned(family, degrees):
     """Nothing knows the axes. Turning rounds coordinates by eps, which K^{-1} amplifies: cond(K) < 1e4."""

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from conftest import few_families
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
@@ -29,6 +30,7 @@ def mesh_of(family, n=4):
     return vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, H)))
 
 
+@few_families
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), None], ids=str)
 def test_creep_under_a_steady_pull(family, solver):
     """u_n = (u_inf + tau/k u_{n-1}) / (1 + tau/k), steps of any length; energy, loss and work follow."""
@@ -73,6 +75,7 @@ def test_creep_converges_to_the_exponential():
     assert orders == pytest.approx(1.0, abs=0.1)
 
 
+@few_families
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_shear_over_a_rough_floor(family, solver):
     """mu gamma + eta gamma' <= g: while it slips the dashpot gives way too. Moving supports, stick and slip.
@@ -206,6 +209,7 @@ def test_mistakes(mistake, message):
         vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
 
 
+@few_families
 @pytest.mark.parametrize("store", ["all", 3])
 def test_dashpots_push_on_supports_and_floors(family, store):
     """Whatever share of a steady pull dashpots still bear, supports bear all of it; and so does a floor of pressure."""
@@ -223,6 +227,7 @@ def test_dashpots_push_on_supports_and_floors(family, store):
     assert np.abs(history.forces.sum(axis=1)[later] - [-0.3 * H, 0.2 * LENGTH]).max() < 1e-10
 
 
+@few_families
 def test_everything_balances_while_supports_move_and_friction_rubs(family):
     """Forces and moments, at every instant and however few are stored."""
     scene = vx.Scene(

@@ -42,6 +42,28 @@ def test_every_factor_restricts(factored):
     assert np.abs(factor.within(K_FF, F).solve(K_FF @ x) - x).max() < 1e-7
 
 
+@pytest.mark.parametrize("where", ["everywhere", "in one place"])
+def test_every_factor_knows_the_energy_of_random_forces(factored, where):
+    """sum size_i^2 (K^-1)_ii, from eight samples.
+
+    Of sum_k l_k z_k^2 with z_k normal the mean of eight spreads most where one l_k counts alone, and is then less than
+    .107 of its mean, or more than 3.27 times, once in a thousand draws (chi squared with 8 degrees of freedom).
+    """
+    K, factor = factored
+    size = np.random.default_rng(4).uniform(1, 2, K.shape[0])
+    if where == "in one place":
+        size[np.arange(len(size)) != 17] = 0.0
+    exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
+    assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact
+
+
+def test_energies_of_random_forces_are_the_same_numbers_in_all_units():
+    K = pose(paper_scene(), small("squares", 6)).system.K
+    size = np.random.default_rng(5).uniform(1, 2, K.shape[0])
+    one, two = (SuperLU().factorise(unit * K).random_energy(size) for unit in (1.0, 0.125))
+    assert two == 8 * one
+
+
 def test_a_scaled_factor_is_the_factor_of_the_scaled_matrix(factored):
     K, factor = factored
     D = 2.0 ** np.random.default_rng(2).integers(-3, 4, size=K.shape[0])

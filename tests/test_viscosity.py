@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from conftest import few_families
+from scipy.sparse.linalg import splu
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
@@ -321,3 +324,33 @@ def test_certificate_and_floor_hold_against_rational_numbers(tau, times, moving)
         off = [y - b - e for y, b, e in zip(here, before, d, strict=True)]
         error = np.sqrt(float(sum(a * b for a, b in zip(off, times_K(off), strict=True))))
         assert error <= np.sqrt(2 * run.gap[n]) + np.sqrt(2 * run.floor[n])
+
+
+def refined_in_extended_precision(system, y, s, t):
+    """d of (K + C/k) d = f - K y."""
+    K, C, k = (x.astype(np.longdouble) for x in (system.K, system.damping.C, np.float64(t) - np.float64(s)))
+    factors = splu(sp.csc_matrix(system.K + system.damping.C / (t - s)))
+    d = np.zeros(system.n, dtype=np.longdouble)
+    for _ in range(6):
+        d = d + factors.solve((system.force(t) - K @ (y + d) - C @ d / k).astype(float))
+    return d
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps == np.finfo(float).eps, reason="no extended precision here")
+def test_rounding_of_equal_cells_is_certified():
+    """Cells that are equal round K + C/k equally, which adds up: four times what random signs would make of it."""
+    scene = vx.Scene(
+        vx.Elasticity(1.7, 0.3),
+        vx.Viscosity(0.013, 0.0091),
+        vx.Clamp(on="left"),
+        vx.Traction(lambda x, t: np.tile([0.3 * t, -0.2 * t], (len(x), 1)), on="right"),
+    )
+    mesh, times = vx.meshes.squares(32), np.array([0.0, 0.1, 0.2])
+    run, system = vx.simulate(scene, mesh, times).trajectory, pose(scene, mesh, times).system
+    for n, (s, t) in enumerate(pairwise(times), start=1):
+        before = run.state[n - 1]
+        off = (run.state[n] - before - refined_in_extended_precision(system, before, s, t)).astype(float)
+        K = system.K + system.damping.C / (t - s)
+        cut = np.finfo(float).eps / 2 * np.abs(run.state[n])
+        # The certificate is evaluated with cond(K) eps, 1e-11; what the sum y + d has lost is in the floor.
+        assert np.sqrt(off @ (K @ off)) <= (1 + 1e-9) * np.sqrt(2 * run.gap[n]) + np.sqrt(cut @ (abs(K) @ cut))

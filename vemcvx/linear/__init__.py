@@ -2,8 +2,8 @@
 
 from vemcvx.linear.default import choose_linear
 from vemcvx.linear.dense import DenseCholesky
-from vemcvx.linear.factor import Factor, LinearSolver, Scaled
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Scaled
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.superlu import SuperLU
 
-__all__ = ["DenseCholesky", "Factor", "LinearSolver", "Multigrid", "Scaled", "SuperLU", "choose_linear"]
+__all__ = ["SAMPLES", "DenseCholesky", "Factor", "LinearSolver", "Multigrid", "Scaled", "SuperLU", "choose_linear"]

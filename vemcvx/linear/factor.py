@@ -18,6 +18,9 @@ from vemcvx.errors import SceneError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+SAMPLES = 8
+"""Random forces from which the energy of others is estimated."""
+
 
 class Factor(Protocol):
     """A matrix ready to be solved with."""
@@ -29,8 +32,16 @@ class Factor(Protocol):
         """b'K^{-1}b of a force (n,); if it is solved inexactly a bound from above: certificates rest on it."""
         return abs(float(b @ self.solve(b)))
 
+    def random_energy(self, size: Floats) -> float:
+        """The mean of b'K^{-1}b over forces b of independent entries, of mean zero and deviations `size` (n,).
+
+        That is sum size_i^2 (K^{-1})_ii, estimated by the mean of SAMPLES of them: one may be far too small.
+        """
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, len(size)))
+        return float(np.mean([self.energy(size * sign) for sign in signs]))
+
     def within(self, K_FF: sp.csr_matrix, F: Ints) -> Factor:
-        """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness."""
+        """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness; to solve with."""
 
 
 class Scaled(Factor):

@@ -8,6 +8,7 @@ on the paper's reference (h = 1/256).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -15,7 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from vemcvx.linear.factor import Factor, LinearSolver, singular
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, singular
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,6 +75,16 @@ class SparseFactor(Factor):
         x[self._order] = self._lu.solve(b[self._order])
         return x
 
+    def random_energy(self, size: Floats) -> float:
+        return float(size**2 @ self.compliance)
+
+    @cached_property
+    def compliance(self) -> Floats:
+        """(n,) the diagonal of K^{-1}, estimated once: the mean squares of x = K^{-1} b for the forces b of _random."""
+        x = self.solve(self._forces)
+        del self._forces
+        return self._unit * (x * x).mean(axis=1)
+
     def within(self, K_FF: sp.csr_matrix, F: Ints) -> SparseFactor:
         return SparseFactor(K_FF, None)
 
@@ -93,12 +104,25 @@ class SparseFactor(Factor):
         diagonal = self._diagonal[np.argsort(self._lu.perm_c)]
         if not np.array_equal(self._lu.perm_r, self._lu.perm_c) or not (U.diagonal() > EPS * diagonal).all():
             raise singular()
+        self._unit, self._forces = self._random(L, U.diagonal())
         # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
         place = self._lu.perm_c[len(self._order) - m :]
         S = (L[:, place][place] @ U[:, place][place]).toarray()
         for copied in (L, U):
             _release(copied)
         return 0.5 * (S + S.T)
+
+    def _random(self, L: sp.csc_matrix, D: Floats) -> tuple[float, Floats]:
+        """A unit u, and forces (n, SAMPLES) L (D / u)^{1/2} z of the covariance K / u; z is normal.
+
+        Their responses are of the covariance K^{-1} / u. With u a power of two roots are taken of the same numbers in
+        all units.
+        """
+        unit = float(np.ldexp(1.0, np.frexp(D.max(initial=1e-300))[1]))
+        z = np.random.default_rng(0).standard_normal((len(D), SAMPLES))
+        forces = np.empty_like(z)
+        forces[self._order] = (L @ (np.sqrt(D / unit)[:, None] * z))[self._lu.perm_c]
+        return unit, forces
 
 
 def _release(factor: sp.csc_matrix) -> None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.program.certificate import EPS, Certificate
+from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
 from vemcvx.program.form import Form
@@ -90,24 +90,17 @@ def full_certificate(
     `held` (n,) is B'lam + D'p; or, where the condensed program's certificate knows the error of the touched unknowns
     without the multipliers, what holds those in place: r is then what condensing has lost.
 
-    The floor is what the rounding of K's and the force's own entries, of size EPS and of random signs, brings about.
+    The floor is what the rounding of K's and the force's own entries brings about (:meth:`Condensation.rounding`).
     Norm terms and limits see touched unknowns only; their parts are those of the condensed program's `own` certificate.
     """
     system = condensation.system
     r = residual(force, system.K, y, held)
-    blur = EPS * (np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y))
+    size = np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y)
     if system.kernel is not None:
         # What rounding leaves on the kernel is no force to answer; its balance is the condensed program's business.
         N = np.linalg.qr(system.kernel.modes)[0]
         r = r - N @ (N.T @ r)
-    blur *= signs(system.n)
-    equilibrium, floor = 0.5 * condensation.energy(r), 0.5 * condensation.energy(blur)
-    return replace(own, equilibrium=equilibrium, floor=floor)
-
-
-def signs(n: int) -> Floats:
-    """(n,) signs without structure, the same at every call."""
-    return np.sign(np.cos(np.arange(1.0, n + 1.0) ** 2))
+    return replace(own, equilibrium=0.5 * condensation.energy(r), floor=condensation.rounding(size))
 
 
 def pulled(system: System, lam: Floats, p: Floats) -> Floats:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.program.certificate import EPS, Certificate, certify, limit_gaps, norm_gaps, rounding_floor
@@ -134,22 +135,22 @@ def sharpened(attempt: Trial, state: State) -> State:
     )
 
 
-def completed(run: Run, state: State) -> State:
-    """The state with all its unknowns and the certificate of the full system."""
+def completed(run: Run, state: State, lost: sp.csr_matrix | None = None) -> State:
+    """The state with all its unknowns and the certificate of the full system; `lost` is what rounding took off K."""
     if state.full is not None:
         return state
-    force = state.drive.force
-    y = run.condensation.recover(state.y, force)
+    y = run.condensation.recover(state.y, state.drive.force)
+    force = state.drive.force.phi if lost is None else state.drive.force.phi - lost @ y
     own = state.certificate
     held = pulled(run.system, state.lam, state.p)
     if run.system.norms is not None and run.system.norms.law is not None:
         held = np.zeros_like(y)
         held[run.condensation.touched] = state.unbalanced
-    full = full_certificate(run.condensation, force.phi, y, held, own)
+    full = full_certificate(run.condensation, force, y, held, own)
     if full.error > MENDED * run.solver.accuracy * state.unit(run.solver.accuracy) and len(state.y) < run.system.n:
-        r = residual(force.phi, run.system.K, y, held)
+        r = residual(force, run.system.K, y, held)
         y = run.condensation.mend(y, r)
-        full = full_certificate(run.condensation, force.phi, y, held, own)
+        full = full_certificate(run.condensation, force, y, held, own)
     equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
     return replace(state, full=y, certificate=replace(own, equilibrium=equilibrium, floor=floor))
 

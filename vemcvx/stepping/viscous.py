@@ -7,10 +7,11 @@ In the increment d, with K_0 of a and K_1 of b, and w the motion of the supports
 the program of a step from zero with another K, factorised once a length of step. The ledger gains what dashpots lose,
 b(du, du) / k. The certificate bounds the error in the norm of K = K_0 + K_1 / k, which is no less than that of K_0.
 
-What its rounding floor has beside that of the program: the force is known to eps (|load_n| + |K_0||y_{n-1}| + ...), y_n
-to eps |y_n|; and lengths of steps that differ as the rounding of instants does share a factorisation, that of k'. They
-leave K_1 d (1/k' - 1/k) out of balance, which because of K_1 / k' <= K' is at most |1 - k'/k| |d|_K' in the norm of
-K'^{-1}.
+Entries of K lose the rounding of K_0 + K_1 / k, on meshes of equal cells the same one everywhere: that is kept beside
+K, and counts as a force out of balance. What the rounding floor has beside that of the program: the force is known to
+eps (|load_n| + |K_0||y_{n-1}| + ...); y_n is short of y_{n-1} + d by what their sum loses; and lengths of steps that
+differ as the rounding of instants does share a factorisation, that of k'. They leave K_1 d (1/k' - 1/k) out of balance,
+which because of K_1 / k' <= K' is at most |1 - k'/k| |d|_K' in the norm of K'^{-1}.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.extended import residual
-from vemcvx.program.refinement import signs
 from vemcvx.program.system import System
 from vemcvx.stepping.backward_euler import completed, solved
 from vemcvx.stepping.ledger import Drive, Ledger, in_range, strain_energy
@@ -53,16 +54,16 @@ class ViscousSteps:
     def __init__(self, run: Run, instants: Floats, prepare: Callable[[System], Run]):
         self._run, self._prepare = run, prepare
         self._lengths = shared_lengths(instants)
-        self._runs: OrderedDict[float, Run] = OrderedDict()
+        self._runs: OrderedDict[float, tuple[Run, sp.csr_matrix]] = OrderedDict()
 
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`, all its unknowns included."""
         k, shared = t - before.t, float(self._lengths[n - 1])
-        run, y = self._at(shared), before.full
+        (run, lost), y = self._at(shared), before.full
         now = self._drive(run, y, before.t, t, k)
         norms = run.system.norms
         weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
-        stepped = completed(run, solved(run, _rest(run, before, now), now, weights, n))
+        stepped = completed(run, solved(run, _rest(run, before, now), now, weights, n), lost)
         d = stepped.full
         ledger = self._ledger(before, stepped, y, d, t, k)
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))
@@ -79,12 +80,15 @@ class ViscousSteps:
             self._run.insist(state, n)
         return state
 
-    def _at(self, k: float) -> Run:
-        """The run for steps of length k."""
+    def _at(self, k: float) -> tuple[Run, sp.csr_matrix]:
+        """The run for steps of length k, and what rounding takes off its stiffness."""
         if k not in self._runs:
             system = self._run.system
-            stiffness = (system.K + system.damping.C / k).tocsr()  # type: ignore[union-attr]
-            self._runs[k] = self._prepare(replace(system, K=stiffness, damping=None, motion=None))
+            rate = system.damping.C  # type: ignore[union-attr]
+            stiffness = (system.K + rate / k).tocsr()
+            exact = system.K.astype(np.longdouble) + rate.astype(np.longdouble) / np.longdouble(k)
+            lost = sp.csr_matrix(exact - stiffness.astype(np.longdouble)).astype(float)
+            self._runs[k] = self._prepare(replace(system, K=stiffness, damping=None, motion=None)), lost
             if len(self._runs) > KEPT:
                 self._runs.popitem(last=False)
         self._runs.move_to_end(k)
@@ -97,12 +101,12 @@ class ViscousSteps:
         moved = system.damping.motion  # type: ignore[union-attr]
         if moved is not None:
             blur += (np.abs(moved.stretch(stepped.t)) + np.abs(moved.stretch(s))) / (stepped.t - s)
-        random = EPS * signs(len(y))
-        kept = random * np.abs(y + d)
+        there = y + d
+        cut = (y - (there - (there - y))) + (d - (there - y))
         roots = [
             stepped.certificate.floor,
-            0.5 * run.condensation.energy(random * blur),
-            0.5 * float(kept @ (system.K @ kept)),
+            run.condensation.rounding(blur),
+            0.5 * float(cut @ (run.system.K @ cut)),
             0.5 * off * off * float(d @ (run.system.K @ d)),
         ]
         return float(np.sqrt(roots).sum() ** 2)

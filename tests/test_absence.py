@@ -267,7 +267,7 @@ def test_every_permutation_of_all_effects_is_one_program():
     assert first == last
 
 
-@pytest.mark.parametrize("effects", list(itertools.permutations((STEEL, HELD, PULLED, TOUCHING, RUBBING))))
-def test_every_permutation_of_a_small_scene_is_one_program(effects):
-    reference = program(pose(vx.Scene(STEEL, HELD, PULLED, TOUCHING, RUBBING), mesh()))
-    assert program(pose(vx.Scene(*effects), mesh())) == reference
+def test_every_permutation_of_a_small_scene_is_one_program():
+    reference = program(pose(vx.Scene(*SUPPORTED), mesh()))
+    for effects in itertools.permutations(SUPPORTED):
+        assert program(pose(vx.Scene(*effects), mesh())) == reference, effects

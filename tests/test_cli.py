@@ -226,7 +226,7 @@ def test_too_little_memory_is_said(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.slow)])
 def test_a_command_that_is_ended_shows_the_cursor_again(tmp_path, name):
     import pty
 

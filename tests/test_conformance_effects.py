@@ -486,7 +486,7 @@ def does_not_depend_on_its_place_in_the_scene(sample):
     effects = (sample.effect, *sample.beside)
     reference = answer(*effects)
     rng = np.random.default_rng(0)
-    orders = [tuple(reversed(range(len(effects)))), *(rng.permutation(len(effects)) for _ in range(5))]
+    orders = [tuple(reversed(range(len(effects)))), *(rng.permutation(len(effects)) for _ in range(2))]
     for order in orders:
         other = answer(*(effects[i] for i in order))
         for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "iterations"):

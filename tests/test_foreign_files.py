@@ -113,7 +113,10 @@ sys.stdin.read()
 """
 
 
-@pytest.mark.parametrize("sent", ["SIGKILL", "SIGTERM", "SIGINT"])
+SLOW = [pytest.param(sent, marks=pytest.mark.slow) for sent in ("SIGTERM", "SIGINT")]
+
+
+@pytest.mark.parametrize("sent", ["SIGKILL", *SLOW])
 def test_a_process_that_is_killed_holds_nothing(tmp_path, sent):
     command = [sys.executable, "-c", HELD, str(tmp_path)]
     with subprocess.Popen(command, stdin=-1, stdout=-1, stderr=-1) as other:

@@ -93,12 +93,9 @@ def test_first_order_in_the_step_where_a_reversal_is_missed(reversal, family):
     assert contact[40].any()
     assert not contact[40].all()
     assert not contact[-1].all()
-    errors = [reversal.farthest(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference) for n in steps]
-    assert orders(1 / steps, errors).slope == FIRST
-    at_end = [
-        energy_distance(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference, kind="nodal").relative
-        for n in (2, 18, *steps)
-    ]
+    runs = [vx.simulate(reversal.scene(), mesh, reversal.times(n)) for n in (2, 18, *steps)]
+    assert orders(1 / steps, [reversal.farthest(run, reference) for run in runs[2:]]).slope == FIRST
+    at_end = [energy_distance(run, reference, kind="nodal").relative for run in runs]
     assert max(at_end[:2]) < 1e-8
     assert orders(1 / steps, at_end[2:]).slope == FIRST
 

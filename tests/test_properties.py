@@ -30,7 +30,7 @@ PROPERTIES = (
 )
 SLOW = 1200
 """Examples of a slow run, of all properties together."""
-FEW = 8
+FEW = 5
 MANY = -(-SLOW // len(PROPERTIES))
 
 

@@ -94,6 +94,9 @@ def ending(name, sent):
 
 
 def main(folder, store):
+    # Made here, and not once more in every process.
+    for family in {kind.family for kind in KINDS.values()}:
+        small(family, 4)
     for k, (name, kind) in enumerate(KINDS.items()):
         if os.fork() == 0:
             stream, sent = Path(folder) / name, SIGNALS[k % len(SIGNALS)]

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_cost import GRID, PROBLEM, ROOT, UNIFORM, Recipe, cost, made
+from test_cost import GRID, PROBLEM, ROOT, UNIFORM, Recipe, cost, made, stay_at_home
 
 import vemcvx as vx
 from vemcvx.cost.alone import Crashed, alone
@@ -99,9 +99,7 @@ def test_what_a_function_says_does_not_come_between():
 
 @pytest.fixture
 def at_home(monkeypatch):
-    """Everything in this process, which is quicker."""
-    module = sys.modules["vemcvx.cost.sweep"]  # in its package that name is the function's
-    monkeypatch.setattr(module, "alone", lambda function, *given: function(*given))
+    stay_at_home(monkeypatch)
 
 
 @pytest.mark.usefixtures("at_home")

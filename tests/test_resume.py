@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import cyclic, paper_scene, small
+from typer.testing import CliRunner
 
 import vemcvx as vx
+from vemcvx.cli import app
 
 TIMES = np.linspace(0.0, 1.0, 25)
 SERIES = ("displacement", "forces", "energy", "dissipated", "work", "certificate")
@@ -128,21 +130,32 @@ def test_a_killed_run_goes_on(tmp_path):
     assert np.abs(resumed.displacement - whole.displacement).max() <= 1e-12 * np.abs(whole.displacement).max()
 
 
+ENDED = """
+import os, signal, sys
+from vemcvx.cli import app
+from vemcvx.stepping.recorder import Recorder
+add = Recorder.add
+def ended(recorder, n, state):
+    add(recorder, n, state)
+    if n == 13:
+        os.kill(os.getpid(), signal.SIGKILL)
+Recorder.add = ended
+app(sys.argv[1:])
+"""
+
+
 def test_the_command_line_resumes(tmp_path):
     """vemcvx run, killed, then the same with --resume DIR: the files of a run that was not."""
     problem = str(Path(__file__).parent.parent / "problems" / "feng_han_huang.py")
-    common = [problem, "--n", "16", "--steps", "100", "--mesh", "voronoi"]
-    command = [sys.executable, "-m", "vemcvx", "run", *common]
+    command = ["run", problem, "--n", "6", "--steps", "30", "--mesh", "voronoi"]
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    process = subprocess.Popen([*command, "--out", str(killed)], stdout=subprocess.DEVNULL)
-    deadline = time.time() + 60
-    while not (killed / "rows" / "checkpoint.npz").exists() and time.time() < deadline:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    process = subprocess.run([sys.executable, "-c", ENDED, *command, "--out", str(killed)], check=False)
+    assert process.returncode == -signal.SIGKILL
     assert not (killed / "summary.json").exists()
-    subprocess.run([*command, "--resume", str(killed)], check=True, stdout=subprocess.DEVNULL)
-    subprocess.run([*command, "--out", str(whole)], check=True, stdout=subprocess.DEVNULL)
+    for options in (("--resume", str(killed)), ("--out", str(whole))):
+        done = CliRunner().invoke(app, [*command, *options])
+        assert done.exit_code == 0, done.output
+        assert ("resumed     after step 13 of 30" in done.output) == (options[0] == "--resume")
     assert not (killed / "rows").exists()
     one, two = vx.read_history(killed), vx.read_history(whole)
     assert np.array_equal(one.displacement, two.displacement)

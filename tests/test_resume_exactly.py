@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import get_type_hints
 
@@ -206,6 +207,11 @@ def shorter(file):
     np.save(file, np.load(file)[:4])
 
 
+@cache
+def uninterrupted():
+    return paper().simulate()
+
+
 @pytest.mark.parametrize("harm", [Path.unlink, truncated, zeroed, shorter], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("name", ["state", "scalars", "data"])
 def test_rows_that_are_missing_are_said(tmp_path, harm, name):
@@ -213,7 +219,7 @@ def test_rows_that_are_missing_are_said(tmp_path, harm, name):
     harm(tmp_path / f"{name}.npy")
     with pytest.raises(vx.HistoryError, match=rf"{name}\.npy.*Run without resume"):
         paper().simulate(stream=tmp_path, resume=True)
-    assert_same(paper().simulate(), paper().simulate(stream=tmp_path))
+    assert_same(uninterrupted(), paper().simulate(stream=tmp_path))
 
 
 def test_a_run_that_stores_only_the_last_step_has_checkpoints(tmp_path, monkeypatch, caplog):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from conftest import FAMILIES, few_families, paper_load, small
@@ -316,3 +318,18 @@ def test_a_body_held_everywhere_has_nothing_to_solve_for():
     # u = t x: 1/2 a(u, u) = 1/2 t^2 (2 mu 2 + lam 4) on the unit square.
     lam, mu = history.moduli[:, 0]
     assert history.energy == pytest.approx(0.5 * TIMES**2 * (4 * mu + 4 * lam), rel=1e-14)
+
+
+def test_a_motion_is_asked_for_a_few_times_an_instant():
+    """Twelve times, once; what is known of an instant serves loads, friction, obstacles and the ledger."""
+    asked = Counter()
+
+    def move(x, t):
+        asked[float(t)] += 1
+        return np.tile([0.03 * np.sin(6 * t), -0.02 * t], (len(x), 1))
+
+    moved = vx.PrescribedDisplacement(move, on="top")
+    scene = vx.Scene(STEEL, moved, vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom"))
+    vx.simulate(scene, small("squares", 3), np.linspace(0, 1, 6))
+    assert len(asked) == 6
+    assert max(asked.values()) <= 4

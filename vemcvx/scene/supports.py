@@ -9,7 +9,7 @@ friction term touch its own unknowns alone, and sticking exactly representable: 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -38,6 +38,8 @@ class Supports:
     """(n,) positions in u when P merely selects (all frames are along the axes), else None."""
     rows: tuple[_Slot, ...]
     points: Floats
+    _last: dict[float, Floats] = field(default_factory=dict, compare=False, repr=False)
+    """the motion at the instant that was last asked for: in a step it is asked for half a dozen times"""
 
     @property
     def still(self) -> bool:
@@ -65,17 +67,23 @@ class Supports:
         return self.P.T @ f if self.columns is None else f[self.columns]
 
     def motion(self, t: float) -> Floats:
-        """The held displacement u_D (n_u,) at the instant `t`.
+        """The held displacement u_D (n_u,) at the instant `t`, read-only.
 
         Raises
         ------
         SceneError
             Two prescriptions at one node contradict each other.
         """
-        motion = np.zeros(self.points.shape)
-        for slot in self.rows:
-            slot.add(motion, t)
-        return motion.ravel()
+        motion = self._last.get(t)
+        if motion is None:
+            at_nodes = np.zeros(self.points.shape)
+            for slot in self.rows:
+                slot.add(at_nodes, t)
+            motion = at_nodes.ravel()
+            motion.flags.writeable = False
+            self._last.clear()
+            self._last[t] = motion
+        return motion
 
 
 @dataclass(frozen=True)
@@ -95,9 +103,9 @@ class _Slot:
         return self.support.value is None
 
     def add(self, motion: Floats, t: float) -> None:
-        if self.still and not motion.any():
-            return
         nodes = self.support.nodes[self.chosen]
+        if self.still and not motion[nodes].any():
+            return
         wanted = np.zeros(len(nodes)) if self.support.value is None else self.support.value(t)[self.chosen]
         present = np.einsum("ij,ij->i", self.support.directions[self.chosen], motion[nodes])
         missing = wanted - present

@@ -133,6 +133,21 @@ def test_a_sliding_chain_by_hand():
     assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+@pytest.mark.parametrize("condense", [True, False])
+def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
+    """Pulled harder than its friction holds: that sliding does not press into the floor is known but for rounding."""
+    scene = vx.Scene(
+        vx.Elasticity(2.0, 0.3),
+        vx.Symmetry(on="top"),
+        vx.NormalCompliance(3.0, on="bottom"),
+        vx.TrescaFriction(0.1, on="bottom"),
+        vx.Traction(lambda x, t: np.tile([0.3 * t, 0.0], (len(x), 1)), on="left"),
+    )
+    with pytest.raises(vx.SceneError, match=r"against the translation \(1, 0\) .* there is no equilibrium"):
+        vx.simulate(scene, vx.meshes.FAMILIES[family](3), [0.0, 0.2, 1.0], condense=condense)
+
+
 @pytest.mark.parametrize("block", [1, 2])
 @pytest.mark.parametrize("modes", [1, 3])
 @pytest.mark.parametrize("limited", [False, True])

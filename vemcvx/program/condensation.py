@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -191,8 +192,17 @@ class Condensation:
         """x, xi and tau of a force phi (n,), one below the other."""
         x, c = self._factor.solve(phi), self.touched
         xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
-        definite = self.system.kernel is None
-        return np.concatenate([x, xi, self._S @ x[c] if definite else phi[c] - self._rows @ xi])
+        tau = self._S @ x[c] if self.system.kernel is None else phi[c] - self._rows @ xi
+        if self.system.kernel is not None:
+            # Whatever digits xi has lost, the force on K's kernel is that of phi.
+            tau += self.form.kernel @ (self._motions.T @ phi - self.form.kernel.T @ tau)  # type: ignore[operator, union-attr]
+        return np.concatenate([x, xi, tau])
+
+    @cached_property
+    def _motions(self) -> Floats:
+        """(n, k) the kernel of K; on the touched unknowns it is that of the form."""
+        modes = self.system.kernel.modes  # type: ignore[union-attr]
+        return modes @ np.linalg.inv(np.linalg.qr(modes[self.touched])[1])
 
     def _held(self, phi: Floats, x: Floats | None = None) -> Floats:
         """xi (n,) of a force phi (n,), whose response is x."""

@@ -20,6 +20,8 @@ ABSOLUTE_VALUES = "absolute values"
 SECOND_ORDER_CONES = "second-order cones"
 BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
+ROUNDED = 64 * float(np.finfo(float).eps)
+"""Of motions, in parts of their largest entries: they are made orthonormal, in columns of many entries."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,16 @@ class Form:
     def hold(self) -> Hold:
         """What norm terms and limits feel of the kernel."""
         kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
-        return Hold((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), self.D @ kernel)
+        stop = self.D @ kernel
+        # A motion along an obstacle does not run into it because of the rounding of its largest entries.
+        rounding = ROUNDED * np.outer(np.asarray(abs(self.D).sum(axis=1)), np.abs(kernel).max(axis=0, initial=0.0))
+        stop[np.abs(stop) <= rounding] = 0.0
+        return Hold((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
+
+    def force(self, d: Floats) -> Floats:
+        """K d, which does no work on K's kernel: what it rounds to does not either."""
+        force = self.K @ d
+        return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
     @cached_property
     def rows(self) -> Rows:

@@ -141,7 +141,9 @@ class Hold:
     def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
         """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""
         into = self.stop @ c
-        if (into > 1e-9 * np.abs(into).max(initial=0.0)).any():
+        # A motion along all obstacles may be the sum of two that run into them, known to their rounding.
+        rounding = 1e-12 * (np.abs(self.stop) @ np.abs(c)).max(initial=0.0)
+        if (into > max(1e-9 * np.abs(into).max(initial=0.0), rounding)).any():
             return False
         return bool(c @ push > w @ np.linalg.norm(self.grip @ c, axis=1) * (1 + 1e-12))
 

@@ -97,7 +97,7 @@ def full_certificate(
     r = residual(force, system.K, y, held)
     size = np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y)
     if system.kernel is not None:
-        # What rounding leaves on the kernel is no force to answer; its balance is the condensed program's business.
+        # Multipliers are in balance there; what rounding leaves on the kernel is no force to answer.
         N = np.linalg.qr(system.kernel.modes)[0]
         r = r - N @ (N.T @ r)
     return replace(own, equilibrium=0.5 * condensation.energy(r), floor=condensation.rounding(size))

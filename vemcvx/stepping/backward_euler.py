@@ -277,7 +277,7 @@ class Trial:
         return State(
             self.drive.t,
             y,
-            self.program.g - self.run.form.K @ answer.d,
+            self.program.g - self.run.form.force(answer.d),
             self.drive,
             self.program.w,
             walls,

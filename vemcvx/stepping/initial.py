@@ -104,7 +104,7 @@ def _state(run: Run, now: Drive, y: Floats) -> State:
     return State(
         now.t,
         y_c,
-        now.force.touched - form.K @ y_c,
+        now.force.touched - form.force(y_c),
         now,
         weights,
         weights,

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from vemcvx.stepping.backward_euler import completed, step
+from vemcvx.stepping.state import prepare
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 sys.path.insert(0, str(PROBLEMS))
@@ -47,6 +49,16 @@ def test_one_step_is_degenerate_and_the_other_is_not(rows):
     count = int((slipped[1] & ~slipped[2] & ~slipped[3]).sum())
     assert count > 0
     assert {row.degenerate for row in rows if row.step == "return"} == {count}
+
+
+@pytest.mark.parametrize("form", study.FORMS)
+def test_refining_worsens_nothing(form):
+    """Terms that arrive at their bounds and do not slip: rounding, of first order in the gap, slips none back."""
+    exact = study.reference("return", form, 32)
+    plain = prepare(exact.system, vx.Newton(accuracy=1e-10), check=False, condense=study.FORMS[form])
+    assert not plain.refines
+    answer = completed(plain, step(plain, exact.states[-2], 3, 3.0))
+    assert exact.answer.certificate.gap <= answer.certificate.gap
 
 
 def test_solvers_go_on_until_they_miss(rows):

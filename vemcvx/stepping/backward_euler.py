@@ -111,10 +111,15 @@ def sharpened(attempt: Trial, state: State) -> State:
     lam, p = lam * share[:, None], np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     y[touched[form.limits.columns]] -= np.maximum(form.limits.read(y[touched]) - reach, 0.0) / form.D.data
-    moved, excess = y[touched] - state.y, form.limits.read(y[touched]) - reach
-    # What sticks has not moved, and keeps its slip to the last bit.
-    slip = state.slip + form.blocks(form.rows.read(moved))
+    # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
+    slip = state.slip + form.blocks(form.rows.read(y[touched] - state.y))
+    lawful = np.where(stick[:, None], slip, along(lam, slip))
+    y[touched[form.rows.columns]] += (lawful - slip).ravel() / form.B.data
+    slip, moved, excess = lawful, y[touched] - state.y, form.limits.read(y[touched]) - reach
     over = limit_gaps(form.softness, p, excess, EPS * (np.abs(reach) + np.abs(excess)))
+    # Bounds that act are as far as they were; what their difference of two places says of that is rounding.
+    acts = state.p > 0
+    over[acts] = state.certificate.limits[acts] * (p[acts] / state.p[acts])
     # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
     depends = run.system.norms is not None and run.system.norms.law is not None
     friction, away = norm_gaps(state.walls, lam, slip), state.certificate.distance if depends else 0.0
@@ -133,6 +138,13 @@ def sharpened(attempt: Trial, state: State) -> State:
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
     )
+
+
+def along(lam: Floats, slip: Floats) -> Floats:
+    """The slips (m, block) nearest to those given that point where their multipliers do; any where these vanish."""
+    square = np.einsum("ij,ij->i", lam, lam)
+    share = np.divide(np.einsum("ij,ij->i", lam, slip), square, out=np.zeros_like(square), where=square > 0)
+    return np.where(square[:, None] > 0, np.maximum(share, 0.0)[:, None] * lam, slip)
 
 
 def completed(run: Run, state: State, lost: sp.csr_matrix | None = None) -> State:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.stepping.backward_euler import completed, step
+from vemcvx.stepping.backward_euler import completed
 from vemcvx.stepping.state import prepare
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
@@ -57,7 +57,7 @@ def test_refining_worsens_nothing(form):
     exact = study.reference("return", form, 32)
     plain = prepare(exact.system, vx.Newton(accuracy=1e-10), check=False, condense=study.FORMS[form])
     assert not plain.refines
-    answer = completed(plain, step(plain, exact.states[-2], 3, 3.0))
+    answer = completed(plain, study.step(plain, exact.states[-2], 3, 3.0))
     assert exact.answer.certificate.gap <= answer.certificate.gap
 
 

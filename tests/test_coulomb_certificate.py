@@ -17,6 +17,7 @@ from coulomb_scenes import converged, coulomb_scene, energy_norm
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose
+from vemcvx.solvers.sets import independent
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.ledger import drive
 
@@ -228,6 +229,33 @@ def test_a_pressed_joint_in_si_units():
     history = vx.simulate(resting(0.5, 0.2, 210e9, 60e6), mesh, [0.0, 0.5, 1.0], initial="settled")
     assert history.iterations.max() <= 50
     assert history.certificate.max() <= 1e-8
+
+
+def cornered(mu):
+    """A block pressed into the corner of a floor and a wall, both rough, and nothing else."""
+
+    def pressed(x, t):
+        return np.full(len(x), t)
+
+    def pushed(x, t):
+        return np.tile([0.7 * t, 0.0], (len(x), 1))
+
+    rough = [e for on in ("bottom", "right") for e in (vx.UnilateralContact(on=on), vx.CoulombFriction(mu, on=on))]
+    return vx.Scene(vx.Elasticity(200.0, 0.3), vx.Pressure(pressed, on="top"), vx.Traction(pushed, on="left"), *rough)
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.4, 0.9])
+def test_what_sticks_where_two_obstacles_meet_is_held_twice(mu):
+    """One row follows from another there: 86 iterations and an estimate, once, as no set seemed to be regular."""
+    history = vx.simulate(cornered(mu), vx.meshes.squares(3), np.linspace(0, 1, 4))
+    assert history.iterations.max() <= 15
+    assert history.certificate_kind == "bound"
+    assert history.certificate.max() <= 1e-12
+
+
+def test_rows_that_follow_from_others_are_found():
+    rows = np.array([[1.0, 0, 0], [0, 1, 0], [-2, 1, 0], [0, 0, 3], [0, 0, 0], [0, 1, 1 / 3]])
+    assert independent(rows).tolist() == [True, True, False, True, False, False]
 
 
 def test_more_push_than_friction_holds_is_refused():

@@ -64,6 +64,22 @@ def test_solvers_agree_in_the_seminorm(solver):
     assert distance.max() > 0
 
 
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
+def test_unknowns_that_anchors_alone_hold_keep_their_scale(solver):
+    """Two nodes touch, which only stretch against each other: rounding is all that K has of the rest of them."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Pressure(lambda x, t: np.full(len(x), t), on="top"),
+        vx.Traction(lambda x, t: np.tile([0.3 * t, 0.0], (len(x), 1)), on="left"),
+        vx.NormalCompliance(1e3, on="bottom"),
+        vx.TrescaFriction(1.0, on="bottom"),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(1), [0.0, 0.5, 1.0], solver=solver)
+    assert history.certificate.max() <= 1e-6
+    assert history.reaction("bottom")[-1] == pytest.approx([-0.3, 1.0], abs=1e-9)
+
+
 @pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
 def test_a_clamp_that_carries_nothing_changes_nothing():
     """With load on one side and its mirror image on the other the body is in balance: a pin in the middle is idle."""

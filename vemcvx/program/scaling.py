@@ -46,6 +46,9 @@ MOST = 1e150
 WALL = 16.0
 """Scaled weights beyond this are lowered to it, see above."""
 
+NOTHING = 2.0**-40
+"""Stiffness beside that of an anchor which is rounding."""
+
 
 def power_of_two(x: Floats | float) -> Floats:
     """The power of two next above |x|, elementwise; 1 for 0."""
@@ -134,7 +137,7 @@ class Scaling:
 
 def scaling(form: Form) -> Scaling:
     """Choose the scales of a run from K, B and the limits."""
-    diagonal = form.K.diagonal()
+    diagonal = _diagonal(form)
     kappa = float(power_of_two(diagonal.max(initial=0.0)))
     exponent = np.frexp(diagonal / kappa)[1]
     D = np.ldexp(1.0, -(exponent // 2))
@@ -152,6 +155,12 @@ def scaling(form: Form) -> Scaling:
     else:
         scaled = Form(D[:, None] * form.K * (D / kappa), B, form.block, None, kernel, anchor, **limits)
     return Scaling(scaled, kappa, D, sigma, tau)
+
+
+def _diagonal(form: Form) -> Floats:
+    """The diagonal of K; theirs where anchors alone hold an unknown, and rounding is all that K has of it."""
+    own, anchored = form.K.diagonal(), form.regular.K.diagonal()
+    return np.where(own > NOTHING * anchored, own, anchored)
 
 
 def _size(rows: sp.csr_matrix, D: Floats) -> Floats:

@@ -15,6 +15,10 @@ has |lam_i| <= W_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 whe
 not, and W at p is what the system took it for, then it solves (Q).
 Proof. Every line of (Q) is an equation of the system or one of these inequalities.  QED
 
+Rows of bounds that act and terms that stick may follow from one another, at corners: the system is singular then, and
+what each carries is not determined. Of those that follow, terms are given a share q_i, |q_i| <= 1, of W_i(p) to carry,
+and bounds nothing; that s_i = 0 nevertheless is looked at afterwards, and the theorem holds.
+
 So whoever found another d knows how far it is from *a* solution: |d - d_sets|_K, plus the error of d_sets, which is
 that of one solve of a linear system: the last correction of its iterative refinement. (One solution: where
 coefficients are not small there may be more.) In blocks of two and more the direction of slip turns with the answer
@@ -24,14 +28,13 @@ The sets are those of the last answer, as in :mod:`vemcvx.solvers.sets`: a semis
 Curnier 1991; Hueber, Stadler and Wohlmuth 2008), which may cycle, wherefore it is begun anew from answers of convex
 programs with weights held fast (:mod:`vemcvx.stepping.fixed_point`).
 
-All unknowns but the multipliers are eliminated: with A = [B; D] and x = [lam; p], A d = A K^{-1} g - (A K^{-1} A') x.
-Where K has a kernel, K = K_r - R' diag(a) R with the stiffness a of the anchors R d, and R joins A as limits of
-softness -1/a that always act: a body that nothing else holds costs what any other does.
+All unknowns but the multipliers are eliminated (:mod:`vemcvx.solvers.response`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,7 +44,8 @@ from scipy.linalg import LinAlgError, lapack
 
 from vemcvx.program.form import Form
 from vemcvx.program.step_program import EPS, StepProgram
-from vemcvx.solvers.sets import Point, Sets, Shifts, sets_at
+from vemcvx.solvers.response import Response
+from vemcvx.solvers.sets import Point, Sets, Shifts, said_once, sets_at
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -121,9 +125,8 @@ def _settled(
         if mark in met and program.form.block == 1:
             return None
         met.add(mark)
-        try:
-            found = _on_sets(program, law, sets, pressed, response)
-        except LinAlgError:
+        found = _tried(program, law, sets, pressed, response, point.lam)
+        if found is None:
             return None
         point = found.point
         if found.holds(program, law, sets):
@@ -132,6 +135,18 @@ def _settled(
             w = law.weights(p)
             lam = replace(program, w=w).project(point.lam)
             return Settled(Point(d, lam, p), w, found.error, program.form.block == 1, count)
+    return None
+
+
+def _tried(
+    program: StepProgram, law: Law, sets: Sets, pressed: Floats, response: Response, lam: Floats
+) -> _Found | None:
+    """The solution of the system of the sets near the multipliers `lam`; None if their system is singular."""
+    with suppress(LinAlgError):
+        return _on_sets(program, law, sets, pressed, response)
+    with suppress(LinAlgError):
+        once = said_once(program.form, sets, lam, law.weights(pressed))
+        return _on_sets(program, law, once, pressed, response)
     return None
 
 
@@ -151,28 +166,6 @@ def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts, w: Floats | 
     sets = sets_at(replace(program, w=w), at, shift)
     # A weight of nothing holds nothing: as a row that sticks it may double another one, at a corner.
     return replace(sets, stick=sets.stick & (w > 0)), pressed
-
-
-class Response:
-    """A K^{-1} A' of a form, and what belongs to its rows A = [B; D; R]: (N, N) with N = m * block + r + anchors."""
-
-    def __init__(self, form: Form):
-        n = form.B.shape[1]
-        anchored = np.zeros(0, dtype=np.int64) if form.anchor is None else np.flatnonzero(form.anchor)
-        R = sp.csr_matrix((np.ones(len(anchored)), (np.arange(len(anchored)), anchored)), shape=(len(anchored), n))
-        self.form, self.A = form, sp.csr_matrix(sp.vstack([form.B, form.D, R]))
-        self.softness = np.zeros(self.A.shape[0])
-        self.norms = slice(0, form.B.shape[0])
-        self.limits = slice(form.B.shape[0], form.B.shape[0] + form.D.shape[0])
-        self.softness[self.limits] = form.softness
-        if len(anchored):
-            self.softness[self.limits.stop :] = -1.0 / form.anchor[anchored]  # type: ignore[index]
-        self.matrix = self.A @ form.factor.solve(self.A.T.toarray())
-        self.absolute = abs(self.A)
-
-    def act(self, x: Floats) -> Floats:
-        """A'x, (n,)."""
-        return self.A.T @ x
 
 
 @dataclass(frozen=True)
@@ -198,7 +191,9 @@ class _Found:
         within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
         forth = sets.stick | (along >= size * np.linalg.norm(s, axis=1) - 2 * (self.forces * _size(s) + size * blur[0]))
         pressed = np.where(sets.act, point.p >= -self.forces, z <= blur[1])
-        return bool(within.all() and forth.all() and pressed.all())
+        # Where rows follow from others', what sticks is held by these.
+        still = ~sets.stick | (_size(s) <= self.motions.max(initial=0.0))
+        return bool(within.all() and forth.all() and pressed.all() and still.all())
 
 
 def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:

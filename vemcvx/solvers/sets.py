@@ -12,7 +12,7 @@ On absolute values (block 1) H vanishes and the answer on the right sets is the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,6 +25,9 @@ SHIFT = 0.1
 """Of the sets, in units of one over the compliances. At .1 the paper's scene takes 3-7 iterations from a cold start; at
 1 and beyond undamped active sets cycle on it, and degenerate terms (|lam_i| = w_i, s_i = 0) count as slipping for a
 rounding error of s_i: the gap is linear in that slip."""
+
+FOLLOWS = 1e-6
+"""Part of a row's length that others leave of it, below which it follows from them."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -91,6 +94,40 @@ def sets_at(program: StepProgram, at: Point, shift: Shifts) -> Sets:
         curvature[slip] = shift.norms[slip] * program.w[slip] / (size[slip] - program.w[slip])
     act = at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p) > 0
     return Sets(stick, direction, curvature, act)
+
+
+def said_once(form: Form, sets: Sets, lam: Floats, w: Floats) -> Sets:
+    """The sets without equations for those bounds and sticking terms (these last) whose rows follow from others'.
+
+    Where bounds or other terms hold a node already, how much of its force a sticking term carries is not determined:
+    it keeps its share lam_i / w_i of what it can, as if it slipped that way. Such a bound carries nothing.
+    """
+    stops, sticks = np.flatnonzero(sets.act & (form.softness == 0)), np.flatnonzero(sets.stick)
+    rows = sp.csr_matrix(sp.vstack([form.D[stops], form.B[np.flatnonzero(np.repeat(sets.stick, form.block))]]))
+    # What reads an unknown of its own follows from no other.
+    shared = np.bincount(rows.indices, minlength=rows.shape[1]) > 1
+    some = np.flatnonzero(abs(rows) @ shared)
+    free = np.ones(rows.shape[0], dtype=bool)
+    free[some] = independent(rows[some].toarray())
+    act, stick = sets.act.copy(), sets.stick.copy()
+    act[stops] = free[: len(stops)]
+    stick[sticks] = free[len(stops) :].reshape(len(sticks), form.block).any(axis=1)
+    most = np.maximum(w, np.linalg.norm(lam, axis=1))[:, None]
+    share = np.divide(lam, most, out=np.zeros_like(lam), where=most > 0)
+    direction = np.where((sets.stick & ~stick)[:, None], share, sets.direction)
+    return replace(sets, act=act, stick=stick, direction=direction)
+
+
+def independent(rows: Floats) -> Bools:
+    """Which rows (k, n) do not follow from those before them, (k,)."""
+    basis, found = np.zeros_like(rows), np.zeros(len(rows), dtype=bool)
+    for i, row in enumerate(rows):
+        rest = row - basis.T @ (basis @ row)
+        rest = rest - basis.T @ (basis @ rest)
+        size = np.linalg.norm(rest)
+        found[i] = size > FOLLOWS * np.linalg.norm(row)
+        basis[i] = rest / size if found[i] else 0.0
+    return found
 
 
 def answer_on(program: StepProgram, sets: Sets) -> Point:

@@ -16,7 +16,7 @@ from vemcvx.program.refinement import needs_refinement
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.system import System
 from vemcvx.solvers import Newton, Prepared, Solver, choose
-from vemcvx.solvers.quasi import Response
+from vemcvx.solvers.response import Response
 from vemcvx.stepping.acceptance import insist
 from vemcvx.stepping.ledger import Drive, Ledger
 

@@ -89,16 +89,6 @@ def _under_pressure(run: Run, before: State, now: Drive, weights: Floats, n: int
     return resolved(Dependent(run, now.t, n, pose, partial(refuse_unheld, n=n)), start)
 
 
-def sticking(run: Run, state: State) -> NDArray[np.bool_]:
-    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
-    form = run.form
-    if form.count == 0:
-        return np.zeros(0, dtype=bool)
-    blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
-    error = state.certificate.error + state.certificate.error_floor
-    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
-
-
 def sharpened(attempt: Trial, state: State) -> State:
     """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
     run, before, form = attempt.run, attempt.before, attempt.run.form

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.kinds import is_whole
 from vemcvx.stepping.acceptance import say_floor
-from vemcvx.stepping.backward_euler import completed, sticking
+from vemcvx.stepping.backward_euler import completed
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
-from vemcvx.stepping.state import Run, State
+from vemcvx.stepping.state import Run, State, sticking
 from vemcvx.stepping.storage import Arrays, Storage
 from vemcvx.stepping.trajectory import Trajectory
 

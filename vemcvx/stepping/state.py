@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.linear import LinearSolver
-from vemcvx.program.certificate import Certificate
+from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.form import Form
 from vemcvx.program.refinement import needs_refinement
@@ -134,6 +134,16 @@ class State:
     def accepted(self, accuracy: float) -> bool:
         """Whether the certified error is within the accuracy."""
         return self.certificate.error <= accuracy * self.unit(accuracy)
+
+
+def sticking(run: Run, state: State) -> NDArray[np.bool_]:
+    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
+    form = run.form
+    if form.count == 0:
+        return np.zeros(0, dtype=bool)
+    blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
+    error = state.certificate.error + state.certificate.error_floor
+    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
 
 
 def asked_of(solver: Solver, scales: Scaling) -> Form:

@@ -354,3 +354,18 @@ def test_rounding_of_equal_cells_is_certified():
         cut = np.finfo(float).eps / 2 * np.abs(run.state[n])
         # The certificate is evaluated with cond(K) eps, 1e-11; what the sum y + d has lost is in the floor.
         assert np.sqrt(off @ (K @ off)) <= (1 + 1e-9) * np.sqrt(2 * run.gap[n]) + np.sqrt(cut @ (abs(K) @ cut))
+
+
+@pytest.mark.parametrize("solver", [vx.Clarabel(accuracy=1e-4), vx.OSQP(accuracy=1e-5)], ids=lambda s: s.name)
+def test_the_accuracy_asked_is_that_of_the_state(solver):
+    """Increments have a norm with the dashpots in it, tau / k times as large in its square: not that is meant."""
+    scene = vx.Scene(
+        *solid(10.0),
+        vx.Clamp(on="right"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+        vx.Pressure(lambda x, t: np.full(len(x), 0.1 * t), on="top"),
+        vx.Traction(lambda x, t: np.tile([0.1 * np.sin(5 * t), 0.0], (len(x), 1)), on="left"),
+    )
+    history = vx.simulate(scene, mesh_of("voronoi", 2), [0.0, 0.25, 0.5], solver=solver)
+    assert history.certificate.max() <= solver.accuracy

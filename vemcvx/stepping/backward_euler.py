@@ -49,7 +49,7 @@ def step(run: Run, before: State, n: int, t: float) -> State:
     attempt = trial(run, before, now, weights)
     same = now.still_as(before.drive) and np.array_equal(weights, before.weights)
     # A given start may be out of balance by more than a step's accuracy.
-    if same and before.accepted(run.solver.accuracy):
+    if same and before.accepted(run.accuracy):
         guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
         state = attempt.enter(guess, before.certificate, before.walls)
     else:
@@ -149,7 +149,7 @@ def completed(run: Run, state: State, lost: sp.csr_matrix | None = None) -> Stat
         held = np.zeros_like(y)
         held[run.condensation.touched] = state.unbalanced
     full = full_certificate(run.condensation, force, y, held, own)
-    if full.error > MENDED * run.solver.accuracy * state.unit(run.solver.accuracy) and len(state.y) < run.system.n:
+    if full.error > MENDED * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
         r = residual(force, run.system.K, y, held)
         y = run.condensation.mend(y, r)
         full = full_certificate(run.condensation, force, y, held, own)
@@ -193,7 +193,7 @@ class Trial:
             # While nothing has moved at all there is no size to which an accuracy could refer.
             if still.scale == 0.0:
                 return still
-        accuracy = share * self.run.solver.accuracy
+        accuracy = share * self.run.accuracy
         norm = float(np.sqrt(scales.kappa)) * alpha
         if norm < SMALLEST and norm <= accuracy * self.before.unit(accuracy):
             return self._still(self.before.lam, "nothing pushes that counts")
@@ -273,7 +273,7 @@ class Trial:
         before, y = self.before, self.before.y + answer.d
         slip = self.program.slip(answer.d)
         ledger = advance(self.run.condensation, before, self.drive, y, answer, slip, walls)
-        scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.solver.accuracy
+        scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.accuracy
         floor = certificate.error_floor
         size, noise = caused_beside(self.run.condensation, self.drive, scale, floor, accuracy)
         return State(

@@ -116,7 +116,7 @@ class Dependent:
         """The work of the difference of their weights on the larger of their slips, over the norm of states."""
         slip = np.maximum(np.linalg.norm(one.slip, axis=1), np.linalg.norm(other.slip, axis=1))
         work = float(np.abs(one.weights - other.weights) @ slip)
-        accuracy = self.run.solver.accuracy
+        accuracy = self.run.accuracy
         return work / max(one.unit(accuracy), other.unit(accuracy)) if work > 0 else 0.0
 
 
@@ -133,7 +133,7 @@ def resolved(step: Dependent, start: Floats) -> State:
     NotContracting
         Sets do not settle, and successive iterates do not come closer, or too slowly.
     """
-    n, accuracy = step.n, step.run.solver.accuracy
+    n, accuracy = step.n, step.run.accuracy
     w, before, increments, iterations, safeguards = start, None, [], 0, 0
     for count in range(1, MOST_PROGRAMS + 1):
         state = step.solve(w, before, iterations)

@@ -36,6 +36,14 @@ class Run:
     refines: bool
     """whether the factors are too coarse for the accuracy, so that every step is refined"""
 
+    share: float = 1.0
+    """of the solver's accuracy that steps are solved to, where answers are but a part of something"""
+
+    @property
+    def accuracy(self) -> float:
+        """To which steps are solved."""
+        return self.share * self.solver.accuracy
+
     def insist(self, state: State, n: int) -> None:
         """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
         insist(

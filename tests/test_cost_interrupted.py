@@ -19,7 +19,7 @@ from vemcvx.cost.alone import Crashed, alone
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.reference import read_reference
 from vemcvx.cost.settings import Grid
-from vemcvx.cost.sweep import finished_row, sweep
+from vemcvx.cost.sweeping import finished_row, sweep
 from vemcvx.owned import Owned
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")

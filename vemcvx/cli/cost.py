@@ -16,9 +16,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
-from vemcvx.cost.row import REFUSED, table
 from vemcvx.cost.settings import Grid
-from vemcvx.cost.sweep import JOURNAL, Told
+from vemcvx.cost.sweeping import JOURNAL, Told
+from vemcvx.cost.table import REFUSED, table
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
 from vemcvx.owned import Owned

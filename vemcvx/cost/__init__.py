@@ -1,9 +1,7 @@
 """What accuracy costs: many settings of one problem, their true errors, seconds, unknowns and memory."""
 
-from vemcvx.cost.advice import advice
-from vemcvx.cost.front import front
-from vemcvx.cost.point import Ingredients, Point
-from vemcvx.cost.row import Row
-from vemcvx.cost.sweep import Sweep, sweep
+from vemcvx.cost.settings import Ingredients, Point
+from vemcvx.cost.sweeping import Sweep, sweep
+from vemcvx.cost.table import Row, advice, front
 
 __all__ = ["Ingredients", "Point", "Row", "Sweep", "advice", "front", "sweep"]

@@ -11,7 +11,7 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from vemcvx.cost.row import CRASHED, Row
+from vemcvx.cost.table import CRASHED, Row
 from vemcvx.errors import HistoryError
 
 

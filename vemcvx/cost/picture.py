@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vemcvx.canvas import new_figure
-from vemcvx.cost.front import front
-from vemcvx.cost.row import Row, percent
+from vemcvx.cost.table import Row, front, percent
 from vemcvx.plots.palette import GRID
 
 if TYPE_CHECKING:

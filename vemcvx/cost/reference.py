@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.cost.point import Ingredients, Point, Recipe
-from vemcvx.cost.row import of_its_kinds
 from vemcvx.cost.run_point import Ran
+from vemcvx.cost.settings import Ingredients, Point, Recipe
+from vemcvx.cost.table import of_its_kinds
 from vemcvx.errors import HistoryError, MeshError, SceneError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget

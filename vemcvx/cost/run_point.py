@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.cost.point import Ingredients, Point, Recipe
+from vemcvx.cost.settings import Ingredients, Point, Recipe
 from vemcvx.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget

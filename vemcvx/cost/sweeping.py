@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from vemcvx.cost.alone import Crashed, Refused, alone
 from vemcvx.cost.journal import append, read_journal
-from vemcvx.cost.point import Point, Recipe
 from vemcvx.cost.pool import Pool, pool
 from vemcvx.cost.reference import FILES, PART, Reference, build_reference, errors, read_reference
-from vemcvx.cost.remaining import seconds_left
-from vemcvx.cost.row import CRASHED, DONE, REFUSED, Row
 from vemcvx.cost.run_point import PARTS, run_point
-from vemcvx.cost.settings import Grid, common_instants
+from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
+from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.owned import Owned, path_of
 
@@ -178,3 +176,23 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
 def _finite(value: float | None) -> float | None:
     # JSON has no infinity.
     return float(value) if value is not None and np.isfinite(value) else None
+
+
+def seconds_left(finished: Sequence[tuple[float, float]], waiting: Sequence[float], workers: int) -> float | None:
+    """Seconds until all are done; None while nothing is known.
+
+    Parameters
+    ----------
+    finished : sequence of (work, seconds)
+        Every point takes about as long as the quickest one, to be started and measured, and more by its work.
+    waiting : sequence of float
+        Work of the points that are not finished.
+    workers : int
+    """
+    if not finished or not waiting:
+        return 0.0 if not waiting else None
+    start = min(seconds for _, seconds in finished)
+    work = sum(work for work, _ in finished)
+    rate = sum(seconds - start for _, seconds in finished) / work if work > 0 else 0.0
+    left = [start + rate * work for work in waiting]
+    return max(sum(left) / workers, max(left))

@@ -1,4 +1,4 @@
-"""What became of one point: a line of the journal and of the table.
+"""What became of the points: the table of a sweep, its Pareto front, and what to use for an accuracy.
 
 Columns of the table, one row a point:
 
@@ -23,7 +23,7 @@ Columns of the table, one row a point:
     at                  when it was done, seconds since 1970
     message             what was refused, or warned of
     key                 identifies the point, the problem and the reference
-    front_seconds, front_unknowns    1 for runs that no run at no more cost equals, see :mod:`vemcvx.cost.front`
+    front_seconds, front_unknowns    1 for runs that no run at no more cost equals, see :mod:`vemcvx.cost.table`
 """
 
 from __future__ import annotations
@@ -35,14 +35,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, get_args, get_origin, get_type_hints
 
-from vemcvx.cost.front import front
-
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One point and what came out; see :mod:`vemcvx.cost.row`. None where there is nothing to say."""
+    """One point and what came out; see :mod:`vemcvx.cost.table`. None where there is nothing to say."""
 
     family: str | None
     n: int
@@ -137,3 +135,43 @@ def table(rows: Sequence[Row]) -> str:
     for row in rows:
         writer.writerow(asdict(row) | {name: int(row.key in keys) for name, keys in fronts.items()})
     return text.getvalue()
+
+
+SAME = 0.01
+"""Errors that differ by less than this part are the same: solvers differ in the last digits of one mesh's error."""
+
+
+def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
+    """Which pairs of cost and error are better than all that cost no more, by growing cost; of equal ones the first."""
+    best, kept = float("inf"), []
+    for k in sorted(range(len(costs)), key=lambda k: (costs[k], errors[k])):
+        if errors[k] < (1.0 - SAME) * best:
+            best = errors[k]
+            kept.append(k)
+    return kept
+
+
+def cheapest(rows: Sequence[Row], level: float) -> Row | None:
+    """The run that takes the fewest seconds with an error of no more than `level`; None if there is none."""
+    return min((row for row in rows if row.done and row.error <= level), key=lambda row: row.seconds, default=None)
+
+
+def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
+    """One line a level."""
+    best = min((row for row in rows if row.done), key=lambda row: row.error, default=None)
+    lines = []
+    for level in levels:
+        row = cheapest(rows, level)
+        if row is not None:
+            lines.append(
+                f"for {percent(level)}: use {row.settings}: costs {row.seconds:.2g} s, error {percent(row.error)} "
+                f"({row.unknowns} unknowns, {row.steps} steps, {row.peak_mb or float('nan'):.0f} MB)"
+            )
+        elif best is not None:
+            lines.append(
+                f"for {percent(level)}: no run of this sweep is as good; the best is {best.settings} with "
+                f"{percent(best.error)}. Ask for larger --n, or a smaller --target."
+            )
+        else:
+            lines.append(f"for {percent(level)}: no run of this sweep has an answer.")
+    return lines

@@ -89,7 +89,7 @@ def judge(drawn, history):
             _same(drawn, history, verdict)
     _numbers(history, verdict)
     _steps(drawn, posed.system, history.trajectory, verdict)
-    _ledger(posed, history.trajectory, _inexact(drawn, posed.system), verdict)
+    _ledger(posed, history.trajectory, _inexact(drawn, posed.system), _unsolved(drawn, posed.system), verdict)
     _balance(posed, history, verdict)
     _total(drawn, posed.system, history.trajectory, verdict)
     return verdict
@@ -189,18 +189,29 @@ def _asked(drawn):
 
 
 def _inexact(drawn, system):
-    """Relative error of energies and work: what solves with K cost, cond(K) times a unit, but no more than was asked.
-
-    An iterative solver's residual of r |b| makes an error of r cond(K)^(1/2) in the energy norm.
-    """
+    """Relative error of energies and work that solves with K cost: cond(K) times a unit, no more than was asked."""
     D = 1.0 / np.sqrt(system.K.diagonal())
     size = np.linalg.eigvalsh(D[:, None] * system.K.toarray() * D)
     condition = ANCHORED * size[-1] if system.kernel is not None else size[-1] / max(size[0], EPS)
-    found = min(_asked(drawn), ROUNDED * condition)
-    if not isinstance(drawn.linear, vx.Multigrid):
-        return found
-    # Energy and work of a step are sums over four solves: for what supports bring about, the load, and the rest.
-    return found + 4 * drawn.linear.tolerance * np.sqrt(np.linalg.cond(system.K.toarray()))
+    return min(_asked(drawn), ROUNDED * condition)
+
+
+def _unsolved(drawn, system):
+    """t -> the error in the energy norm that an iterative solver leaves of what load and supports bring about by t.
+
+    Its residual of r |b| makes an error of r cond(K)^(1/2) |x|_K, K x = b; x may be far larger than the states, which
+    contact holds.
+    """
+    if not isinstance(drawn.linear, vx.Multigrid) or system.kernel is not None:
+        return lambda t: 0.0
+    K, moved = system.K.toarray(), system.motion
+    part = drawn.linear.tolerance * np.sqrt(np.linalg.cond(K))
+
+    def left(t):
+        loads = [system.push(t), *([] if moved is None else [moved.stretch(t)])]
+        return part * sum(np.sqrt(max(float(b @ np.linalg.solve(K, b)), 0.0)) for b in loads)
+
+    return left
 
 
 def _given_its_weights(exact, t, n, before, guess):
@@ -220,7 +231,7 @@ def _given_its_weights(exact, t, n, before, guess):
     return step.distance(exact.scaled(before, t.state[n], step.unit))
 
 
-def _ledger(posed, t, inexact, verdict):
+def _ledger(posed, t, inexact, unsolved, verdict):
     """work - dE - loss = 1/2 a(du, du) + p . dz - c d(p^2) / 2 step by step, up to what does not balance.
 
     A residual r and a friction gap leave r . d + gap, |r . d| <= error |d|_K; each product of the sums is rounded.
@@ -242,6 +253,8 @@ def _ledger(posed, t, inexact, verdict):
         # What rounding leaves in a state, it leaves in its energy and in the work done on it.
         size_of_states = t.norm[n] + t.norm[n - 1]
         left += (np.sqrt(2 * max(t.floor[n], t.floor[n - 1])) + inexact * size_of_states) * size_of_states
+        # Energy and work of a step are sums over products with four solves, for two instants.
+        left += 2 * (unsolved(float(t.times[n])) + unsolved(float(t.times[n - 1]))) * size_of_states
         force = size @ np.maximum(np.abs(u[n]), np.abs(u[n - 1])) + np.abs(posed.force(float(t.times[n])))
         blur = float(force @ (np.abs(du) + np.abs(u[n]) + np.abs(u[n - 1]))) + totals[: n + 1].max()
         blur += float(np.abs(p[n]) @ (np.abs(z[n]) + np.abs(z[n - 1]))) + float(soft @ p[n] ** 2)

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from any_scene import draw
 from coulomb_scenes import converged, coulomb_scene, energy_norm
 
 import vemcvx as vx
@@ -273,6 +274,16 @@ def test_iterations_are_limited_over_the_whole_step():
     run = vx.march(system, [0.0, 1.0], solver=vx.Newton(max_iterations=12), check=False)
     assert run.iterations[-1] <= 12
     assert run.certificate_kind == "estimate"
+
+
+@pytest.mark.parametrize("most", [10, 50, 200])
+def test_sets_count_among_the_iterations_of_a_step(most):
+    """A body on a soft floor beside a wall took 201 of 200 iterations, all but one of them for convex programs."""
+    drawn = draw(778)
+    solver = vx.Newton(accuracy=1e-9, max_iterations=most)
+    history = vx.simulate(drawn.scene, drawn.mesh, drawn.times, solver=solver, initial="settled", check=False)
+    assert history.iterations.max() <= most
+    assert (history.certificate.max() <= 1e-9) == (most > 10)
 
 
 def test_slow_steps_report_to_the_log(caplog):

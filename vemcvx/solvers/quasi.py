@@ -33,9 +33,10 @@ All unknowns but the multipliers are eliminated (:mod:`vemcvx.solvers.response`)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 import scipy.sparse as sp
@@ -86,10 +87,11 @@ class Settled:
     """|d - d'|_K to the solution d' of the sets' own system: of the solve"""
     proven: bool
     """whether that solves (Q) by the theorem above; else it is the limit of Newton's method"""
-    iterations: int
 
 
-def settled(program: StepProgram, law: Law, start: Point, response: Response) -> Settled | None:
+def settled(
+    program: StepProgram, law: Law, start: Point, response: Response, rounds: Iterator[int]
+) -> Settled | None:
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
     A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope; the
@@ -103,24 +105,27 @@ def settled(program: StepProgram, law: Law, start: Point, response: Response) ->
         `start` is its answer.
     response : Response
         Of its form.
+    rounds : iterator
+        One is taken for the system of every sets; it gives up where there are no more.
     """
-    found = _settled(program, law, start, response) or _settled(program, law, start, response, program.w)
+    found = _settled(program, law, start, response, rounds)
+    found = found or _settled(program, law, start, response, rounds, program.w)
     if found is not None:
         return found
-    softer = _settled(program, law.scaled(np.ones(1), np.full(len(start.p), SOFTER)), start, response)
+    softer = _settled(program, law.scaled(np.ones(1), np.full(len(start.p), SOFTER)), start, response, rounds)
     if softer is None:
         return None
     point = softer.point
-    return _settled(program, law, Point(point.d, point.lam, SOFTER * point.p), response)
+    return _settled(program, law, Point(point.d, point.lam, SOFTER * point.p), response, rounds)
 
 
 def _settled(
-    program: StepProgram, law: Law, start: Point, response: Response, w: Floats | None = None
+    program: StepProgram, law: Law, start: Point, response: Response, rounds: Iterator[int], w: Floats | None = None
 ) -> Settled | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
     shift, point, met = Shifts.of(program.form) * SHIFT, start, set()
-    for count in range(1, MOST_ROUNDS + 1):
-        sets, pressed = _sets(program, law, point, shift, w if count == 1 else None)
+    for _ in islice(rounds, MOST_ROUNDS):
+        sets, pressed = _sets(program, law, point, shift, None if met else w)
         mark = sets.stick.tobytes() + sets.direction.tobytes() + sets.act.tobytes()
         if mark in met and program.form.block == 1:
             return None
@@ -134,7 +139,7 @@ def _settled(
             p = np.maximum(point.p, 0.0)
             w = law.weights(p)
             lam = replace(program, w=w).project(point.lam)
-            return Settled(Point(d, lam, p), w, found.error, program.form.block == 1, count)
+            return Settled(Point(d, lam, p), w, found.error, program.form.block == 1)
     return None
 
 

@@ -6,6 +6,7 @@ g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits wh
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -234,23 +235,23 @@ class Trial:
         certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.enter(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 
-    def settled(self, state: State) -> State | None:
+    def settled(self, state: State, rounds: Iterator[int]) -> State | None:
         """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
         scales, norms, t = self.run.scaling, self.run.system.norms, self.drive.t
         alpha = scales.size(self.program)
         if alpha == 0.0:
-            return replace(state, certificate=state.certificate.away(0.0), iterations=0)
+            return replace(state, certificate=state.certificate.away(0.0))
         up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
         law = Law(partial(norms.weights_under, t), partial(norms.slope_under, t)).scaled(up, down)  # type: ignore
         start = Point(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
         scaled = scales.scale(self.program, alpha)
-        found = settled(scaled, law, start, self.run.response)
+        found = settled(scaled, law, start, self.run.response, rounds)
         if found is None:
             return None
         at, w = found.point, found.weights
         floor = rounding_floor(replace(scaled, w=w), at.d, at.lam, at.p)
         own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
-        answer = Answer(at.d, at.lam, found.iterations, state.status, state.safeguards, at.p)
+        answer = Answer(at.d, at.lam, state.iterations, state.status, state.safeguards, at.p)
         whole = replace(self, program=replace(self.program, w=w / up))
         return whole.enter(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
 

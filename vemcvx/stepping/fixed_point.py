@@ -32,9 +32,11 @@ small one passes for the constant of contraction.) An iteration that does not co
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from operator import length_hint
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,15 +86,24 @@ class Dependent:
         return getattr(self.run.solver, "polish", isinstance(self.run.solver, Newton))
 
     def solve(self, w: Floats, near: State | None, spent: int) -> State:
-        """The answer for the weights w (m,), begun near another, after so many iterations for the step."""
-        posed = self.pose(self.run.after(spent), w)
+        """The answer for the weights w (m,), begun near another, after so many iterations for the step.
+
+        A program may take half of what iterations are left: sets may settle from an answer that is no good yet.
+        """
+        left = self.run.most - spent
+        posed = self.pose(self.run.after(spent + int(left // 2) if np.isfinite(left) else 0), w)
         self.check(posed)
         return posed.solve(INSIDE, near)
 
-    def settled(self, state: State) -> State | None:
-        """A solution of the step near the state, with the certificate of its own error; None if none was found."""
+    def settled(self, state: State, spent: int) -> tuple[State | None, int]:
+        """A solution of the step near the state, with the certificate of its own error, and how many sets it took.
+
+        None if no solution is found, in as many sets as are left of the iterations.
+        """
         known = self.run.system.norms.slope is not None  # type: ignore[union-attr]
-        return self.pose(self.run, state.weights).settled(state) if known else None
+        most = int(min(self.run.most - spent, sys.maxsize)) if known else 0
+        rounds = iter(range(most))
+        return self.pose(self.run, state.weights).settled(state, rounds), most - length_hint(rounds)
 
     def certified(self, state: State, certificate: Certificate) -> State:
         """The state under the weights of its own pressures, with that certificate."""
@@ -138,14 +149,14 @@ def resolved(step: Dependent, start: Floats) -> State:
     for count in range(1, MOST_PROGRAMS + 1):
         state = step.solve(w, before, iterations)
         iterations, safeguards = iterations + state.iterations, safeguards + state.safeguards
-        near = step.settled(state)
+        near, rounds = step.settled(state, iterations)
+        iterations += rounds
         if before is not None:
             increments.append(step.distance(state, before) + step.work_apart(state, before))
         if near is None:
             met = np.array_equal(step.law(state.p), w)
             own = step.certified(state, _estimated(state.certificate, [0.0] * (WINDOW + 1) if met else increments))
         else:
-            iterations += near.iterations
             own = near if step.replaces else step.beside(state, near)
         own = replace(own, iterations=iterations, safeguards=safeguards, rate=_rate(increments, 1))
         error = own.certificate.error / (own.unit(accuracy) or np.inf)

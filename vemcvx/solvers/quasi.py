@@ -89,9 +89,7 @@ class Settled:
     """whether that solves (Q) by the theorem above; else it is the limit of Newton's method"""
 
 
-def settled(
-    program: StepProgram, law: Law, start: Point, response: Response, rounds: Iterator[int]
-) -> Settled | None:
+def settled(program: StepProgram, law: Law, start: Point, response: Response, rounds: Iterator[int]) -> Settled | None:
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
     A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope; the

@@ -30,10 +30,9 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.special import fdtri
 
 from vemcvx.errors import NotAccepted
-from vemcvx.linear import SAMPLES, LinearSolver, SuperLU, choose_linear
+from vemcvx.linear import LinearSolver, SuperLU, choose_linear
 from vemcvx.program.form import Form
 from vemcvx.program.kernel import anchors
 from vemcvx.program.ordering import minimum_degree
@@ -43,18 +42,14 @@ from vemcvx.program.system import System
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-EPS = float(np.finfo(float).eps)
 # A load is taken for a combination of fields already solved for when what is left of it is rounding.
-SAME_FIELD = 8 * EPS
+SAME_FIELD = 8 * float(np.finfo(float).eps)
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 HELD = 1e-24
 """Touched unknowns are held well enough when the energy of what they still move is this part of the whole."""
 MOST_ROUNDS = 5
 """Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
-
-TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
-"""The quotient of F's distribution with 1 and SAMPLES degrees of freedom that is exceeded once in a million."""
 
 
 @dataclass(frozen=True)
@@ -154,15 +149,9 @@ class Condensation:
         """phi'K^{-1}phi, or a bound on it from above."""
         return self._factor.energy(phi)
 
-    def rounding(self, size: Floats) -> float:
-        """Energy that rounding adds at most to what forces bring about whose sums of terms are `size` (n,) in size.
-
-        Every term, a force or a product K_ij y_j, is known to a relative rounding error of its own, even within
-        +-EPS / 2, of variance EPS^2 / 12. That of K_ij acts on i and on j, so that with |e_i + e_j|^2 <= 2 |e_i|^2 +
-        2 |e_j|^2 the mean of the energy is at most 1/2 EPS^2 / 6 sum size_i^2 (K^{-1})_ii. Errors and samples alike
-        have energies sum_k l_k x_k^2, x_k normal; their quotient spreads most where one l_k counts alone: Fisher's F.
-        """
-        return 0.5 * TAIL * EPS * EPS / 6 * self._factor.random_energy(size)
+    def random_energy(self, size: Floats) -> float:
+        """The mean of phi'K^{-1}phi over forces phi of independent entries, of mean zero and deviations `size` (n,)."""
+        return self._factor.random_energy(size)
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the touched ones, K y = f + [0; rho]."""

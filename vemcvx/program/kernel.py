@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
@@ -74,6 +75,13 @@ class Kernel:
             return str(called(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
         large = np.abs(c) > 1e-3 * np.abs(c).max()
         return " with ".join(name for name, present in zip(self.names, large, strict=True) if present)
+
+
+def felt(rows: sp.csr_matrix, modes: Floats) -> int:
+    """How many of the motions modes (n, k) are felt by rows, by more than rounding."""
+    read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
+    seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
+    return int(np.linalg.matrix_rank(seen, tol=8 * EPS * max(len(seen), 1)))
 
 
 def anchors(modes: Floats, diagonal: Floats) -> Floats:

@@ -12,8 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri
 
-from vemcvx.program.certificate import Certificate
+from vemcvx.linear import SAMPLES
+from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
 from vemcvx.program.form import Form
@@ -24,6 +26,8 @@ Bools = NDArray[np.bool_]
 
 ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""
+TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
+"""The quotient of F's distribution with 1 and SAMPLES degrees of freedom that is exceeded once in a million."""
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
@@ -90,7 +94,7 @@ def full_certificate(
     `held` (n,) is B'lam + D'p; or, where the condensed program's certificate knows the error of the touched unknowns
     without the multipliers, what holds those in place: r is then what condensing has lost.
 
-    The floor is what the rounding of K's and the force's own entries brings about (:meth:`Condensation.rounding`).
+    The floor is what the rounding of K's and the force's own entries brings about (:func:`rounding`).
     Norm terms and limits see touched unknowns only; their parts are those of the condensed program's `own` certificate.
     """
     system = condensation.system
@@ -100,7 +104,18 @@ def full_certificate(
         # Multipliers are in balance there; what rounding leaves on the kernel is no force to answer.
         N = np.linalg.qr(system.kernel.modes)[0]
         r = r - N @ (N.T @ r)
-    return replace(own, equilibrium=0.5 * condensation.energy(r), floor=condensation.rounding(size))
+    return replace(own, equilibrium=0.5 * condensation.energy(r), floor=rounding(condensation, size))
+
+
+def rounding(condensation: Condensation, size: Floats) -> float:
+    """Energy that rounding adds at most to what forces bring about whose sums of terms are `size` (n,) in size.
+
+    Every term, a force or a product K_ij y_j, is known to a relative rounding error of its own, even within +-EPS / 2,
+    of variance EPS^2 / 12. That of K_ij acts on i and on j, so that with |e_i + e_j|^2 <= 2 |e_i|^2 + 2 |e_j|^2 the
+    mean of the energy is at most 1/2 EPS^2 / 6 sum size_i^2 (K^{-1})_ii. Errors and samples alike have energies
+    sum_k l_k x_k^2, x_k normal; their quotient spreads most where one l_k counts alone: Fisher's F.
+    """
+    return 0.5 * TAIL * EPS * EPS / 6 * condensation.random_energy(size)
 
 
 def pulled(system: System, lam: Floats, p: Floats) -> Floats:

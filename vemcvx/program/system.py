@@ -26,7 +26,7 @@ from vemcvx.program.checks import (
     motions,
     permutation,
 )
-from vemcvx.program.kernel import Kernel
+from vemcvx.program.kernel import Kernel, felt
 from vemcvx.program.limits import Limits
 from vemcvx.program.motion import Motion
 from vemcvx.real import brief, real, shape_in_words
@@ -262,16 +262,12 @@ class System:
             raise SceneError(
                 f"System: found a kernel over {len(N)} unknowns; wanted one column of {self.n} and one name a motion."
             )
-        felt = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
-        if felt.any():
-            raise SceneError(f"System: K feels {kernel.names[int(np.argmax(felt))]}, which is no motion of its kernel.")
+        work = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
+        if work.any():
+            raise SceneError(f"System: K feels {kernel.names[int(np.argmax(work))]}, which is no motion of its kernel.")
         B = sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
         D = sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
-        rows, size = sp.vstack([B, D]), np.abs(N).max(axis=0, initial=0.0)
-        read = np.asarray(abs(rows).sum(axis=1)).ravel()
-        # Of rows and motions of size one, so that a motion which is felt by rounding alone is not.
-        seen = (rows @ N)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
-        if np.linalg.matrix_rank(seen, tol=ROUNDED * max(len(seen), 1)) < N.shape[1]:
+        if felt(sp.csr_matrix(sp.vstack([B, D])), N) < N.shape[1]:
             raise SceneError(
                 f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term and no limit: "
                 "nothing holds it. Add stiffness, norm terms or limits that do."

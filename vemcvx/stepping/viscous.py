@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.extended import residual
+from vemcvx.program.refinement import rounding
 from vemcvx.program.system import System
 from vemcvx.stepping.backward_euler import completed, solved
 from vemcvx.stepping.ledger import Drive, Ledger, in_range, strain_energy
@@ -121,7 +122,7 @@ class ViscousSteps:
         cut = (y - (there - (there - y))) + (d - (there - y))
         roots = [
             stepped.certificate.floor,
-            run.condensation.rounding(blur),
+            rounding(run.condensation, blur),
             0.5 * float(cut @ (run.system.K @ cut)),
             0.5 * off * off * float(d @ (run.system.K @ d)),
         ]

@@ -52,28 +52,30 @@ def simulate(
     scene : Scene
     mesh : PolygonMesh
     times : increasing sequence of instants
-        times[0] is the initial one; data are evaluated at the others as they are reached.
+        times[0] is the initial instant; data are evaluated at each of the others.
     solver : Solver, optional
-        By default the smallest that accepts the program: Direct without friction, Newton with it.
+        By default Direct for programs without friction and one-sided contact, else Newton.
     initial : None, (n_nodes, 2) array, "equilibrium" or "settled"
-        The displacement at times[0]: zero; given; a(u_0, .) = l(0) without friction; one step from zero.
+        The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
+        one step from zero.
     store : "all", "last", int n or sequence of int
-        Steps to keep: all, the last, every n-th and the last, or these and the last. All steps are certified.
+        Steps to store: all; the last; every n-th and the last; or those given and the last. All are certified.
     check : bool
-        Raise NotCertified when a step misses the accuracy asked of the solver.
+        Raise NotCertified if the certificate of a step exceeds the solver's accuracy.
     condense : bool
-        Solve on the contact unknowns (default), or on all of them.
+        Eliminate the unknowns that friction and contact do not touch (default), or solve for all unknowns.
     linear : LinearSolver, optional
-        SuperLU() or Multigrid(); by default by size.
+        SuperLU() or Multigrid(); by default chosen by the number of unknowns.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional
-        A folder where rows are kept as files mapped into memory, so that neither the size of a history nor a
-        crash limits a run. It holds a checkpoint of the last stored step, or of a later one: steps that are not stored
-        have one a second. One run at a time writes there, and to no file that a run did not make.
+        A folder that keeps the stored steps as memory-mapped files, for histories that are larger than memory and for
+        runs that may be interrupted. It also keeps a checkpoint of the last stored step, or of a later one: between
+        stored steps there is one every second. Only one run at a time writes there; files of other origin are left
+        alone.
     resume : bool
-        Go on with the run that `stream` holds, if it holds one; the history is then that of a run which was never
-        interrupted, `seconds` aside. Without it, what the folder holds is begun anew.
+        Continue the run in the folder `stream`, if there is one; but for `seconds` the history is that of an
+        uninterrupted run. Otherwise a run in that folder is replaced.
 
     Returns
     -------
@@ -93,7 +95,8 @@ def simulate(
     Notes
     -----
     Backward Euler for (3.9), Problem 3.9 of the paper: first order in the step and the mesh size,
-    Theorem 3.10. The certificate concerns the algebra of each step; it does not measure h or k.
+    Theorem 3.10. The certificate bounds the algebraic error of each step; for the errors of mesh and time steps see
+    :func:`vemcvx.error_budget`.
     """
     check_kinds(scene, mesh)
     instants = checked_times(times)

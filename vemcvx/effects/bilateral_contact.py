@@ -12,10 +12,10 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class BilateralContact(Effect):
-    """The body neither leaves nor enters the obstacle: u . n = 0 at the nodes of `on`.
+    """Contact without separation: u . n = 0 at the nodes of `on`.
 
-    Gamma_C is piecewise flat and may be inclined; at a corner of it both normals hold, so the node is held
-    altogether. At nodes shared with a clamp or a prescribed value, those win.
+    The contact boundary Gamma_C is piecewise straight and may be inclined. At a corner u . n = 0 for both normals,
+    which fixes the node. Clamps and prescribed displacements take precedence at nodes that they share with contact.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class Clamp(Effect):
-    """Hold the body still: u = 0 at every node of the closed set of edges `on`, (3.3).
+    """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3).
 
     Parameters
     ----------

@@ -17,16 +17,20 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class CoulombFriction(Effect):
-    """|friction| <= coefficient * pressure, and friction against the slip where they are equal.
+    """Friction with a bound proportional to the contact pressure: |friction| <= coefficient * pressure.
 
-    Needs UnilateralContact or NormalCompliance on the same boundary. No energy has this law as its optimality
-    condition; every step is a fixed point of convex Tresca problems, weights = coefficient * nodal pressure (Necas,
-    Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by :mod:`vemcvx.stepping.fixed_point`. What is
-    certified is the distance to a solution of the step: for small coefficients there is no other.
+    Friction below the bound sticks; at the bound it acts against the slip. The effect needs UnilateralContact or
+    NormalCompliance on the same boundary.
 
-    At a node where parts meet each rubs with the share of the nodal force that its own edges bear. Nodes that a
-    prescribed displacement drags along rub as those of TrescaFriction, with the pressure that ends the step; where it
-    holds the normal, too, no pressure is known, and there is no friction.
+    A step with Coulomb's law minimises no energy. It is a fixed point of convex Tresca problems with the weights
+    coefficient * nodal pressure (Necas, Jarusek and Haslinger 1980; Licht, Pratt and Raous 1991), found by
+    :mod:`vemcvx.stepping.fixed_point`. The certificate bounds the distance to a solution of the step, which is unique
+    for small coefficients.
+
+    Where two parts of the boundary meet at a node, each has friction according to the share of the nodal force on its
+    own edges. Nodes that a prescribed displacement moves along the obstacle have friction as with TrescaFriction, for
+    the pressure at the end of the step; if that displacement prescribes the normal component, too, the pressure is
+    unknown and there is no friction.
 
     Parameters
     ----------
@@ -35,8 +39,8 @@ class CoulombFriction(Effect):
     on : str or sequence of str
         Boundary names.
     cap : number or callable f(x, t) -> (m,), optional
-        No friction exceeds this, force per length: |friction| <= min(coefficient * pressure, cap), as of a material
-        that yields (Tresca's cap on Coulomb, after Orowan).
+        Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
+        of a material that yields (after Orowan).
     """
 
     coefficient: data.Datum

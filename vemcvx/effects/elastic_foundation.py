@@ -28,11 +28,11 @@ GAUSS = 2
 
 @dataclass(frozen=True)
 class ElasticFoundation(Effect):
-    """Springs between a part of the boundary and the ground, in tension as in compression.
+    """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).
 
-    They belong to a^h: `history.energy` = 1/2 a^h(u, u) includes what they store, int k_n u_n^2 / 2 + k_t u_tau^2 / 2,
-    and `history.reaction` does not include their force, which is minus the coefficients times the displacement. A
-    motion that the springs feel needs no other support.
+    The springs are part of a^h: `history.energy` = 1/2 a^h(u, u) includes their energy,
+    int k_n u_n^2 / 2 + k_t u_tau^2 / 2, and `history.reaction` does not include their force, which is minus the
+    stiffness times the displacement. A motion that stretches the springs needs no other support.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ LOCKING_POISSON = 0.49
 
 @dataclass(frozen=True)
 class Elasticity(MaterialLaw):
-    """The material of the body, or of a part of it.
+    """Isotropic linear elasticity of the body, or of a part of it.
 
     Parameters
     ----------
@@ -43,11 +43,11 @@ class Elasticity(MaterialLaw):
         Poisson's ratio, -1 < nu < 1/2 in plane strain, -1 < nu <= 1/2 in plane stress.
     plane : {"strain", "stress"}
     stabilisation : {"shear", "unit"}
-        The part of a_K^h that polynomials do not see: 2 mu times the dofi-dofi product (independent of
-        units, does not lock), or S_K of (3.13) to the letter, without a factor.
+        The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
+        does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor.
     on : None, str or sequence of str
         The cells of this material: those where the cell datum of that name is nonzero; None is the whole body. Moduli
-        must be finite on all cells, and are read on these.
+        must be finite on all cells, but only their values on these count.
     """
 
     young: data.Datum | str

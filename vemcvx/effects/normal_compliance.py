@@ -18,17 +18,18 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class NormalCompliance(Effect):
-    """The obstacle's asperities are springs: the pressure on the body is p = stiffness (u . n - gap)_+.
+    """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
 
-    The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of the history's energy. Martins and
-    Oden, *Existence and uniqueness results for dynamic contact problems with nonlinear normal and friction interface
-    laws* (Nonlinear Anal. 11, 1987), with their exponent m_n = 1; the rigid obstacle is the limit of large stiffness.
+    The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
+    of Martins and Oden, *Existence and uniqueness results for dynamic contact problems with nonlinear normal and
+    friction interface laws* (Nonlinear Anal. 11, 1987), with the exponent m_n = 1. As the stiffness grows, the obstacle
+    becomes rigid.
 
     Parameters
     ----------
     stiffness : number or callable f(x, t) -> (m,)
-        Pressure per depth, force per length^3 (unit thickness: force per length^2 per length), > 0; fixed in time (f
-        is evaluated at t = 0).
+        Pressure per penetration, force per length^2 (and unit thickness), > 0; fixed in time (f is evaluated at
+        t = 0).
     on : str or sequence of str
         Boundary names.
     gap : number or callable f(x, t) -> (m,)

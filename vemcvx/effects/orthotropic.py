@@ -31,16 +31,17 @@ Constant = data.Datum | str
 
 @dataclass(frozen=True)
 class Orthotropic(MaterialLaw):
-    """A material with two axes of symmetry in the plane; stabilised by its softest shear (`vemcvx.vem.anisotropic`).
+    """Orthotropic linear elasticity with two axes of symmetry in the plane.
 
-    Every modulus is a number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
+    The stabilisation is scaled by the softest shear modulus (:mod:`vemcvx.vem.anisotropic`). Every modulus is a number,
+    an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
 
     Parameters
     ----------
     young : (E1, E2) in plane stress, (E1, E2, E3) in plane strain
         Young's moduli along the axes, force per area, > 0.
     poisson : nu12 in plane stress, (nu12, nu13, nu23) in plane strain
-        nu_ij contracts j under a pull along i: nu21 = nu12 E2 / E1. The energy must be positive.
+        nu_ij = -e_j / e_i under tension along i, so that nu21 = nu12 E2 / E1. The energy must be positive.
     shear : modulus
         G12 > 0, force per area.
     angle : modulus

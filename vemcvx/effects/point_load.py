@@ -26,16 +26,16 @@ SAME_POINT = 1e-9
 
 @dataclass(frozen=True)
 class PointLoad(Effect):
-    """A force on the node at a point (per unit thickness).
+    """A force on single nodes (per unit thickness).
 
-    The energy of a point force is infinite in the limit h -> 0: displacement and energy near it depend on the mesh.
+    In the limit h -> 0 the energy of a point force is infinite: displacement and energy near it depend on the mesh.
 
     Parameters
     ----------
     force : (2,) constant, (m, 2) array, or callable f(x, t) -> (m, 2)
-        Cartesian components, force units, evaluated at t_n; at every point of `at`. Forces at one point add up.
+        Cartesian components of the force on every point of `at`, evaluated at t_n. Forces on the same point add up.
     at : (2,) or (m, 2)
-        Where; each must be a node of the mesh, to 1e-9 of the body's size.
+        The points; each must be a node of the mesh, to 1e-9 of the body's size.
     """
 
     force: Datum

@@ -18,7 +18,9 @@ from vemcvx.vem import BoundaryPart, Space
 
 @dataclass(frozen=True)
 class PrescribedDisplacement(Effect):
-    """Move a part of the boundary as told; the reactions are part of the answer.
+    """Given displacements of a part of the boundary: all components, or one.
+
+    `history.reaction` is the force that they take.
 
     Parameters
     ----------

@@ -19,14 +19,14 @@ from vemcvx.vem import Space, edge_load
 
 @dataclass(frozen=True)
 class Pressure(Effect):
-    """Push on the body along the inward normal: -int p n . v ds, exact for affine p on every edge, as Traction is.
+    """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p on every edge, as of Traction.
 
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
         p, force per length (and unit thickness), evaluated at t_n; compression positive, suction negative.
     on : str or sequence of str
-        Boundary names; at a corner each side is pushed along its own normal.
+        Boundary names; at a corner the pressure acts on each side along its own normal.
     """
 
     value: Datum

@@ -17,12 +17,12 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class Prestress(Effect):
-    """Give the body a stress without strain, as tendons, growth or what was left out of the model do.
+    """Initial stress: a stress at zero strain, such as that of tendons or growth.
 
-    `history.stress` includes it: a body that is held everywhere shows it, one that is free relaxes from a uniform one
-    altogether. `history.energy` stays 1/2 a^h(u, u), and `history.work` counts it as a load. A stress that is there at
-    times[0] is not in equilibrium with u = 0 unless supports bear it: begin with ``initial="settled"`` or
-    "equilibrium".
+    `history.stress` includes it. A body that is fixed everywhere keeps it; a free body relaxes from a uniform one
+    completely. `history.energy` remains 1/2 a^h(u, u), and `history.work` includes the work of the initial stress, as
+    of a load. If the stress is nonzero at times[0], u = 0 is in equilibrium only if supports bear it: begin with
+    ``initial="settled"`` or "equilibrium".
 
     Parameters
     ----------

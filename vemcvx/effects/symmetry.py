@@ -16,11 +16,11 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class Symmetry(Effect):
-    """Keep a piecewise straight part of the boundary on itself: u . n = 0, free to slide along.
+    """Line of symmetry, or rollers: u . n = 0 on a piecewise straight part of the boundary, which is free to slide.
 
-    As a condition it is that of BilateralContact, but this is a support, no contact: it appears in `reaction`, never
-    in `history.contact`, and gives way to nothing. A prescribed displacement that leaves the line at a shared node
-    contradicts it. At a corner of `on` both normals hold, so the node is held altogether.
+    The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
+    not in `history.contact`, and it does not yield to other supports. A prescribed displacement that contradicts it at
+    a shared node is an error. At a corner u . n = 0 for both normals, which fixes the node.
 
     Parameters
     ----------

@@ -24,12 +24,12 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class ThermalStrain(Effect):
-    """Heat the body: it expands where it is free, and is compressed where it is not.
+    """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is prevented.
 
-    Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), and are part of `history.stress`: a body that
-    expands freely shows none. `history.energy` stays 1/2 a^h(u, u), the energy of the total strain, which is not the
-    elastic energy 1/2 (eps - eps_0) : C (eps - eps_0); `history.work` counts thermal stresses as loads, so that the
-    ledger still closes. The temperature is that above the stress-free state: with theta(x, times[0]) != 0 begin
+    Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), and are part of `history.stress`: a body that expands
+    freely has none. `history.energy` remains 1/2 a^h(u, u), the energy of the total strain, which is not the elastic
+    energy 1/2 (eps - eps_0) : C (eps - eps_0). `history.work` includes the work of thermal stresses, as of loads, so
+    that the energy balance holds. Temperatures are relative to the stress-free state: if theta(x, times[0]) != 0, begin
     with ``initial="settled"`` or "equilibrium".
 
     Parameters

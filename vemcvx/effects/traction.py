@@ -15,7 +15,7 @@ from vemcvx.vem import Space, edge_load
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """A force per unit length (and unit thickness), int f_2 . v ds, exact for affine f_2 on every edge.
+    """Surface force per unit length (and unit thickness): the load int f_2 . v ds, exact for affine f_2 on every edge.
 
     Parameters
     ----------

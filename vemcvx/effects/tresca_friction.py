@@ -38,13 +38,16 @@ STEEP = 1e6
 
 @dataclass(frozen=True)
 class TrescaFriction(Effect):
-    """Friction whose traction never exceeds a given bound: |sigma_tau| <= g, and sticks below it.
+    """Friction with a given bound: |sigma_tau| <= g. Below the bound it sticks, at the bound it acts against the slip.
 
-    The bound is given and asks for no pressure: beside UnilateralContact or NormalCompliance the body is rubbed where
-    it has left the obstacle, too, and a run in which that happens warns. `while_closed=True` rubs where there is touch.
-    Parts that meet at a node rub there with the bounds of their own edges; parts that overlap add up. Nodes that a
-    prescribed displacement drags along rub as well: |friction| = g against the slip, borne by that support, whose
-    reaction and work include it; it is 0 in a step in which the support stands still (any up to g would do).
+    The bound does not depend on pressure. With UnilateralContact or NormalCompliance, friction therefore also acts
+    where contact is open, and a warning says so if that happens; `while_closed=True` restricts friction to closed
+    contact.
+
+    Where two parts of the boundary meet at a node, each has friction with the bound of its own edges; bounds of parts
+    that overlap add up. Nodes that a prescribed displacement moves along the obstacle have friction, too, equal to g
+    and against the slip. That support bears it, and its reaction and work include it. It is taken to be 0 in a step in
+    which the support stands still, when any value up to g would be admissible.
 
     Parameters
     ----------
@@ -55,13 +58,13 @@ class TrescaFriction(Effect):
     quadrature : {"nodes", "integral"}
         w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     backward : number, or callable f(x, t) -> (m,), optional
-        Where slip one way is held back more than the other (scales, ratchets, brushed fibres): `bound` is then that of
-        slip forward, along the boundary with the body on the left (on a floor, to the right), and this that of slip
-        backward; >= 0, force per length.
+        The bound against slip in the other direction, if it differs (scales, ratchets, brushed fibres); >= 0, force per
+        length. `bound` then limits friction against slip forward, along the boundary with the body on the left (on a
+        floor, to the right), and `backward` against slip the other way.
     while_closed : bool, optional
-        True: the bound is g where contact presses and 0 where it is open, as a fixed point in every step, with what
-        CoulombFriction says of that; it needs UnilateralContact or NormalCompliance, and `backward` none. False: g
-        everywhere, and no warning. By default g everywhere.
+        True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
+        CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
+        `backward`. False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
     """
 
     bound: data.Datum

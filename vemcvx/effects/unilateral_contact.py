@@ -18,20 +18,21 @@ from vemcvx.vem import BoundaryRows, Space
 
 @dataclass(frozen=True)
 class UnilateralContact(Effect):
-    """The body may leave the obstacle but not enter it.
+    """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
 
     At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with n the outward normal of the undeformed
-    boundary and p the pressure, the multiplier of the bound over the nodal length. Kikuchi and Oden, *Contact
-    Problems in Elasticity* (1988), chapter 2. At nodes shared with a clamp or a prescribed value, those win; a node
-    that is free along n alone, on the axis of a half model, is in contact. Obstacles that meet at a node with one
-    normal stop it at the smaller gap. An obstacle whose gap changes does work, which `history.work` includes.
+    boundary and p the pressure, the multiplier of the bound over the nodal length. Kikuchi and Oden, *Contact Problems
+    in Elasticity* (1988), chapter 2. Clamps and prescribed displacements take precedence at nodes that they share with
+    contact; a node that is free along n only, on the axis of a half model, is in contact. Where obstacles with the same
+    normal meet at a node, the smaller gap counts. An obstacle whose gap changes does work, which `history.work`
+    includes.
 
     Parameters
     ----------
     on : str or sequence of str
         Boundary names.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n before anything moves, >= 0, in units of length; it may change in time.
+        Distance to the obstacle along n in the undeformed state, >= 0, in units of length; it may change in time.
     """
 
     on: str | Sequence[str]

@@ -15,15 +15,15 @@ from vemcvx.vem import Space, stiffness
 
 @dataclass(frozen=True)
 class Viscosity(Effect):
-    """Stress in proportion to the rate of strain, added to the elastic one: the form b^h(u', v).
+    """Kelvin-Voigt viscosity: a stress proportional to the strain rate, added to the elastic one.
 
-    The form is that of elasticity with shear in place of mu and volume in place of lambda, stabilised likewise.
-    Steps then depend on their length; nothing else does. Han and Sofonea, *Quasistatic Contact Problems in
-    Viscoelasticity and Viscoplasticity* (2002), chapter 6.
+    The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise. Results
+    of a step then depend on its length, which without viscosity they do not. Han and Sofonea, *Quasistatic Contact
+    Problems in Viscoelasticity and Viscoplasticity* (2002), chapter 6.
 
-    The energy of a history stays 1/2 a^h(u, u), its `dissipated` includes what dashpots lose, its forces (`forces`,
-    `reaction`, `contact.pressure`) what they exert, at the rate of the step that led there, and its `stress` is the
-    elastic part. Without elastic equilibrium to obey at once, a state need not satisfy condition (2.1) at times[0].
+    `history.energy` remains 1/2 a^h(u, u), `dissipated` includes the viscous loss, forces (`forces`, `reaction`,
+    `contact.pressure`) include viscous ones at the rate of the step that led there, and `stress` is the elastic part.
+    The initial state need not satisfy condition (2.1), because viscous forces balance it.
 
     Parameters
     ----------

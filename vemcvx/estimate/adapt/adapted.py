@@ -123,28 +123,28 @@ def adapt(
     theta: float = THETA,
     progress: Callable[[Pass], None] | None = None,
 ) -> Adapted:
-    """Simulate with a mesh and instants chosen so that the estimated relative energy error is within `target`.
+    """Simulate with a mesh and time steps chosen so that the estimated relative energy error is at most `target`.
 
     Parameters
     ----------
     scene : Scene
     mesh : PolygonMesh
-        To begin with, coarse; it must have the boundaries that the scene names.
+        A coarse mesh to begin with; it must have the boundaries that the scene names.
     times : increasing sequence of instants
-        The first, the last, and those at which the answer is wanted, which the history stores; others are put between.
+        The first and the last instant, and those at which the history stores the answer; others are inserted between.
     target : float
-        Relative energy error: :class:`vemcvx.estimate.budget.ErrorBudget`, the largest over the instants looked at.
+        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined.
     solver : Solver, optional
-        Its accuracy is lowered to a hundredth of the target where it asks for more than that and need not.
+        An accuracy finer than a hundredth of the target is replaced by that: nothing finer is needed.
     initial : None, "equilibrium" or "settled"
         As in :func:`vemcvx.simulate`.
     most_unknowns : int
-        No pass is begun that is expected to have more (the first one aside); the result then says that the target was
-        not met.
+        No pass after the first is started that is expected to have more unknowns; the result then says that the target
+        was not met.
     theta : float
-        Part of the squared error that is refined in a pass, in (0, 1).
+        Fraction of the squared error whose cells are refined in a pass, in (0, 1).
     progress : callable, optional
-        Told of each pass.
+        Called with each finished :class:`Pass`.
 
     Raises
     ------

@@ -79,13 +79,13 @@ class ErrorBudget:
 
 
 def error_budget(history: History, steps: int | Sequence[int] | None = None) -> ErrorBudget:
-    """Estimate where the error of a run comes from.
+    """Estimate the errors of a run: algebra, mesh and time steps.
 
     Parameters
     ----------
     history : History
     steps : int or sequence of int, optional
-        Stored steps to look at; by default all but the initial instant.
+        Stored steps to examine; by default all but the initial instant.
 
     Raises
     ------

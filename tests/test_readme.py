@@ -7,6 +7,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+import vemcvx as vx
+from vemcvx.cli import app
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -46,3 +50,18 @@ def test_commands_are_single_lines_of_which_ci_runs_one():
 def test_links_lead_somewhere():
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         assert (ROOT / target).exists(), target
+
+
+def test_the_problem_file_runs_as_described(tmp_path):
+    """Its pad slips as a whole in the end: friction is the coefficient times the pressure, against the drag."""
+    (text,) = re.findall(r"```py\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "pad.py").write_text(text)
+    assert "`vemcvx run pad.py --n 16" in README
+    options = ["--n", "6", "--steps", "4", "--set", "coefficient=0.5", "--out"]
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "pad.py"), *options, str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    history = vx.read_history(tmp_path / "out")
+    across, up = history.reaction("bottom")[-1]
+    assert up > 0
+    assert across == pytest.approx(-0.5 * up, rel=1e-8)
+    assert not history.contact.sticking[-1].any()

@@ -1,10 +1,12 @@
-"""The shape of the package: imports point backwards, heavy packages stay out, files stay short."""
+"""The shape of the package: what may know what, no circles of imports, heavy packages behind one door each."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -12,45 +14,27 @@ import pytest
 import vemcvx
 
 ROOT = Path(vemcvx.__file__).parent
-LAYERS = [
-    ["errors", "version"],
-    ["real", "canvas"],
-    ["kinds"],
-    ["owned"],
-    ["meshes"],
-    ["vem"],
-    ["effects"],
-    ["linear"],
-    ["program/kernel", "program/rows", "program/ordering", "program/extended", "program/checks", "program/limits"],
-    ["program/motion"],
-    ["program/system", "program/form"],
-    ["program/step_program", "program/scaling", "program/certificate", "program/condensation", "program/refinement"],
-    ["scene/scene", "scene/supports"],
-    ["scene/rigid", "scene/edges", "scene/freedom", "scene/composition"],
-    ["scene/terms"],
-    ["scene/obstacles", "scene/surface", "scene/void"],
-    ["scene/contact_terms"],
-    ["scene/pose"],
-    ["solvers"],
-    ["stepping/storage", "stepping/seminorm", "stepping/ledger", "stepping/acceptance", "stepping/fixed_point"],
-    ["stepping/state"],
-    ["stepping/backward_euler", "stepping/dragged"],
-    ["stepping/viscous"],
-    ["stepping/initial", "stepping/trajectory", "stepping/checkpoint"],
-    ["stepping/recorder"],
-    ["stepping/march"],
-    ["results"],
-    ["simulation"],
-    ["estimate"],
-    ["plots"],
-    ["cost"],
-    ["cli"],
-    ["__main__"],
-]
-"""Packages as wholes, or module by module where a package has layers of its own."""
-LAYERED = {"program": "system", "scene": "scene", "stepping": "march"}
-"""These, and the last of the modules that each exports."""
-LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+GROUND = "errors arrays arguments owned_files version canvas".split()
+PAGE = {
+    "meshes": "polygons that tile a domain, families of them, local refinement, mesh files",
+    "vem": "the virtual element space, its matrices, loads and strains",
+    "effects": "the physics that a scene can name, each turned into arrays",
+    "linear": "factorisations behind one seam",
+    "program": "a step as a convex program: condensed, scaled, certified; it knows no mesh",
+    "scene": "effects on a mesh, put together into a system",
+    "solvers": "answers to a step's program",
+    "stepping": "backward Euler: pose, answer, certify, record",
+    "results": "what a run leaves, in the words of contact",
+    "simulation": "from a scene to results",
+    "estimate": "distances to other runs, estimated errors, adaptivity",
+    "plots": "pictures of results",
+    "cost": "what accuracy costs",
+    "cli": "the command line",
+    "__main__": "python -m vemcvx",
+}
+"""From the ground up: each may import what stands above it here, and the ground below all (`GROUND`)."""
+APART = {"linear", "program"}, {"meshes", "vem", "effects"}
+"""Mechanics of programs on the one hand, of meshes on the other: neither knows the other; `scene` joins them."""
 HEAVY = {
     "cvxpy": "solvers/conic.py",
     "matplotlib": "canvas.py",
@@ -59,61 +43,94 @@ HEAVY = {
 }
 
 
+@cache
 def modules():
-    return sorted(
-        path.relative_to(ROOT) for path in ROOT.rglob("*.py") if path.name != "__init__.py" or path.parent != ROOT
-    )
+    """name -> path of every module; a package is called by its own name."""
+    found = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        parts = ("vemcvx", *path.relative_to(ROOT).with_suffix("").parts)
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
 
 
-def layer(parts):
-    """The name in LAYERS of the module at these steps of a path, or of what a package exports."""
-    head = parts[0]
-    if head not in LAYERED:
-        return head
-    module = parts[1] if len(parts) > 1 and parts[1] != "__init__" else LAYERED[head]
-    return f"{head}/{module}"
-
-
-def imports(tree, everywhere):
-    """Names imported when the module is (or anywhere in it), type checking aside."""
-    guarded = {
-        id(node)
-        for test in ast.walk(tree)
-        if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.unparse(test.test)
-        for node in ast.walk(test)
-    }
-    nodes = ast.walk(tree) if everywhere else tree.body
-    for node in nodes:
-        if id(node) in guarded:
-            continue
+def imported(path):
+    """Names of modules that a file imports, anywhere in it, for type checking, too."""
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield "." * node.level + (node.module or "")
+            assert not node.level, f"{path}: relative import; write it out"
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from (name if name in modules() else node.module for name in inner)
 
 
-@pytest.mark.parametrize("path", modules(), ids=str)
-def test_imports_point_backwards(path):
-    own = layer(path.with_suffix("").parts)
-    level = LEVEL[own]
-    for name in imports(ast.parse((ROOT / path).read_text()), everywhere=False):
-        assert not name.startswith("."), f"{path}: relative import {name}; write it out"
-        parts = name.split(".")
-        if parts[0] == "vemcvx" and len(parts) > 1 and (other := layer(parts[1:])) != own:
-            assert LEVEL[other] < level or {other, own} <= set(LAYERS[level]), f"{path} imports {name}"
+@cache
+def imports():
+    """name -> names of our own modules that it imports."""
+    return {name: {other for other in imported(path) if other in modules()} - {name} for name, path in modules().items()}
 
 
-@pytest.mark.parametrize("path", modules(), ids=str)
-def test_heavy_packages_have_one_door(path):
-    for name in imports(ast.parse((ROOT / path).read_text()), everywhere=True):
-        package = name.split(".")[0]
-        if package in HEAVY:
-            assert str(path) == HEAVY[package], f"{path} imports {package}; only {HEAVY[package]} may"
+def part(name):
+    """The package, or single module, that a module belongs to."""
+    return name.split(".")[1] if "." in name else name
 
 
-@pytest.mark.parametrize("path", modules(), ids=str)
-def test_files_are_short(path):
-    assert (ROOT / path).read_text().count("\n") <= 300
+@pytest.mark.parametrize("name", modules())
+def test_a_part_knows_only_what_stands_above_it_on_the_page(name):
+    own, order = part(name), [*GROUND, *PAGE]
+    for other in map(part, imports()[name]):
+        if own in ("vemcvx", other):
+            continue
+        assert other in order, f"{name} imports {other}, which is on no line of the page"
+        assert order.index(other) < order.index(own), f"{name} imports {other}"
+        assert not any({own} <= one and {other} <= two for one in APART for two in APART if one != two), name
+
+
+def test_no_module_leads_back_to_itself():
+    try:
+        TopologicalSorter(imports()).prepare()
+    except CycleError as circle:
+        raise AssertionError(" <- ".join(circle.args[1])) from None
+
+
+def test_no_folder_leads_back_to_itself():
+    """Folders inside packages, too: `meshes/io`, `meshes/families` ..., modules on their own standing for themselves."""
+
+    def folder(name):
+        return name if modules()[name].name == "__init__.py" else name.rpartition(".")[0] or name
+
+    below = {}
+    for name, others in imports().items():
+        for other in others:
+            one, two = folder(name), folder(other)
+            if one != two and not one.startswith(f"{two}.") and not two.startswith(f"{one}."):
+                below.setdefault(one, set()).add(two)
+    try:
+        TopologicalSorter(below).prepare()
+    except CycleError as circle:
+        raise AssertionError(" <- ".join(circle.args[1])) from None
+
+
+@pytest.mark.parametrize("name", modules())
+def test_heavy_packages_have_one_door(name):
+    path = modules()[name]
+    for package in {other.split(".")[0] for other in imported(path)} & set(HEAVY):
+        door = HEAVY[package]
+        guarded = "TYPE_CHECKING" in path.read_text()
+        assert str(path.relative_to(ROOT)) == door or guarded, f"{path} imports {package}; only {door} may"
+
+
+@pytest.mark.parametrize("name", modules())
+def test_files_are_short(name):
+    assert modules()[name].read_text().count("\n") <= 300
+
+
+def test_names_of_functions_hide_no_modules():
+    for name, path in modules().items():
+        if path.name == "__init__.py":
+            package = __import__(name, fromlist=["_"])
+            hidden = [m for m in modules() if m.rpartition(".")[0] == name and callable(vars(package).get(m.split(".")[-1]))]
+            assert not hidden, f"{hidden[0]} cannot be reached: a function of {name} has its name"
 
 
 def test_importing_the_package_imports_nothing_heavy():
@@ -125,4 +142,4 @@ def test_importing_the_package_imports_nothing_heavy():
 
 def test_everything_exported_exists():
     for name in vemcvx.__all__:
-        assert getattr(vemcvx, name).__doc__, name
+        assert getattr(vemcvx, name).__doc__ or name == "__version__", name

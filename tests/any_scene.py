@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 SIDES = ("left", "right", "bottom", "top")
 
@@ -390,7 +390,7 @@ def _has_kernel(effects, mesh):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
         try:
-            return pose(vx.Scene(*effects), mesh).system.kernel is not None
+            return pose_scene(vx.Scene(*effects), mesh).system.kernel is not None
         except vx.VemcvxError:
             return False
 

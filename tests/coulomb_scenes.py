@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.stepping.backward_euler import trial
+from vemcvx.stepping.posed_step import pose_step
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex", "hanging")
 
@@ -71,12 +71,12 @@ def converged(run, before, now, programs=250):
     It knows nothing of what judges the package's own answers.
     """
     norms, newton = run.system.norms, vx.Newton(accuracy=1e-11, max_iterations=400)
-    run = replace(run, solver=newton, prepared=newton.prepare(run.scaling.form.regular), check=False)
+    run = replace(run, solver=newton, prepared=newton.prepare(run.scaling.operators.regular), check=False)
     w, last, damping, before_that = norms.weights_under(now.t, before.p), np.inf, 1.0, None
-    if run.form.kernel is not None:
-        w = np.full(len(w), np.abs(trial(run, before, now, w).program.g).sum())
+    if run.operators.kernel is not None:
+        w = np.full(len(w), np.abs(pose_step(run, before, now, w).program.g).sum())
     for k in range(programs):
-        state = trial(run, before, now, w).solve()
+        state = pose_step(run, before, now, w).solve()
         if before_that is not None:
             apart = energy_norm(run, state.y - before_that.y)
             if apart <= 1e-12 * state.scale:
@@ -91,4 +91,4 @@ def converged(run, before, now, programs=250):
 
 def energy_norm(run, y):
     """|y|_K of the retained unknowns (m,)."""
-    return float(np.sqrt(max(y @ (run.form.K @ y), 0.0)))
+    return float(np.sqrt(max(y @ (run.operators.K @ y), 0.0)))

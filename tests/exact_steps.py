@@ -187,7 +187,7 @@ class Steps:
             self.C = None if self.C is None else _without(self.C, modes)
         B = sp.csr_matrix((0, n)) if system.norms is None else system.norms.B
         E = sp.csr_matrix((0, n)) if system.limits is None else system.limits.D
-        self.softness = np.zeros(0) if system.limits is None else system.limits.softness
+        self.compliance = np.zeros(0) if system.limits is None else system.limits.compliance
         self.sigma, B = _rows(B @ D)
         self.tau, E = _rows(E @ D)
         self.B, self.E = Matrix.of(B), Matrix.of(E)
@@ -203,8 +203,8 @@ class Steps:
         tilt = np.zeros(0) if norms is None else norms.tilt(t)
         motion = system.motion
         still = settled or motion is None
-        drags = [np.zeros_like(tilt)] * 2 if still else [motion.drag(s), motion.drag(t)]
-        reaches = [np.zeros(0) if limits is None else limits.reach(t)] * 1
+        drags = [np.zeros_like(tilt)] * 2 if still else [motion.prescribed_slip(s), motion.prescribed_slip(t)]
+        reaches = [np.zeros(0) if limits is None else limits.remaining_gap(t)] * 1
         a = _unit(load, before, drags[0] - drags[1], guess[0], power)
         y = fixed(np.ldexp(before, -power - a))
         K, g = self.K, fixed(np.ldexp(load, power - a)) - self.K @ y
@@ -215,13 +215,13 @@ class Steps:
             K = block([(K, 0, 0), (rate, 0, 0)], K.shape)
             moved = system.damping.motion
             if moved is not None:
-                change = [fixed(np.ldexp(moved.stretch(x), power - a)) for x in (t, s)]
+                change = [fixed(np.ldexp(moved.dirichlet_force(x), power - a)) for x in (t, s)]
                 g = g - np.array([(int(x) << BITS) // k for x in change[0] - change[1]], dtype=object)
         b = fixed(np.ldexp(drags[0], -self.sigma - a)) - fixed(np.ldexp(drags[1], -self.sigma - a))
         e = fixed(np.ldexp(reaches[0], -self.tau - a)) - self.E @ y
-        if motion is not None and motion.reach is not None:
-            e = e - fixed(np.ldexp(motion.reach(t), -self.tau - a))
-        soft = fixed(np.ldexp(self.softness, -2 * self.tau))
+        if motion is not None and motion.remaining_gap is not None:
+            e = e - fixed(np.ldexp(motion.remaining_gap(t), -self.tau - a))
+        soft = fixed(np.ldexp(self.compliance, -2 * self.tau))
         law = self._law(t, weights, a)
         start = (
             fixed(np.ldexp(guess[0], -power - a)),
@@ -263,9 +263,9 @@ def _rows(matrix):
     return power, sp.csr_matrix(sp.diags_array(np.ldexp(1.0, -power)) @ matrix)
 
 
-def _unit(load, before, drag, d, power):
+def _unit(load, before, prescribed_slip, d, power):
     """The exponent a of a step's size."""
-    sizes = [np.ldexp(load, power), np.ldexp(before, -power), drag, np.ldexp(d, -power)]
+    sizes = [np.ldexp(load, power), np.ldexp(before, -power), prescribed_slip, np.ldexp(d, -power)]
     top = max(np.abs(x).max(initial=0.0) for x in sizes)
     return int(np.frexp(top)[1])
 

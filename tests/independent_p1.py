@@ -42,7 +42,7 @@ def anisotropic(u, v, w):
 
 
 @skfem.LinearForm
-def swelling(v, w):
+def thermal_stress_moduli(v, w):
     return w.sigma * div(v)
 
 
@@ -78,7 +78,7 @@ class Body:
     loads: list = field(default_factory=list)
     held: list = field(default_factory=list)
     """(node, direction, t -> value)"""
-    walls: list = field(default_factory=list)
+    capped_weights: list = field(default_factory=list)
     """(rows, t -> gap, stiffness or None)"""
     rubs: list = field(default_factory=list)
     """(rows, t -> forward, t -> backward, coefficient, cap)"""
@@ -102,12 +102,12 @@ class Body:
 
     # Assembly
 
-    def _matrix(self, form, **data):
+    def _matrix(self, operators, **data):
         cells = {name: np.broadcast_to(np.reshape(v, (-1, 1)), (len(self.triangles), 3)) for name, v in data.items()}
-        return form.assemble(self.basis, **cells).toarray()[np.ix_(self.order, self.order)]
+        return operators.assemble(self.basis, **cells).toarray()[np.ix_(self.order, self.order)]
 
-    def _vector(self, form, basis, **data):
-        return form.assemble(basis, **data)[self.order]
+    def _vector(self, operators, basis, **data):
+        return operators.assemble(basis, **data)[self.order]
 
     def nodes(self, side):
         return np.unique(self.mesh.facets[:, self.sides[side]])
@@ -156,11 +156,11 @@ class Body:
         basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=4)
 
         @skfem.BilinearForm
-        def form(u, v, w):
+        def operators(u, v, w):
             un, vn = dot(u, w.n), dot(v, w.n)
             return normal * un * vn + tangential * (dot(u, v) - un * vn)
 
-        self.K = self.K + form.assemble(basis).toarray()[np.ix_(self.order, self.order)]
+        self.K = self.K + operators.assemble(basis).toarray()[np.ix_(self.order, self.order)]
         return self
 
     def traction(self, side, force):
@@ -168,11 +168,11 @@ class Body:
         basis = skfem.FacetBasis(self.mesh, self.basis.elem, facets=self.sides[side], intorder=6)
 
         def load(t):
-            def form(v, w):
+            def operators(v, w):
                 fx, fy = force(w.x[0], w.x[1], t)
                 return fx * v[0] + fy * v[1]
 
-            return self._vector(skfem.LinearForm(form), basis)
+            return self._vector(skfem.LinearForm(operators), basis)
 
         self.loads.append(load)
         return self
@@ -195,7 +195,9 @@ class Body:
     def heat(self, expansion, temperature):
         def load(t):
             sigma = self.blocked * expansion * temperature(*self.centroids.T, t)
-            return self._vector(swelling, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3)))
+            return self._vector(
+                thermal_stress_moduli, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3))
+            )
 
         self.loads.append(load)
         return self
@@ -249,7 +251,9 @@ class Body:
         """n . u <= gap(x, y, t), rigid or a spring per area."""
         rows = self._free(self.rows(side))
         x, y = self.points[rows.nodes].T
-        self.walls.append((rows, lambda t: np.zeros(len(x)) if gap is None else gap(x, y, t) + 0 * x, stiffness))
+        self.capped_weights.append(
+            (rows, lambda t: np.zeros(len(x)) if gap is None else gap(x, y, t) + 0 * x, stiffness)
+        )
         return self
 
     def rub(self, side, forward=None, backward=None, coefficient=None, integrated=False):
@@ -314,11 +318,11 @@ class March:
     def __init__(self, body):
         self.body, n = body, body.n
         stack = lambda rows: np.vstack([r.matrix(n) for r in rows]) if rows else np.zeros((0, 2 * n))  # noqa: E731
-        self.T, self.N = stack([r[0] for r in body.rubs]), stack([r[0] for r in body.walls])
+        self.T, self.N = stack([r[0] for r in body.rubs]), stack([r[0] for r in body.capped_weights])
         self.E = np.zeros((len(body.held), 2 * n))
         for i, (node, direction, _) in enumerate(body.held):
             self.E[i, 2 * node : 2 * node + 2] = direction
-        lengths = [np.full(len(r.nodes), np.inf if k is None else k) * r.lengths for r, _, k in body.walls]
+        lengths = [np.full(len(r.nodes), np.inf if k is None else k) * r.lengths for r, _, k in body.capped_weights]
         self.spring = np.concatenate(lengths) if lengths else np.zeros(0)
         self.soft = np.isfinite(self.spring)
         self.press = self._pressing()
@@ -330,7 +334,7 @@ class March:
             found = np.zeros((len(rows.nodes), len(self.spring)))
             if mu is not None:
                 column = 0
-                for wall, _, _ in self.body.walls:
+                for wall, _, _ in self.body.capped_weights:
                     for j, node in enumerate(wall.nodes):
                         across = np.abs(np.einsum("d,id->i", wall.directions[j], rows.directions)) < 1e-9
                         found[(rows.nodes == node) & across, column + j] = mu[(rows.nodes == node) & across]
@@ -339,7 +343,11 @@ class March:
         return np.vstack(out) if out else np.zeros((0, len(self.spring)))
 
     def gaps(self, t):
-        return np.concatenate([gap(t) for _, gap, _ in self.body.walls]) if self.body.walls else np.zeros(0)
+        return (
+            np.concatenate([gap(t) for _, gap, _ in self.body.capped_weights])
+            if self.body.capped_weights
+            else np.zeros(0)
+        )
 
     def bounds(self, t, p):
         """Weights forward and backward."""

@@ -11,7 +11,7 @@ import numpy as np
 from exact_steps import Steps, Stuck
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS
@@ -84,7 +84,7 @@ def judge(drawn, history):
     verdict = Verdict()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
-        posed = pose(history.scene, history.mesh, history.trajectory.times)
+        posed = pose_scene(history.scene, history.mesh, history.trajectory.times)
         if drawn.start == "resumed":
             _same(drawn, history, verdict)
     _numbers(history, verdict)
@@ -208,7 +208,7 @@ def _unsolved(drawn, system):
     part = drawn.linear.tolerance * np.sqrt(np.linalg.cond(K))
 
     def left(t):
-        loads = [system.push(t), *([] if moved is None else [moved.stretch(t)])]
+        loads = [system.push(t), *([] if moved is None else [moved.dirichlet_force(t)])]
         return part * sum(np.sqrt(max(float(b @ np.linalg.solve(K, b)), 0.0)) for b in loads)
 
     return left
@@ -237,7 +237,7 @@ def _ledger(posed, t, inexact, unsolved, verdict):
     A residual r and a friction gap leave r . d + gap, |r . d| <= error |d|_K; each product of the sums is rounded.
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
-    soft = np.zeros(0) if system.limits is None else system.limits.softness
+    soft = np.zeros(0) if system.limits is None else system.limits.compliance
     u = [posed.displacement(y, float(s)) for y, s in zip(t.state, t.times, strict=True)]
     z = [_excess(posed, v, float(s)) for v, s in zip(u, t.times, strict=True)]
     totals = np.abs(t.work) + np.abs(t.energy) + t.dissipated

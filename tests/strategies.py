@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from hypothesis import strategies as st
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 SEEDS = st.integers(0, 10_000)
 SQUARES = {"squares", "distorted"}
@@ -141,8 +141,8 @@ def settings_of_scenes(draw, moving=False, most_steps=4):
     )
     material, motion = draw(materials(mesh)), None
     if moving and draw(st.booleans()):
-        stretch = size / np.min(material.young)
-        motion = stretch * rng.normal(size=(2, 2)), stretch * rng.normal(size=2), draw(courses(steps))
+        dirichlet_force = size / np.min(material.young)
+        motion = dirichlet_force * rng.normal(size=(2, 2)), dirichlet_force * rng.normal(size=2), draw(courses(steps))
     quadrature = draw(st.sampled_from(("nodes", "integral")))
     return Setting(mesh, material, loads, draw(bounds(size)), quadrature, times, motion)
 
@@ -211,7 +211,7 @@ def abstract_cases(draw, blocks=(1, 2)):
 def scene_cases(draw):
     """A random scene as arrays."""
     setting = draw(settings_of_scenes())
-    system, times = pose(setting.scene, setting.mesh).system, setting.times
+    system, times = pose_scene(setting.scene, setting.mesh).system, setting.times
     loads, weights = (np.array([f(t) for t in times]) for f in (system.force, system.norms.weights))
     return Case(system.K.toarray(), system.norms.B, system.norms.block, loads, weights, times)
 

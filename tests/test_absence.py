@@ -16,7 +16,7 @@ from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TIME
 import vemcvx as vx
 from vemcvx.linear import superlu
 from vemcvx.program.condensation import MOST_FIELDS, Condensation
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 
 def bits(thing):
@@ -36,16 +36,16 @@ def program(posed):
     norms, limits, damping = system.norms, system.limits, system.damping
     pressed = np.ones(0 if limits is None else limits.D.shape[0])
     return {
-        "unknowns": (system.n, len(seen.touched)),
-        "terms": (seen.form.count, seen.form.block, len(seen.form.softness), seen.form.features),
+        "unknowns": (system.n, len(seen.retained)),
+        "terms": (seen.operators.count, seen.operators.block, len(seen.operators.compliance), seen.operators.features),
         "K": bits(system.K),
-        "S": bits(seen.form.K),
+        "S": bits(seen.operators.K),
         "order": bits(system.order),
         "load": [bits(system.load(t)) for t in TIMES],
         "B": None if norms is None else bits(norms.B),
         "w": None if norms is None else [bits(norms.weights_under(t, pressed)) for t in TIMES],
-        "D": None if limits is None else (bits(limits.D), bits(limits.softness)),
-        "e": None if limits is None else [bits(system.reach(t)) for t in TIMES],
+        "D": None if limits is None else (bits(limits.D), bits(limits.compliance)),
+        "e": None if limits is None else [bits(system.remaining_gap(t)) for t in TIMES],
         "C": None if damping is None else bits(damping.C),
         "motion": system.motion is None,
         "prestress": posed.prestress is None,
@@ -66,7 +66,7 @@ def test_a_scene_without_an_effect_never_heard_of_it(sample):
     assert sample.effect not in left.effects
     if not any(isinstance(effect, vx.effects.MaterialLaw) for effect in left):
         left, plain = left.with_(STEEL), plain.with_(STEEL)
-    assert program(pose(left, mesh())) == program(pose(plain, mesh()))
+    assert program(pose_scene(left, mesh())) == program(pose_scene(plain, mesh()))
     assert answers(left) == answers(plain)
 
 
@@ -119,25 +119,28 @@ VOID = {
 
 @pytest.mark.parametrize(("void", "beside", "says"), VOID.values(), ids=VOID)
 def test_void_effects_are_dropped_and_said(void, beside, says, caplog):
-    with_void, without = pose(vx.Scene(void, *beside), mesh(), TIMES), pose(vx.Scene(*beside), mesh(), TIMES)
+    with_void, without = (
+        pose_scene(vx.Scene(void, *beside), mesh(), TIMES),
+        pose_scene(vx.Scene(*beside), mesh(), TIMES),
+    )
     assert program(with_void) == program(without)
-    assert [words for words in with_void.void if says in words]
-    assert without.void == ()
+    assert [words for words in with_void.inactive if says in words]
+    assert without.inactive == ()
     with caplog.at_level(logging.INFO, "vemcvx"):
         assert answers(vx.Scene(void, *beside)) == answers(vx.Scene(*beside))
-    assert f"left out: {with_void.void[0]}" in caplog.text
+    assert f"left out: {with_void.inactive[0]}" in caplog.text
 
 
 def test_what_begins_late_is_kept():
     late = vx.TrescaFriction(lambda x, t: np.full(len(x), max(t - 0.9, 0.0)), on="bottom")
-    posed = pose(vx.Scene(STEEL, HELD, PULLED, TOUCHING, late), mesh(), TIMES)
-    assert posed.void == ()
+    posed = pose_scene(vx.Scene(STEEL, HELD, PULLED, TOUCHING, late), mesh(), TIMES)
+    assert posed.inactive == ()
     assert posed.system.norms is not None
 
 
 def test_data_that_fail_later_fail_in_their_step():
     late = vx.BodyForce(lambda x, t: np.full((len(x), 2), np.nan if t > 0.5 else 0.0))
-    assert pose(vx.Scene(*SUPPORTED, late), mesh(), TIMES).void == ()
+    assert pose_scene(vx.Scene(*SUPPORTED, late), mesh(), TIMES).inactive == ()
     with pytest.raises(vx.SceneError, match=r"BodyForce: found NaN .* t = 1"):
         vx.simulate(vx.Scene(*SUPPORTED, late), mesh(), TIMES)
 
@@ -259,15 +262,15 @@ def test_every_permutation_of_all_effects_is_one_program():
     }
     assert {type(effect).__name__ for effect in ALL} == exported
     on = crowded()
-    reference = program(pose(vx.Scene(*ALL), on, TIMES))
+    reference = program(pose_scene(vx.Scene(*ALL), on, TIMES))
     rng = np.random.default_rng(3)
     for order in itertools.chain([range(len(ALL))[::-1]], (rng.permutation(len(ALL)) for _ in range(30))):
-        assert program(pose(vx.Scene(*(ALL[i] for i in order)), on, TIMES)) == reference
+        assert program(pose_scene(vx.Scene(*(ALL[i] for i in order)), on, TIMES)) == reference
     first, last = (answers(vx.Scene(*effects), on) for effects in (ALL, ALL[::-1]))
     assert first == last
 
 
 def test_every_permutation_of_a_small_scene_is_one_program():
-    reference = program(pose(vx.Scene(*SUPPORTED), mesh()))
+    reference = program(pose_scene(vx.Scene(*SUPPORTED), mesh()))
     for effects in itertools.permutations(SUPPORTED):
-        assert program(pose(vx.Scene(*effects), mesh())) == reference, effects
+        assert program(pose_scene(vx.Scene(*effects), mesh())) == reference, effects

@@ -15,7 +15,7 @@ import vemcvx as vx
 from vemcvx.estimate.adapt.marking import GAIN, MARGIN, cells_to_refine
 from vemcvx.estimate.adapt.time_steps import split_steps
 from vemcvx.estimate.budget import Finer, beside_finer
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.stepping.state import prepare
 
 TARGET = 0.05
@@ -131,7 +131,7 @@ def test_curved_loads_are_followed_by_halving():
         return np.sin(2 * np.pi * t)
 
     scene, mesh = paper_scene(wave, bound=1.0), vx.meshes.squares(3)
-    posed = pose(scene, mesh)
+    posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
     times = np.linspace(0, 1, 4)
     counts = []
@@ -207,7 +207,7 @@ def pulse(t):
 @pytest.mark.parametrize("course", [cycle, pulse])
 def test_loads_that_vanish_at_the_instants_asked_for_are_seen(course):
     found = vx.adapt(paper_scene(course), vx.meshes.squares(3), [0.0, 1.0], 0.3)
-    assert found.history.void == ()
+    assert found.history.inactive == ()
     assert found.history.steps >= 3
     assert found.history.trajectory.norm.max() > 0.1
 

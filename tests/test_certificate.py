@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.program.certificate import certify, norm_gaps
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import scaling
 from vemcvx.program.step_program import StepProgram
 
@@ -21,13 +21,15 @@ def random_program(seed, n=9, m=4, block=1):
     K = A @ A.T + 0.1 * np.eye(n)
     B = rng.normal(size=(m * block, n))
     w = rng.uniform(0.1, 1.0, size=m)
-    return StepProgram(Form(K, sp.csr_matrix(B), block), rng.normal(size=n) * 3, w, rng.normal(size=m * block) * 0.1)
+    return StepProgram(
+        Operators(K, sp.csr_matrix(B), block), rng.normal(size=n) * 3, w, rng.normal(size=m * block) * 0.1
+    )
 
 
 def solution(program):
     """The solution by the hand-written solver, to the rounding floor."""
-    prepared = vx.Newton().prepare(program.form)
-    answer = prepared.solve(program, 1e-30, np.zeros((program.form.count, program.form.block)))
+    prepared = vx.Newton().prepare(program.operators)
+    answer = prepared.solve(program, 1e-30, np.zeros((program.operators.count, program.operators.block)))
     return answer.d, answer.lam
 
 
@@ -35,7 +37,7 @@ def solution(program):
 @pytest.mark.parametrize("seed", range(5))
 def test_gap_is_primal_minus_dual_and_bounds_the_error(block, seed):
     program = random_program(seed, block=block)
-    K, B = program.form.K, program.form.B.toarray()
+    K, B = program.operators.K, program.operators.B.toarray()
     d_star, lam_star = solution(program)
     rng = np.random.default_rng(100 + seed)
     assert certify(program, d_star, lam_star).gap < 1e-12
@@ -79,7 +81,9 @@ def test_multipliers_on_their_circle_cost_nothing():
     n = 200
     w, s = rng.uniform(0.5, 2.0, n), rng.normal(size=(n, 2))
     lam = w[:, None] * s / np.linalg.norm(s, axis=1)[:, None]
-    program = StepProgram(Form(np.eye(2 * n), sp.csr_matrix(np.eye(2 * n)), 2), (s + lam).ravel(), w, np.zeros(2 * n))
+    program = StepProgram(
+        Operators(np.eye(2 * n), sp.csr_matrix(np.eye(2 * n)), 2), (s + lam).ravel(), w, np.zeros(2 * n)
+    )
     assert (np.linalg.norm(program.project(lam), axis=1) < w).any()
     certificate = certify(program, s.ravel(), lam)
     # Both are squares of rounding errors, 2 n of them.
@@ -90,7 +94,7 @@ def test_slider_in_closed_form():
     """min 1/2 K d^2 - g d + w|d|: d = soft(g, w) / K, lam = clip(g, -w, w)."""
     for g in (-5.0, -0.3, 0.0, 0.4, 7.0):
         program = StepProgram(
-            Form(np.array([[2.0]]), sp.eye_array(1, format="csr")), np.array([g]), np.ones(1), np.zeros(1)
+            Operators(np.array([[2.0]]), sp.eye_array(1, format="csr")), np.array([g]), np.ones(1), np.zeros(1)
         )
         d, lam = solution(program)
         assert d[0] == pytest.approx(np.sign(g) * max(abs(g) - 1, 0) / 2, abs=1e-15)
@@ -104,15 +108,24 @@ def test_scaling_is_exact(exponent):
     program = random_program(3)
     unit = 2.0**exponent
     other = StepProgram(
-        Form(program.form.K * unit, program.form.B), program.g * unit * 4, program.w * unit * 4, program.b * 4
+        Operators(program.operators.K * unit, program.operators.B),
+        program.g * unit * 4,
+        program.w * unit * 4,
+        program.b * 4,
     )
-    one, two = scaling(program.form), scaling(other.form)
+    one, two = scaling(program.operators), scaling(other.operators)
     alpha, beta = one.size(program), two.size(other)
     assert beta == 4 * alpha
     a, b = one.scale(program, alpha), two.scale(other, beta)
-    for x, y in ((a.form.K, b.form.K), (a.g, b.g), (a.w, b.w), (a.b, b.b), (a.form.B.toarray(), b.form.B.toarray())):
+    for x, y in (
+        (a.operators.K, b.operators.K),
+        (a.g, b.g),
+        (a.w, b.w),
+        (a.b, b.b),
+        (a.operators.B.toarray(), b.operators.B.toarray()),
+    ):
         assert np.array_equal(x, y)
-    assert np.array_equal(np.diag(a.form.K) <= 2, np.ones(len(a.g), dtype=bool))
+    assert np.array_equal(np.diag(a.operators.K) <= 2, np.ones(len(a.g), dtype=bool))
 
 
 def test_small_units_do_not_fool_the_conic_solver():

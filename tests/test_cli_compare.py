@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.compare import Outcome, bounds_distance, clause, distance, judged
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.conic import installed
 
 ROOT = Path(vx.__file__).parent.parent
@@ -54,7 +54,7 @@ def outcomes():
     scene, mesh = paper_scene(cyclic), small("voronoi")
     ran = [vx.simulate(scene, mesh, TIMES, solver=s, check=False) for s in solvers]
     made = [Outcome(s, h.trajectory, h.seconds) for s, h in zip(solvers, ran, strict=True)]
-    return pose(scene, mesh).system, made
+    return pose_scene(scene, mesh).system, made
 
 
 def test_all_that_accept_the_program_agree():

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.ordering import nested_dissection
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -22,18 +22,18 @@ def system(request):
     K = A @ A.T + np.eye(n)
     if request.param == "two bodies":
         K[:10, 10:] = K[10:, :10] = 0.0
-    touched = {"nothing touched": [], "everything touched": list(range(n))}.get(request.param, [3, 20, 7, 15])
-    norms = vx.Norms(np.eye(n)[touched], np.ones(len(touched))) if touched else None
+    retained = {"nothing touched": [], "everything touched": list(range(n))}.get(request.param, [3, 20, 7, 15])
+    norms = vx.Norms(np.eye(n)[retained], np.ones(len(retained))) if retained else None
     return vx.System(K, lambda t: np.full(n, t), norms)
 
 
 def test_schur_complement_and_recovery(system):
     K = system.K.toarray()
     condensation = Condensation(system)
-    c = condensation.touched
+    c = condensation.retained
     i = np.setdiff1d(np.arange(system.n), c)
     S = K[np.ix_(c, c)] - K[np.ix_(c, i)] @ np.linalg.solve(K[np.ix_(i, i)], K[np.ix_(i, c)]) if len(i) else K
-    assert np.allclose(condensation.form.K, S, rtol=0, atol=1e-13 * np.abs(K).max())
+    assert np.allclose(condensation.operators.K, S, rtol=0, atol=1e-13 * np.abs(K).max())
     rng = np.random.default_rng(1)
     f, phi, y_c = rng.normal(size=system.n), rng.normal(size=system.n), rng.normal(size=len(c))
     y = np.zeros(system.n)
@@ -45,7 +45,7 @@ def test_schur_complement_and_recovery(system):
     assert condensation.square(y_c, force) == pytest.approx(y @ K @ y, rel=1e-11)
     assert condensation.work(other, y_c, force) == pytest.approx(phi @ y, abs=1e-11 * np.abs(phi).sum())
     reduced = f[c] - K[np.ix_(c, i)] @ np.linalg.solve(K[np.ix_(i, i)], f[i]) if len(i) else f
-    assert np.allclose(force.touched, reduced, rtol=0, atol=1e-12 * np.abs(f).max())
+    assert np.allclose(force.retained, reduced, rtol=0, atol=1e-12 * np.abs(f).max())
 
 
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
@@ -54,9 +54,9 @@ def test_rigid_motions_do_not_become_strain(n):
     """A block that nothing but its floor holds, moved far: inside, forces balance to the rounding of their parts."""
     press = vx.Traction((0.0, -2.0), on="top")
     floor = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(bound=1.0, on="bottom")
-    system = pose(vx.Scene(vx.Elasticity(young=200.0, poisson=0.3), press, *floor), vx.meshes.squares(n)).system
+    system = pose_scene(vx.Scene(vx.Elasticity(young=200.0, poisson=0.3), press, *floor), vx.meshes.squares(n)).system
     condensation, f = Condensation(system), system.force(1.0)
-    c = condensation.touched
+    c = condensation.retained
     y_c = 1e-3 * np.random.default_rng(0).normal(size=len(c)) + system.kernel.modes[c] @ [3.0, -2.0, 1.0]
     y = condensation.recover(y_c, condensation.reduce(f))
     inside = np.setdiff1d(np.arange(system.n), c)
@@ -70,7 +70,7 @@ def test_rigid_motions_do_not_become_strain(n):
 def test_energies_are_not_differences(system):
     """What pulls at touched unknowns, however hard, is no energy of the inside: y is the same whatever pulls there."""
     K, condensation = system.K.toarray(), Condensation(system)
-    c = condensation.touched
+    c = condensation.retained
     i = np.setdiff1d(np.arange(system.n), c)
     rng = np.random.default_rng(4)
     f, y = rng.normal(size=system.n), rng.normal(size=system.n)
@@ -82,7 +82,7 @@ def test_energies_are_not_differences(system):
 
 def inside(system, condensation, phi):
     """K_ii^{-1} phi_i, zero on the touched unknowns, by dense algebra."""
-    i = np.setdiff1d(np.arange(system.n), condensation.touched)
+    i = np.setdiff1d(np.arange(system.n), condensation.retained)
     held = np.zeros(system.n)
     held[i] = np.linalg.solve(system.K.toarray()[np.ix_(i, i)], phi[i])
     return held
@@ -118,7 +118,7 @@ def test_loads_of_ever_new_shape_are_solved_for(system):
         exact = inside(system, condensation, f)
         reduced = condensation.reduce(f)
         assert np.allclose(reduced.inside, exact, rtol=0, atol=1e-11 * max(np.abs(exact).max(), 1e-300))
-        assert not reduced.inside[condensation.touched].any()
+        assert not reduced.inside[condensation.retained].any()
 
 
 def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_order():

@@ -68,12 +68,12 @@ def suck(x, t):
     return -t * (1 + x[:, 0])
 
 
-def stretch(x, t):
+def dirichlet_force(x, t):
     return t * np.column_stack([3 + x[:, 0], 1 - x[:, 1], x[:, 0] * x[:, 1]])
 
 
 def squeeze(x, t):
-    return -stretch(x, t) - [t, 0.0, 0.0]
+    return -dirichlet_force(x, t) - [t, 0.0, 0.0]
 
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
@@ -212,7 +212,7 @@ SAMPLES = {
         others={"expansion": 2e-3, "temperature": suck},
     ),
     "Prestress": Sample(
-        vx.Prestress(stretch), (STEEL, HELD, TOUCHING, RUBBING), data={"stress": 3}, others={"stress": squeeze}
+        vx.Prestress(dirichlet_force), (STEEL, HELD, TOUCHING, RUBBING), data={"stress": 3}, others={"stress": squeeze}
     ),
     "BilateralContact": Sample(TOUCHING, (STEEL, HELD, PULLED), others={"on": "left"}),
     "TrescaFriction": Sample(
@@ -378,7 +378,7 @@ def contributes_finite_arrays_that_fit_the_space(sample):
         assert ((rows.nodes >= 0) & (rows.nodes < nodes)).all()
         assert (rows.lengths > 0).all()
         assert np.abs(np.linalg.norm(rows.normals, axis=1) - 1).max() < 1e-15 * 4
-    for stress in (*part.swellings, *part.initial_stresses):
+    for stress in (*part.eigenstrains, *part.initial_stresses):
         assert len(stress.value(1.0)) == space.mesh.n_cells
         assert np.isfinite(stress.value(1.0)).all()
     for friction in part.frictions:

@@ -18,9 +18,9 @@ from conftest import small
 
 import vemcvx as vx
 from vemcvx.program.certificate import certify
-from vemcvx.program.form import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Form
+from vemcvx.program.operators import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -106,7 +106,7 @@ def simulated(solver, mesh=None, times=TIMES, **options):
 
 def distance(history, other, scale=1.0):
     """Energy norms of the differences of two histories on one mesh, over the largest energy norm."""
-    A = pose(history.scene, history.mesh).A
+    A = pose_scene(history.scene, history.mesh).A
     apart = (history.displacement - other.displacement / scale).reshape(len(history.times), -1)
     return np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (A @ apart.T).T), 0.0) / (2 * history.energy.max()))
 
@@ -207,12 +207,12 @@ def answers_a_step_with_zero_load_by_not_moving(solver):
     rng = np.random.default_rng(1)
     root = rng.normal(size=(6, 6))
     rows = sp.csr_matrix(np.eye(6)[:4] if slips(solver) else np.zeros((0, 6)))
-    form = Form(root @ root.T + np.eye(6), rows)
-    rest = StepProgram(form, np.zeros(6), np.ones(form.count), np.zeros(form.count))
-    answer = answered(solver, lambda: solver.prepare(form)).solve(rest, 1e-12, np.zeros((form.count, 1)))
+    operators = Operators(root @ root.T + np.eye(6), rows)
+    rest = StepProgram(operators, np.zeros(6), np.ones(operators.count), np.zeros(operators.count))
+    answer = answered(solver, lambda: solver.prepare(operators)).solve(rest, 1e-12, np.zeros((operators.count, 1)))
     certificate = certify(rest, answer.d, answer.lam)
     # A certificate of the answer 0: half of |d|^2 in the norm of K.
-    assert 0.5 * answer.d @ form.K @ answer.d <= certificate.gap + certificate.floor
+    assert 0.5 * answer.d @ operators.K @ answer.d <= certificate.gap + certificate.floor
     assert certificate.gap <= 1e-6
 
 
@@ -332,8 +332,8 @@ class Liar(vx.Solver):
     accuracy: float = 1e-6
     accepts = vx.Newton.accepts
 
-    def prepare(self, form):
-        honest, spoil = vx.Newton().prepare(form), self.spoil
+    def prepare(self, operators):
+        honest, spoil = vx.Newton().prepare(operators), self.spoil
 
         class Prepared:
             def solve(self, program, target, lam, p=None):

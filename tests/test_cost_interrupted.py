@@ -20,7 +20,7 @@ from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.reference import read_reference
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import finished_row, sweep
-from vemcvx.owned import Owned
+from vemcvx.owned_files import Owned
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
 SMALLEST = Grid(("squares",), (2,), (2,), ("newton",), (1e-8,), (0.5,), adaptive=False)

@@ -13,7 +13,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 SHIFT = 10.0
 
@@ -34,10 +34,10 @@ def scene(coefficient):
 
 def active_sets(coefficient, n, rounds=50):
     """The length of the cycle that undamped active sets fall into; 1 is convergence, 0 none within the rounds."""
-    posed = pose(scene(coefficient), vx.meshes.squares(n))
+    posed = pose_scene(scene(coefficient), vx.meshes.squares(n))
     seen = Condensation(posed.system)
-    S, B, D = seen.form.K, seen.form.B.toarray(), seen.form.D.toarray()
-    g, e = seen.reduce(posed.system.force(1.0)).touched, posed.system.reach(1.0)
+    S, B, D = seen.operators.K, seen.operators.B.toarray(), seen.operators.D.toarray()
+    g, e = seen.reduce(posed.system.force(1.0)).retained, posed.system.remaining_gap(1.0)
     N, m = len(S), len(B)
     inverse = np.linalg.inv(S)
     c_t, c_n = (SHIFT / np.einsum("ij,jk,ik->i", A, inverse, A) for A in (B, D))

@@ -1,7 +1,7 @@
 """Coulomb's certificate: a bound on the distance to a solution where sets settle, an estimate elsewhere, true in both.
 
 Every step of a run is repeated from the state before it by convex programs until nothing moves any more, and what the
-run answered is held against that: the theorem of :mod:`vemcvx.solvers.quasi` is not used by the reference.
+run answered is held against that: the theorem of :mod:`vemcvx.solvers.coulomb_sets` is not used by the reference.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from any_scene import draw
 from coulomb_scenes import converged, coulomb_scene, energy_norm
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.sets import independent
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.ledger import drive
@@ -54,18 +54,18 @@ REPORTED = vx.meshes.triangles(12)
 def dragged(mu=1.8, poisson=0.2, mesh=REPORTED):
     """The scene of an early report: certified 9.1e-7 by the last ratio of increments, where 6.8e-6 was true."""
 
-    def drag(x, t):
+    def prescribed_slip(x, t):
         return np.tile([3.0 * t, 0.0], (len(x), 1))
 
     scene = vx.Scene(
         vx.Elasticity(2600.0, poisson),
         vx.Pressure(lambda x, t: np.full(len(x), t), on="top"),
-        vx.Traction(drag, on="left"),
+        vx.Traction(prescribed_slip, on="left"),
         vx.PrescribedDisplacement(0.0, on="right", direction=(1.0, 0.0)),
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(mu, on="bottom"),
     )
-    return pose(scene, mesh).system
+    return pose_scene(scene, mesh).system
 
 
 def without_slope(system):
@@ -90,7 +90,7 @@ def test_a_lucky_ratio_of_increments_certifies_nothing(monkeypatch, proof):
 def check_scene(monkeypatch, seed, solver, proof=True):
     """Every step of a random scene: how many had a reference, and how many were estimates."""
     scene, mesh = coulomb_scene(seed)
-    system = pose(scene, mesh).system
+    system = pose_scene(scene, mesh).system
     try:
         _, steps = judged(monkeypatch, system if proof else without_slope(system), np.linspace(0, 1, 5), solver)
     except vx.SceneError as error:
@@ -110,7 +110,7 @@ def test_certificates_are_true_in_random_scenes(monkeypatch, seed):
 
 def test_answers_of_a_conic_solver_stay_its_own_and_are_judged(monkeypatch):
     scene, mesh = coulomb_scene(4)
-    system = pose(scene, mesh).system
+    system = pose_scene(scene, mesh).system
     run, steps = judged(monkeypatch, system, [0.0, 0.5, 1.0], vx.Clarabel(accuracy=1e-3))
     for away, certified, estimate in steps:
         assert not estimate
@@ -143,7 +143,7 @@ def test_100_scenes_by_estimates(monkeypatch, accuracy, part):
 @pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6])
 def test_25_scenes_by_a_conic_solver(monkeypatch, accuracy):
-    seeds = [seed for seed in range(40) if pose(*coulomb_scene(seed)).system.kernel is None][:25]
+    seeds = [seed for seed in range(40) if pose_scene(*coulomb_scene(seed)).system.kernel is None][:25]
     assert sum(check_scene(monkeypatch, seed, vx.Clarabel(accuracy=accuracy))[0] for seed in seeds) > 90
 
 

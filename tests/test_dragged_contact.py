@@ -7,7 +7,7 @@ import pytest
 from conftest import few_families, small
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 
@@ -20,7 +20,7 @@ def course(t):
     return np.interp(t, [0, 0.25, 0.5, 0.75, 0.9, 1], [0, 0.2, 0.2, -0.1, -0.1, 0.2])
 
 
-def drag(direction):
+def prescribed_slip(direction):
     """Move the left side along, as a whole or free to rise and sink."""
     if direction is None:
         return vx.PrescribedDisplacement(lambda x, t: np.tile([course(t), 0.0], (len(x), 1)), on="left")
@@ -29,7 +29,7 @@ def drag(direction):
 
 def ledger_rest(history):
     """work - dE - loss - 1/2 a(du, du) - p . dz, which is zero."""
-    posed = pose(history.scene, history.mesh)
+    posed = pose_scene(history.scene, history.mesh)
     du = np.diff(history.displacement, axis=0).reshape(history.steps, -1)
     rest = 0.5 * np.einsum("ni,ni->n", du, (posed.A @ du.T).T)
     rest += np.einsum("nj,nj->n", history.trajectory.pressures[1:], (posed.obstacles.rows @ du.T).T)
@@ -45,7 +45,11 @@ def test_a_block_dragged_over_a_rough_floor(family, direction, touch):
     g, mesh = 1.0, small(family, 4)
     press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
     scene = vx.Scene(
-        vx.Elasticity(YOUNG, 0.0), drag(direction), *press, touch(on="bottom"), vx.TrescaFriction(g, on="bottom")
+        vx.Elasticity(YOUNG, 0.0),
+        prescribed_slip(direction),
+        *press,
+        touch(on="bottom"),
+        vx.TrescaFriction(g, on="bottom"),
     )
     history = vx.simulate(scene, mesh, TIMES, initial="settled", solver=vx.Newton())
     contact, moves = history.contact, np.sign(np.diff(course(TIMES).round(12), prepend=0.0))
@@ -84,7 +88,7 @@ def test_a_floor_that_is_dragged_as_a_whole(family):
     assert history.work == pytest.approx(lost, abs=1e-10)
     moves = np.where(np.abs(steps) < 1e-12, 0.0, np.where(steps > 0, -2.0, 0.5))
     assert history.contact.traction[1:, :, 0] == pytest.approx(np.tile(moves, (len(history.contact.nodes), 1)).T)
-    assert not any("TrescaFriction" in words for words in history.void)
+    assert not any("TrescaFriction" in words for words in history.inactive)
     assert history.iterations.max() == 0
 
 
@@ -94,7 +98,7 @@ def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coeffici
     """A roller that moves its side along keeps it free to sink: the corner's pressure is known, and rubs."""
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.2),
-        drag("normal"),
+        prescribed_slip("normal"),
         vx.Pressure(lambda x, t: 2.0 + x[:, 0], on="top"),
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(coefficient, on="bottom"),
@@ -112,7 +116,10 @@ def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coeffici
 
 def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     scene = vx.Scene(
-        vx.Elasticity(YOUNG, 0.3), drag(None), vx.BilateralContact(on="bottom"), vx.TrescaFriction(1.0, on="bottom")
+        vx.Elasticity(YOUNG, 0.3),
+        prescribed_slip(None),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(1.0, on="bottom"),
     )
     mesh = small("voronoi", 4)
     whole = vx.simulate(scene, mesh, TIMES)
@@ -157,7 +164,7 @@ def test_dashpots_and_dragging_together(family):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.0),
         vx.Viscosity(shear=1.0),
-        drag(None),
+        prescribed_slip(None),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(1.0, on="bottom"),
     )

@@ -15,7 +15,7 @@ from conftest import few_families, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Support
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space
 
 YOUNG, POISSON = 200.0, 0.3
@@ -257,11 +257,11 @@ def test_what_springs_do_not_feel_floats():
         match=r"^supports: the body floats: 1 rigid motion meets neither a support nor friction, the first the "
         r"translation \(1, 0\)\.",
     ):
-        pose(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on="bottom")), mesh)
+        pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on="bottom")), mesh)
     for none in (0.0, lambda x: 0 * x[:, 0]):
         with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 3 rigid motions meet neither"):
-            pose(vx.Scene(STEEL, vx.ElasticFoundation(normal=none, on="boundary")), mesh)
-    held = pose(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on=["bottom", "left"])), mesh)
+            pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=none, on="boundary")), mesh)
+    held = pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on=["bottom", "left"])), mesh)
     assert np.linalg.eigvalsh(held.system.K.toarray())[0] > 1e-3
 
 
@@ -271,8 +271,8 @@ def test_springs_hold_the_piece_they_touch():
     mesh = mesh.with_boundary("first", lambda x: x[:, 0] < 0.1).with_boundary("second", lambda x: x[:, 0] > 3.9)
     one, other = (vx.ElasticFoundation(7.0, 7.0, on=on) for on in ("first", "second"))
     with pytest.raises(vx.SceneError, match=r"^supports: part 2 of 2 of the body floats: 3 rigid motions"):
-        pose(vx.Scene(STEEL, one), mesh)
-    assert pose(vx.Scene(STEEL, one, other), mesh).system.kernel is None
+        pose_scene(vx.Scene(STEEL, one), mesh)
+    assert pose_scene(vx.Scene(STEEL, one, other), mesh).system.kernel is None
 
 
 def test_friction_holds_what_springs_leave_free():
@@ -322,5 +322,5 @@ def test_springs_between_pieces_hold_them_to_each_other_only():
         match=r"^supports: the body floats: 3 rigid motions meet neither a support nor friction, "
         r"the first a motion of pieces that springs join\. ",
     ):
-        pose(vx.Scene(STEEL, links), mesh)
-    assert np.linalg.eigvalsh(pose(vx.Scene(STEEL, links, vx.Clamp("first")), mesh).system.K.toarray())[0] > 1e-3
+        pose_scene(vx.Scene(STEEL, links), mesh)
+    assert np.linalg.eigvalsh(pose_scene(vx.Scene(STEEL, links, vx.Clamp("first")), mesh).system.K.toarray())[0] > 1e-3

@@ -8,7 +8,7 @@ from conftest import paper_load, paper_scene, small
 from test_effects_loads_and_supports import Pin, near, tensor, turned
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space, elastic_matrix, upper_triangle
 from vemcvx.vem.anisotropic import softest_shear
 
@@ -48,25 +48,25 @@ class TestRegions:
         """Sums over cells that share nodes may differ in the last bits, nothing else."""
         mesh = halves(small(family, 4), at=0.4)
         west = mesh.cell_data["west"]
-        one = pose(vx.Scene(vx.Elasticity(np.where(west, 5.0, 80.0), 0.3), vx.Clamp("left")), mesh)
+        one = pose_scene(vx.Scene(vx.Elasticity(np.where(west, 5.0, 80.0), 0.3), vx.Clamp("left")), mesh)
         parts = (vx.Elasticity(5.0, 0.3, on="west"), vx.Elasticity(80.0, 0.3, on="east"))
-        two = pose(vx.Scene(*parts, vx.Clamp("left")), mesh)
+        two = pose_scene(vx.Scene(*parts, vx.Clamp("left")), mesh)
         assert np.abs(one.A - two.A).max() < 1e-14 * np.abs(one.A).max()
         assert (two.A != two.A.T).nnz == 0
         assert np.array_equal(one.material.moduli, two.material.moduli)
-        assert np.array_equal(one.material.swelling, two.material.swelling)
+        assert np.array_equal(one.material.thermal_stress_moduli, two.material.thermal_stress_moduli)
 
     def test_unit_stabilisation_stays_within_its_region(self, family):
         mesh = halves(small(family, 4), at=0.4)
-        whole = pose(vx.Scene(vx.Elasticity(7.0, 0.3, stabilisation="unit"), vx.Clamp("left")), mesh)
+        whole = pose_scene(vx.Scene(vx.Elasticity(7.0, 0.3, stabilisation="unit"), vx.Clamp("left")), mesh)
         parts = [vx.Elasticity(7.0, 0.3, stabilisation="unit", on=on) for on in ("west", "east")]
-        assert np.abs(whole.A - pose(vx.Scene(*parts, vx.Clamp("left")), mesh).A).max() < 1e-13
+        assert np.abs(whole.A - pose_scene(vx.Scene(*parts, vx.Clamp("left")), mesh).A).max() < 1e-13
 
     def test_moduli_are_read_on_their_own_cells_only(self):
         mesh = halves(small("squares", 4), at=0.5)
         mesh = mesh.with_cell_data("young", np.where(mesh.cell_data["west"], 50.0, -1.0))
         whole = vx.Elasticity("young", 0.3, on="west"), vx.Elasticity(50.0, 0.3, on="east")
-        assert np.unique(pose(vx.Scene(*whole, vx.Clamp("left")), mesh).material.moduli[1]) == 50 / 2.6
+        assert np.unique(pose_scene(vx.Scene(*whole, vx.Clamp("left")), mesh).material.moduli[1]) == 50 / 2.6
 
     def test_two_kinds_of_material_share_a_body(self, tmp_path):
         """Isotropic constants written both ways: the answer of the isotropic scene, through files too."""
@@ -93,7 +93,9 @@ class TestOrthotropic:
         other = vx.Orthotropic(young, poisson, G, lambda x: x[:, 0], plane=plane).contribute(Space(mesh))
         assert np.abs(one.stiffness - other.stiffness).max() < 1e-14 * 10 * np.abs(one.stiffness).max()
         assert (other.stiffness != other.stiffness.T).nnz == 0
-        assert np.abs(one.material.swelling - other.material.swelling).max() < 1e-13 * E / (1 - 2 * nu)
+        assert np.abs(one.material.thermal_stress_moduli - other.material.thermal_stress_moduli).max() < 1e-13 * E / (
+            1 - 2 * nu
+        )
 
     @pytest.mark.parametrize("degrees", [0.0, 25.0, 90.0])
     def test_pulled_off_its_axes(self, family, degrees):
@@ -196,7 +198,7 @@ class TestSoftestShear:
 
 
 def posed(*materials, mesh=None):
-    return lambda: pose(vx.Scene(*materials, vx.Clamp("left")), halves(mesh or vx.meshes.squares(4), at=0.5))
+    return lambda: pose_scene(vx.Scene(*materials, vx.Clamp("left")), halves(mesh or vx.meshes.squares(4), at=0.5))
 
 
 MISTAKES = {
@@ -224,7 +226,7 @@ MISTAKES = {
         r"'east'\. Add one with mesh\.with_cell_data\(name, values\)\.$",
     ),
     "an empty region": (
-        lambda: pose(vx.Scene(vx.Elasticity(1.0, 0.3, on="west")), halves(vx.meshes.squares(2), at=-1.0)),
+        lambda: pose_scene(vx.Scene(vx.Elasticity(1.0, 0.3, on="west")), halves(vx.meshes.squares(2), at=-1.0)),
         r"^Elasticity: on='west' names no cell: the cell datum is zero everywhere on this mesh\.$",
     ),
     "two young's moduli in plane strain": (

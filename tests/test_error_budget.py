@@ -108,9 +108,9 @@ def test_effectivity_is_printed():
 
 
 def stiffness(history):
-    from vemcvx.scene.pose import pose
+    from vemcvx.scene.pose import pose_scene
 
-    return pose(history.scene, history.mesh).system.K
+    return pose_scene(history.scene, history.mesh).system.K
 
 
 def test_nothing_is_lost_where_nothing_changes_its_mind():
@@ -150,13 +150,13 @@ MATERIALS = [
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
     from vemcvx.estimate.budget.residual import stabilised
-    from vemcvx.scene.pose import pose
+    from vemcvx.scene.pose import pose_scene
     from vemcvx.vem import strains, stresses
 
     mesh = vx.meshes.voronoi(4)
     one = (mesh.centroids[:, 0] < 0.5).astype(float)
     mesh = mesh.with_cell_data("one", one).with_cell_data("other", 1.0 - one)
-    posed = pose(vx.Scene(*materials, vx.Clamp(on="left")), mesh)
+    posed = pose_scene(vx.Scene(*materials, vx.Clamp(on="left")), mesh)
     u = np.random.default_rng(0).normal(size=mesh.points.shape)
     strain = strains(posed.space, u)
     projected = np.sum(mesh.areas[:, None] * strain * stresses(posed.material.moduli, strain))

@@ -14,7 +14,7 @@ from conftest import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.errors import HistoryError
-from vemcvx.owned import Owned
+from vemcvx.owned_files import Owned
 from vemcvx.results.history import read_history
 from vemcvx.results.io.archive import SHAPES
 from vemcvx.results.io.folder import write_results
@@ -307,7 +307,7 @@ def test_arrays_that_do_not_go_together_are_refused(history, tmp_path):
     [
         ("effects", 5),
         ("effects", [5]),
-        ("void", "x"),
+        ("inactive", "x"),
         ("seconds", []),
         ("seconds", {"assemble": "x", "prepare": 1, "solve": 1}),
         ("errors", [1]),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 5)
 CONTACTS = {
@@ -65,7 +65,7 @@ def test_hertz_line_contact_carries_its_whole_load():
     history = vx.simulate(hertz.scene(), hertz.mesh(20), hertz.times(2))
     contact, load = history.contact, history.reaction("bottom")[-1, 1]
     # Both are functionals of the answer: an energy error e is at most e |v|_a in them, v linear from floor to top.
-    A, y = pose(history.scene, history.mesh).A, history.mesh.points[:, 1]
+    A, y = pose_scene(history.scene, history.mesh).A, history.mesh.points[:, 1]
     v = np.column_stack([0 * y, 1 - y / y.max()]).ravel()
     error = (history.certificate + history.certificate_floor)[-1] * history.trajectory.norm.max()
     slack = 2 * error * np.sqrt(v @ (A @ v))

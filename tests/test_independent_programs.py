@@ -349,7 +349,7 @@ def agree(case, n, times):
     assert {name: error for name, error in found.items() if not error <= AGREE} == {}
     # What never changes would show little.
     assert not other.rubs or len({tuple(row) for row in theirs.slipping}) > 1
-    assert not other.walls or theirs.touching.any()
+    assert not other.capped_weights or theirs.touching.any()
 
 
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")

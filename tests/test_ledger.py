@@ -7,7 +7,7 @@ import pytest
 from conftest import cyclic, few_families, paper_load, small
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -35,7 +35,7 @@ def scene(moving):
 @pytest.mark.parametrize("moving", [False, True])
 def test_ledger_closes(family, moving):
     history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
-    A = pose(history.scene, history.mesh).A
+    A = pose_scene(history.scene, history.mesh).A
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
     numerical = 0.5 * np.einsum("ni,ni->n", increments, (A @ increments.T).T)
     remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
@@ -51,7 +51,7 @@ def test_ledger_closes(family, moving):
 @pytest.mark.parametrize("moving", [False, True])
 def test_stored_energy_is_that_of_the_displacement(family, moving):
     history = vx.simulate(scene(moving), small(family, 4), TIMES, solver=vx.Newton())
-    A = pose(history.scene, history.mesh).A
+    A = pose_scene(history.scene, history.mesh).A
     u = history.displacement.reshape(len(TIMES), -1)
     energy = 0.5 * np.einsum("ni,ni->n", u, (A @ u.T).T)
     assert np.abs(history.energy - energy).max() < 1e-12 * energy.max()
@@ -61,7 +61,7 @@ def test_stored_energy_is_that_of_the_displacement(family, moving):
 @pytest.mark.parametrize("moving", [False, True])
 def test_reactions_and_friction_balance_the_loads(family, moving):
     history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
-    posed = pose(history.scene, history.mesh)
+    posed = pose_scene(history.scene, history.mesh)
     for row, t in enumerate(TIMES):
         load = posed.force(t).reshape(-1, 2)
         size = np.abs(load).sum() + np.abs(history.forces[row]).sum()
@@ -116,11 +116,11 @@ FLOORS = {
 def test_ledger_closes_while_obstacles_move(family, floor):
     """work - dE - loss = 1/2 a(du, du) + p . dz with z = u . n - gap, and what soft limits store taken off p . dz."""
     history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
-    posed, p = pose(history.scene, history.mesh, TIMES), history.trajectory.pressures
+    posed, p = pose_scene(history.scene, history.mesh, TIMES), history.trajectory.pressures
     increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
     gaps = np.array([posed.obstacles.gap(t) for t in TIMES])
     closing = increments @ posed.obstacles.rows.T.toarray() - np.diff(gaps, axis=0)
-    spring = 0.5 * np.einsum("nj,j->n", p**2, posed.obstacles.softness)
+    spring = 0.5 * np.einsum("nj,j->n", p**2, posed.obstacles.compliance)
     square = np.einsum("ni,ni->n", increments, (posed.A @ increments.T).T)
     rest = 0.5 * square + np.einsum("nj,nj->n", p[1:], closing)
     rest = np.append(0.0, np.cumsum(rest)) - spring
@@ -192,7 +192,7 @@ def test_a_body_that_is_carried_stores_nothing(family, condense):
     )
     history = vx.simulate(scene, mesh, [0.0, 0.3, 1.0, 2.0], check=False, condense=condense)
     run = history.trajectory
-    A = abs(pose(scene, mesh).A).sum()
+    A = abs(pose_scene(scene, mesh).A).sum()
     blur = 16 * np.finfo(float).eps * np.abs(history.displacement).max() * np.sqrt(A)
     assert (run.norm <= np.cumsum(np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor)) + blur).all()
     assert (run.energy >= 0).all()

@@ -24,7 +24,7 @@ def test_the_loop_loses_what_the_formula_says(lesson):
 
 def test_a_step_by_hand_minimises_its_energy(lesson):
     K, g = lesson["K"], lesson["g"]
-    trial = np.linspace(-4, 4, 8001)
+    pose_step = np.linspace(-4, 4, 8001)
     for u_prev in (-1.0, 0.0, 0.7):
         for f in (-3.0, -0.4, 0.0, 1.9):
             u = lesson["step_by_hand"](u_prev, f)
@@ -32,7 +32,7 @@ def test_a_step_by_hand_minimises_its_energy(lesson):
             def energy(v, u_prev=u_prev, f=f):
                 return 0.5 * K * v**2 - f * v + g * np.abs(v - u_prev)
 
-            assert energy(u) <= energy(trial).min() + 1e-14
+            assert energy(u) <= energy(pose_step).min() + 1e-14
 
 
 def test_four_nodes_agree_with_the_hand(lesson):

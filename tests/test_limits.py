@@ -9,7 +9,7 @@ from conftest import few_families
 
 import vemcvx as vx
 from vemcvx.program.certificate import certify
-from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
+from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.program.step_program import StepProgram
 
 pytestmark = pytest.mark.arithmetic
@@ -32,16 +32,16 @@ def random_program(seed, block=1, separate=False):
         D = sp.csr_matrix((rng.choice(odd, r), (np.arange(r), mine)), (r, n))
     else:
         B, D = sp.csr_matrix(rng.normal(size=(m * block, n))), sp.csr_matrix(rng.normal(size=(r, n)))
-    softness = np.where(np.arange(r) == 2, 0.1 + rng.random(), 0.0)
-    form = Form(A @ A.T + np.eye(n), B, block, D=D, softness=softness)
+    compliance = np.where(np.arange(r) == 2, 0.1 + rng.random(), 0.0)
+    operators = Operators(A @ A.T + np.eye(n), B, block, D=D, compliance=compliance)
     data = 5 * rng.normal(size=n), 3 * rng.random(m), 0.1 * rng.normal(size=m * block), 0.2 * rng.random(r)
-    return StepProgram(form, *data)
+    return StepProgram(operators, *data)
 
 
 def solved(program):
     """To the rounding floor, by Newton."""
-    none = np.zeros((program.form.count, program.form.block))
-    answer = vx.Newton(max_iterations=2000).prepare(program.form).solve(program, 1e-28, none)
+    none = np.zeros((program.operators.count, program.operators.block))
+    answer = vx.Newton(max_iterations=2000).prepare(program.operators).solve(program, 1e-28, none)
     return answer, certify(program, answer.d, answer.lam, answer.p)
 
 
@@ -60,10 +60,12 @@ def test_the_gap_bounds_the_error(block, separate):
             p = np.maximum(best.p + size * rng.normal(size=best.p.shape), 0.0)
             certificate = certify(program, d, lam, p)
             away = d - best.d
-            assert 0.5 * away @ (program.form.K @ away) <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
-            v = np.linalg.solve(program.form.K, program.g - program.held(lam, p))
-            dual = -0.5 * v @ program.form.K @ v - lam.ravel() @ program.b - p @ program.e
-            dual -= 0.5 * p @ (program.form.softness * p)
+            assert (
+                0.5 * away @ (program.operators.K @ away) <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
+            )
+            v = np.linalg.solve(program.operators.K, program.g - program.held(lam, p))
+            dual = -0.5 * v @ program.operators.K @ v - lam.ravel() @ program.b - p @ program.e
+            dual -= 0.5 * p @ (program.operators.compliance * p)
             assert certificate.gap == pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)
 
 
@@ -71,7 +73,7 @@ def test_beyond_a_bound_nothing_is_certified():
     program = random_program(1)
     inside = program.feasible(np.ones(12))
     assert np.isfinite(certify(program, inside, np.zeros((3, 1)), np.zeros(4)).gap)
-    beyond = inside + 10 * np.linalg.pinv(program.form.D.toarray())[:, 0]
+    beyond = inside + 10 * np.linalg.pinv(program.operators.D.toarray())[:, 0]
     assert certify(program, beyond, np.zeros((3, 1)), np.zeros(4)).gap == np.inf
     assert program.objective(beyond) == np.inf
 
@@ -84,24 +86,24 @@ def test_solvers_agree_with_newton(solver, block, separate):
     for seed in range(6):
         program = random_program(seed, block, separate)
         ours, own = solved(program)
-        theirs = solver.prepare(program.form).solve(program, 1e-13, np.zeros((3, block)))
+        theirs = solver.prepare(program.operators).solve(program, 1e-13, np.zeros((3, block)))
         other = certify(program, theirs.d, theirs.lam, theirs.p)
         apart = ours.d - theirs.d
-        assert np.sqrt(apart @ (program.form.K @ apart)) <= own.error + other.error + 1e-12
-        assert other.error <= 1e-4 * np.sqrt(ours.d @ (program.form.K @ ours.d))
+        assert np.sqrt(apart @ (program.operators.K @ apart)) <= own.error + other.error + 1e-12
+        assert other.error <= 1e-4 * np.sqrt(ours.d @ (program.operators.K @ ours.d))
 
 
 def test_features_and_who_accepts_them():
-    form = random_program(0).form
-    assert {BOUNDS, SQUARED_POSITIVE_PARTS} <= form.features
-    assert all(form.features <= solver.accepts for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()))
-    assert not form.features <= vx.Direct.accepts
+    operators = random_program(0).operators
+    assert {BOUNDS, SQUARED_POSITIVE_PARTS} <= operators.features
+    assert all(operators.features <= solver.accepts for solver in (vx.Newton(), vx.Clarabel(), vx.OSQP()))
+    assert not operators.features <= vx.Direct.accepts
 
 
 def test_a_spring_that_meets_a_wall_and_a_buffer():
-    """K y = f: a wall at .3 stops the first unknown, a buffer of softness .5 behind .2 yields to the second."""
+    """K y = f: a wall at .3 stops the first unknown, a buffer of compliance .5 behind .2 yields to the second."""
     system = vx.System(
-        np.diag([2.0, 4.0]), lambda t: [t, 4 * t], limits=vx.Limits(np.eye(2), [0.3, 0.2], softness=[0.0, 0.5])
+        np.diag([2.0, 4.0]), lambda t: [t, 4 * t], limits=vx.Limits(np.eye(2), [0.3, 0.2], compliance=[0.0, 0.5])
     )
     run = vx.march(system, np.linspace(0, 1, 6))
     t = run.times
@@ -292,7 +294,7 @@ def test_mistakes(effect, message):
             r"^Limits: e: found an array of shape \(1,\); wanted",
         ),
         (lambda: vx.Limits(np.eye(2), [1.0, np.nan]), r"^Limits: e: found NaN"),
-        (lambda: vx.Limits(np.eye(2), 0.0, softness=-1.0), r"^Limits: found the softness -1 of limit 0"),
+        (lambda: vx.Limits(np.eye(2), 0.0, compliance=-1.0), r"^Limits: found the compliance -1 of limit 0"),
         (
             lambda: vx.System(np.eye(3), lambda t: np.zeros(3), limits=vx.Limits(np.eye(2), 0.0)),
             r"D must have one column",
@@ -309,11 +311,11 @@ def test_bounds_are_met_exactly_beside_limits_that_give_way():
     """Where bounds and what gives way read one unknown, feasible increments are within the bounds to the last bit."""
     rng = np.random.default_rng(2)
     D = sp.csr_matrix(np.repeat(np.eye(6), 3, axis=0)[rng.permutation(18)] * rng.choice([-1.0, 0.5, 2.0], (18, 1)))
-    softness = np.where(np.arange(18) % 3 == 0, 0.1, 0.0)
+    compliance = np.where(np.arange(18) % 3 == 0, 0.1, 0.0)
     A = rng.normal(size=(6, 6))
-    form = Form(A @ A.T + np.eye(6), sp.csr_matrix((0, 6)), D=D, softness=softness)
+    operators = Operators(A @ A.T + np.eye(6), sp.csr_matrix((0, 6)), D=D, compliance=compliance)
     for _ in range(20):
-        program = StepProgram(form, rng.normal(size=6), np.zeros(0), np.zeros(0), rng.random(18))
+        program = StepProgram(operators, rng.normal(size=6), np.zeros(0), np.zeros(0), rng.random(18))
         d = program.feasible(rng.normal(size=6))
-        assert (program.excess(d)[softness == 0] <= 0).all()
+        assert (program.excess(d)[compliance == 0] <= 0).all()
         assert np.isfinite(certify(program, d, np.zeros((0, 1)), np.zeros(18)).gap)

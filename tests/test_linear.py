@@ -9,14 +9,14 @@ from conftest import cyclic, paper_scene, small
 import vemcvx as vx
 from vemcvx.linear import DenseCholesky, Multigrid, Scaled, SuperLU, choose_linear
 from vemcvx.program.kernel import Kernel
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 7)
 
 
 @pytest.fixture(params=["superlu", "multigrid", "dense"])
 def factored(request):
-    system = pose(paper_scene(), small("squares", 12)).system
+    system = pose_scene(paper_scene(), small("squares", 12)).system
     if request.param == "dense":
         return system.K, DenseCholesky(system.K.toarray())
     if request.param == "multigrid":
@@ -58,7 +58,7 @@ def test_every_factor_knows_the_energy_of_random_forces(factored, where):
 
 
 def test_energies_of_random_forces_are_the_same_numbers_in_all_units():
-    K = pose(paper_scene(), small("squares", 6)).system.K
+    K = pose_scene(paper_scene(), small("squares", 6)).system.K
     size = np.random.default_rng(5).uniform(1, 2, K.shape[0])
     one, two = (SuperLU().factorise(unit * K).random_energy(size) for unit in (1.0, 0.125))
     assert two == 8 * one
@@ -106,7 +106,7 @@ def test_multigrid_says_when_it_does_not_converge():
 def test_energies_of_inexact_solves_are_bounds(tolerance):
     """From above, and not by more than the roughness of the solve and the bound on the spectrum account for."""
     pytest.importorskip("pyamg")
-    system = pose(paper_scene(), small("voronoi", 14)).system
+    system = pose_scene(paper_scene(), small("voronoi", 14)).system
     exact, inexact = SuperLU().factorise(system.K), Multigrid(tolerance).factorise(system.K, system.near_kernel)
     smooth = system.force(1.0)
     rough = np.random.default_rng(4).normal(size=system.n)
@@ -203,11 +203,11 @@ def test_indefinite_matrices_with_a_kernel_are_refused():
 
 def test_one_copy_of_the_factors_is_kept():
     """The Schur complement is read off copies that are given back; the factor goes on solving."""
-    system = pose(paper_scene(), small("voronoi", 12)).system
-    touched = np.unique(system.norms.B.indices)
-    factor, S = SuperLU().eliminate(system.K, system.order, touched)
+    system = pose_scene(paper_scene(), small("voronoi", 12)).system
+    retained = np.unique(system.norms.B.indices)
+    factor, S = SuperLU().eliminate(system.K, system.order, retained)
     assert factor._lu.L.data.nbytes + factor._lu.U.data.nbytes + factor._lu.L.indices.nbytes == 0
-    inside = np.linalg.inv(system.K.toarray())[np.ix_(touched, touched)]
-    assert np.abs(S @ inside - np.eye(len(touched))).max() < 1e-10
+    inside = np.linalg.inv(system.K.toarray())[np.ix_(retained, retained)]
+    assert np.abs(S @ inside - np.eye(len(retained))).max() < 1e-10
     x = np.random.default_rng(5).normal(size=system.n)
     assert np.abs(factor.solve(system.K @ x) - x).max() < 1e-9

@@ -7,7 +7,7 @@ import pytest
 from conftest import cyclic, few_families, paper_load, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -51,7 +51,7 @@ def test_condensed_and_full_certificates_agree(family):
     """At stored steps the residual is that of the original K; it may exceed the condensed one by rounding only."""
     stored = vx.simulate(paper_scene(cyclic), small(family), TIMES)
     bare = vx.simulate(paper_scene(cyclic), small(family), TIMES, store="last")
-    eigenvalues = np.linalg.eigvalsh(pose(stored.scene, stored.mesh).system.K.toarray())
+    eigenvalues = np.linalg.eigvalsh(pose_scene(stored.scene, stored.mesh).system.K.toarray())
     # A backward stable solve errs by the unit times the square root of the condition number in energy.
     rounding = 10 * np.finfo(float).eps * np.sqrt(eigenvalues[-1] / eigenvalues[0])
     assert (stored.certificate[1:-1] <= bare.trajectory.certificate[1:-1] + rounding).all()

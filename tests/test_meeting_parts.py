@@ -8,7 +8,7 @@ from conftest import few_families, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Friction
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 TIMES = np.linspace(0.0, 1.0, 7)
@@ -134,7 +134,7 @@ def test_the_nearer_of_two_obstacles_stops_a_node(family):
     far, near = vx.UnilateralContact(on="bottom", gap=0.02), vx.UnilateralContact(on="inner", gap=0.005)
     both = run(mesh, far, near)
     inner = np.isin(both.contact.nodes, vx.vem.Space(mesh).part("inner", "test").nodes)
-    posed = pose(both.scene, mesh)
+    posed = pose_scene(both.scene, mesh)
     assert len(np.unique(posed.obstacles.nodes)) == len(posed.obstacles.nodes)
     depth = -both.displacement[-1][both.contact.nodes, 1]
     assert (depth <= np.where(inner, 0.005, 0.02) * (1 + 1e-12)).all()
@@ -190,7 +190,7 @@ def test_supports_beside_contact_keep_their_own_forces(family):
     )
     history = vx.simulate(scene, mesh, TIMES, solver=vx.Newton())
     contact, p = history.contact, history.trajectory.pressures
-    assert np.array_equal(contact.nodes, pose(scene, mesh).obstacles.nodes)
+    assert np.array_equal(contact.nodes, pose_scene(scene, mesh).obstacles.nodes)
     assert np.abs(contact.pressure * contact.lengths - p).max() <= 1e-14 * p.max()
     push = contact.traction * contact.friction_lengths[:, None]
     push = push - (contact.pressure * contact.lengths)[:, :, None] * contact.normals

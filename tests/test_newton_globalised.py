@@ -9,9 +9,9 @@ from conftest import cyclic, paper_scene
 
 import vemcvx as vx
 from vemcvx.program.certificate import certify
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
+from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
 
 pytestmark = pytest.mark.arithmetic
 
@@ -24,16 +24,16 @@ def nasty(seed, block):
     Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
     K = Q @ np.diag(10.0 ** rng.uniform(-6, 2, n)) @ Q.T
     K = 0.5 * (K + K.T)
-    form = Form(K, sp.csr_matrix(np.eye(n)), block)
+    operators = Operators(K, sp.csr_matrix(np.eye(n)), block)
     g = K @ rng.normal(size=n) + rng.normal(size=n)
     w = 10.0 ** rng.uniform(-4, 2, m)
-    return StepProgram(form, g, w, rng.normal(size=n) * (rng.random(n) < 0.3))
+    return StepProgram(operators, g, w, rng.normal(size=n) * (rng.random(n) < 0.3))
 
 
 def plain_active_sets(program, rounds=200):
     """Whether undamped active sets, shifts 10 / (B K^-1 B'), reach a point at which the gap vanishes."""
-    point = Point(np.zeros(len(program.g)), np.zeros((program.form.count, program.form.block)), np.zeros(0))
-    shift = Shifts.of(program.form) * 100.0
+    point = Iterate(np.zeros(len(program.g)), np.zeros((program.operators.count, program.operators.block)), np.zeros(0))
+    shift = Shifts.of(program.operators) * 100.0
     for _ in range(rounds):
         point = answer_on(program, sets_at(program, point, shift))
         certificate = certify(program, point.d, point.lam)
@@ -49,9 +49,9 @@ def test_the_safeguard_ends_what_plain_active_sets_do_not(block):
     cycled, saved = False, 0
     for seed in range(60):
         program = nasty(seed, block)
-        size = program.g @ program.form.factor.solve(program.g)
+        size = program.g @ program.operators.factor.solve(program.g)
         target = 0.5e-16 * size
-        answer = solver.prepare(program.form).solve(program, target, np.zeros((24, block)))
+        answer = solver.prepare(program.operators).solve(program, target, np.zeros((24, block)))
         certificate = certify(program, answer.d, answer.lam)
         assert certificate.gap <= max(target, certificate.floor), f"seed {seed}: {answer.iterations} iterations"
         assert answer.status == "converged"

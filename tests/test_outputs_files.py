@@ -28,7 +28,7 @@ def test_steps_hold_stresses_and_contact(history, tmp_path):
         read = meshio.read(tmp_path / f"step_{step:04d}.vtu")
         cells = [cell.tolist() for block in read.cells for cell in block.data]
         order = [cells.index(cell.tolist()) for cell in mesh.cells]
-        for name in ("stress", "stress_across", "von_mises", "principal_stresses"):
+        for name in ("stress", "out_of_plane_stress", "von_mises", "principal_stresses"):
             wanted, found = getattr(history, name)(step), np.concatenate(read.cell_data[name])[order]
             found = found[:, :2] if name == "principal_stresses" else found
             assert np.array_equal(found, wanted), name
@@ -55,7 +55,7 @@ def test_read_back_it_says_the_same(history, tmp_path):
     for name in ("wear", "closed", "stick_count", "slip_count", "open_count", "lengths", "friction_lengths"):
         assert np.array_equal(getattr(again.contact, name), getattr(history.contact, name)), name
     assert np.array_equal(again.trajectory.stuck, history.trajectory.stuck)
-    for name in ("von_mises", "principal_stresses", "stress_across"):
+    for name in ("von_mises", "principal_stresses", "out_of_plane_stress"):
         assert np.array_equal(getattr(again, name)(-1), getattr(history, name)(-1)), name
     x = np.random.default_rng(2).uniform(size=(30, 2))
     assert np.array_equal(again.probe(x), history.probe(x))
@@ -65,11 +65,11 @@ def test_read_back_it_says_the_same(history, tmp_path):
 
 
 def test_what_no_material_says_is_left_out(history, tmp_path):
-    dataclasses.replace(history, across=None, prestress_across=None).write(tmp_path)
+    dataclasses.replace(history, out_of_plane=None, out_of_plane_prestress=None).write(tmp_path)
     names = set(meshio.read(tmp_path / "step_0005.vtu").cell_data)
     assert "principal_stresses" in names
-    assert not {"von_mises", "stress_across"} & names
-    assert vx.read_history(tmp_path).across is None
+    assert not {"von_mises", "out_of_plane_stress"} & names
+    assert vx.read_history(tmp_path).out_of_plane is None
 
 
 def test_streamed_histories_hold_the_same(history, tmp_path):

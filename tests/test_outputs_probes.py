@@ -14,7 +14,7 @@ from vemcvx.results.probe.places import places
 from vemcvx.vem.projection import vertex_values
 
 TIMES = np.linspace(0.0, 1.0, 4)
-FIELDS = ("displacement", "stress", "stress_across", "von_mises", "principal_stresses")
+FIELDS = ("displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses")
 
 
 def run(mesh):

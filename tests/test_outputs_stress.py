@@ -59,7 +59,7 @@ def test_uniaxial(family, plane):
     history = last(free(vx.Elasticity(YOUNG, POISSON, plane=plane), traction), family)
     across = POISSON * pull if plane == "strain" else 0.0
     mises = pull * np.sqrt(1 - POISSON + POISSON**2) if plane == "strain" else pull
-    assert history.stress_across(-1) == pytest.approx(across, abs=ROUNDED * pull)
+    assert history.out_of_plane_stress(-1) == pytest.approx(across, abs=ROUNDED * pull)
     assert history.von_mises(1) == pytest.approx(mises, rel=ROUNDED)
     assert np.abs(history.principal_stresses(-1) - [pull, 0.0]).max() <= ROUNDED * pull
     assert not history.von_mises(0).any()
@@ -81,7 +81,7 @@ def test_equal_compression_in_the_plane(plane):
     flat = 2 * (LAM + MU) * e if plane == "strain" else YOUNG / (1 - POISSON) * e
     across = 2 * LAM * e if plane == "strain" else 0.0
     assert np.abs(history.principal_stresses(-1) - flat).max() <= ROUNDED * abs(flat)
-    assert history.stress_across(-1) == pytest.approx(across, rel=ROUNDED)
+    assert history.out_of_plane_stress(-1) == pytest.approx(across, rel=ROUNDED)
     assert history.von_mises(-1) == pytest.approx(abs(flat - across), rel=ROUNDED)
 
 
@@ -94,12 +94,12 @@ def test_blocked_and_free_expansion(plane):
     blocked = last(held(np.zeros((2, 2)), material, heat))
     free_body = last(free(material, heat))
     if plane == "strain":
-        assert blocked.stress_across(-1) == pytest.approx(-size / (1 - 2 * POISSON), rel=ROUNDED)
+        assert blocked.out_of_plane_stress(-1) == pytest.approx(-size / (1 - 2 * POISSON), rel=ROUNDED)
         assert blocked.von_mises(-1) == pytest.approx(0.0, abs=ROUNDED * size)
-        assert free_body.stress_across(-1) == pytest.approx(-size, rel=ROUNDED)
+        assert free_body.out_of_plane_stress(-1) == pytest.approx(-size, rel=ROUNDED)
         assert free_body.von_mises(-1) == pytest.approx(size, rel=ROUNDED)
     else:
-        assert blocked.prestress_across is None
+        assert blocked.out_of_plane_prestress is None
         assert blocked.von_mises(-1) == pytest.approx(size / (1 - POISSON), rel=ROUNDED)
         assert free_body.von_mises(-1) == pytest.approx(0.0, abs=ROUNDED * size)
 
@@ -114,9 +114,9 @@ def test_orthotropic_body_that_cannot_strain_across(angle):
     xx, yy, xy = history.stress(-1).T
     own = turn @ np.stack([[xx, xy], [xy, yy]]).transpose(2, 0, 1) @ turn.T
     wanted = E[2] * (NU[1] / E[0] * own[:, 0, 0] + NU[2] / E[1] * own[:, 1, 1] - 1e-3 * 20.0)
-    assert history.stress_across(-1) == pytest.approx(wanted, rel=1e-11)
+    assert history.out_of_plane_stress(-1) == pytest.approx(wanted, rel=1e-11)
     flat = last(held([[0.01, 0.02], [-0.005, 0.03]], vx.Orthotropic(E[:2], NU[0], G, angle)))
-    assert not flat.stress_across(-1).any()
+    assert not flat.out_of_plane_stress(-1).any()
 
 
 def test_materials_by_region_and_isotropic_ones_in_other_words():
@@ -131,14 +131,14 @@ def test_materials_by_region_and_isotropic_ones_in_other_words():
     isotropic = two(vx.Elasticity(YOUNG, POISSON, on="right half"))
     shear = YOUNG / (2 * (1 + POISSON))
     same = two(vx.Orthotropic([YOUNG] * 3, [POISSON] * 3, shear, 0.4, plane="strain", on="right half"))
-    for name in ("stress_across", "von_mises", "principal_stresses"):
+    for name in ("out_of_plane_stress", "von_mises", "principal_stresses"):
         one, other = (getattr(history, name)(-1) for history in (isotropic, same))
         assert one == pytest.approx(other, abs=1e-11 * np.abs(one).max()), name
 
 
 def test_prestress_counts_in_the_plane():
     history = last(held(np.zeros((2, 2)), vx.Elasticity(YOUNG, POISSON), vx.Prestress(lambda x, t: [4 * t, 0.0, 0.0])))
-    assert not history.stress_across(-1).any()
+    assert not history.out_of_plane_stress(-1).any()
     assert history.von_mises(-1) == pytest.approx(4.0, rel=ROUNDED)
 
 
@@ -146,7 +146,7 @@ def test_errors_say_what_is_missing():
     history = last(held(np.eye(2), vx.Elasticity(YOUNG, POISSON)))
     with pytest.raises(vx.SceneError, match="step 7 was not stored"):
         history.von_mises(7)
-    unknown = dataclasses.replace(history, across=None)
+    unknown = dataclasses.replace(history, out_of_plane=None)
     with pytest.raises(vx.SceneError, match=r"across the plane is not determined.*principal_stresses\(step\)"):
         unknown.von_mises(-1)
     assert unknown.principal_stresses(-1).shape == (history.mesh.n_cells, 2)

@@ -7,7 +7,7 @@ import pytest
 from conftest import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 25)
 # Sums over some 25 steps and 10 nodes of numbers of one sign, in two orders.
@@ -59,7 +59,7 @@ def test_wear_adds_up_to_what_is_dissipated_and_is_the_sum_of_weights_times_slip
     history = vx.simulate(scene, mesh, TIMES)
     assert_adds_up(history)
     # Again from the displacements: w_i |(I - nn') du_i|, which moving supports are part of.
-    terms, contact = pose(scene, mesh).terms, history.contact
+    terms, contact = pose_scene(scene, mesh).terms, history.contact
     increments = np.diff(history.displacement.reshape(len(TIMES), -1), axis=0)
     work = history.trajectory.weights[1:] * np.abs(increments @ terms.rows.T.toarray())
     total = np.zeros_like(contact.wear)
@@ -125,7 +125,7 @@ def test_dashpots_dissipate_and_do_not_wear():
     mesh = small("squares", 4)
     history = vx.simulate(scene, mesh, TIMES)
     rates = np.diff(history.trajectory.state, axis=0)
-    C = pose(scene, mesh).system.damping.C
+    C = pose_scene(scene, mesh).system.damping.C
     lost = np.append(0.0, np.cumsum(np.einsum("ni,ni->n", rates, (C @ rates.T).T) / np.diff(TIMES)))
     rubbed = history.contact.wear @ history.contact.friction_lengths
     assert rubbed[-1] > 0.01 * lost[-1] > 0

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from vemcvx.program.certificate import certify
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.conic import polished
 
@@ -27,7 +27,7 @@ def test_degenerate_terms_stick_to_the_last_bit(seed):
     w, sign = rng.uniform(1.0, 2.0, n), rng.choice([-1.0, 1.0], n)
     d = np.where(kind == SLIPS, sign * rng.uniform(0.1, 1.0, n), 0.0)
     lam = sign * w * np.where(kind == STICKS, 0.5, 1.0)
-    program = StepProgram(Form(K, sp.csr_matrix(np.eye(n))), K @ d + lam, w, np.zeros(n))
+    program = StepProgram(Operators(K, sp.csr_matrix(np.eye(n))), K @ d + lam, w, np.zeros(n))
     off = np.where(kind == DEGENERATE, 1e-6 * rng.uniform(0.3, 1.0, n), 0.0)
     near = Answer(d + sign * off + 1e-12 * rng.normal(size=n), (lam - sign * off)[:, None], 1)
     assert certify(program, near.d, near.lam).gap > 1e-13

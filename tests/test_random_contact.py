@@ -9,7 +9,7 @@ import pytest
 from conftest import FAMILIES
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 TIMES = np.array([0.0, 0.15, 0.3, 0.5, 0.6, 0.8, 1.0])
 SIZE = 200.0
@@ -129,7 +129,7 @@ def closes(history, posed):
     if len(obstacles.nodes):
         gaps = np.array([obstacles.gap(t) for t in TIMES])
         rest = rest + np.einsum("nj,nj->n", p[1:], (obstacles.rows @ du.T).T - np.diff(gaps, axis=0))
-        stored = 0.5 * np.einsum("nj,j->n", p**2, obstacles.softness)
+        stored = 0.5 * np.einsum("nj,j->n", p**2, obstacles.compliance)
         stored -= stored[0]
     left = history.work - (history.energy - history.energy[0]) - history.dissipated
     open_ = 1e-12 * (np.abs(history.work).max() + history.energy.max()) + slack_of(history)[1:] @ np.sqrt(square)
@@ -185,7 +185,7 @@ def check(seed, frictional=False):
     """Build, run, and hold a scene to everything above."""
     scene, mesh, viscous = random_scene(seed, frictional)
     history = vx.simulate(scene, mesh, TIMES, initial=None if viscous else "settled", solver=vx.Newton())
-    posed = pose(scene, mesh, TIMES)
+    posed = pose_scene(scene, mesh, TIMES)
     balances(history, posed, viscous)
     closes(history, posed)
     shows_its_own(history, posed, viscous)

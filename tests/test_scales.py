@@ -11,7 +11,7 @@ from conftest import few_families
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.stepping.acceptance import caused
 from vemcvx.stepping.trajectory import relative
 
@@ -110,7 +110,7 @@ def test_what_data_can_cause_does_not_depend_on_h():
             vx.PrescribedDisplacement((0.3, -0.2), on="top"),
             vx.UnilateralContact("bottom", 1.0),
         )
-        system = pose(scene, mesh).system
+        system = pose_scene(scene, mesh).system
         condensation = Condensation(system)
         force = condensation.reduce(system.force(0.0))
         sizes.append(caused(condensation, force))
@@ -265,7 +265,7 @@ def test_what_is_out_of_balance_at_the_start_is_certified(family, off):
         vx.Traction(pull, on="left"),
     )
     settled = vx.simulate(scene, mesh, times[:1], initial="settled")
-    A, size = pose(scene, mesh).A, settled.trajectory.norm[0]
+    A, size = pose_scene(scene, mesh).A, settled.trajectory.norm[0]
     push = np.zeros(mesh.points.shape)
     push[:, 0] = (1 - mesh.points[:, 0]) ** 2
     push *= 0.9 * off * size / np.sqrt(push.ravel() @ A @ push.ravel())

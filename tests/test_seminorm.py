@@ -7,8 +7,8 @@ import pytest
 from conftest import few_families
 
 import vemcvx as vx
-from vemcvx.program.kernel import Hold, Kernel
-from vemcvx.scene.pose import pose
+from vemcvx.program.kernel import Kernel, KernelBalance
+from vemcvx.scene.pose import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 4.0
@@ -55,7 +55,7 @@ def test_solvers_agree_in_the_seminorm(solver):
     mesh = vx.meshes.voronoi(6)
     scene = slab(0.9 * BOUND, swing)
     ours, theirs = (vx.simulate(scene, mesh, TIMES, solver=s) for s in (vx.Newton(), solver))
-    K = pose(scene, mesh).system.K
+    K = pose_scene(scene, mesh).system.K
     apart = ours.trajectory.state - theirs.trajectory.state
     distance = np.sqrt(np.maximum(np.einsum("si,is->s", apart, K @ apart.T), 0.0))
     scale = np.maximum.accumulate(ours.trajectory.norm)
@@ -140,8 +140,8 @@ def test_a_sliding_chain_by_hand():
     kernel = Kernel(np.ones((2, 1)), ("sliding together",))
     system = vx.System(K, lambda t: [2.5 * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)
     result = vx.march(system, np.linspace(0, 1, 6))
-    stretch = result.state[:, 0] - result.state[:, 1]
-    assert stretch == pytest.approx(np.maximum(2.5 * result.times - 1.0, 0.0) / 10, abs=1e-9)
+    dirichlet_force = result.state[:, 0] - result.state[:, 1]
+    assert dirichlet_force == pytest.approx(np.maximum(2.5 * result.times - 1.0, 0.0) / 10, abs=1e-9)
     assert np.abs(result.state[:, 1]).max() < 1e-9
     assert result.certificate.max() < 1e-8
     # Every step dissipates what the first block's friction does on its slip.
@@ -173,7 +173,7 @@ def test_nearest_multipliers(block, modes, limited):
     for _ in range(50):
         grip, w = rng.normal(size=(12, block, modes)), rng.uniform(0.0, 1.0, 12) * (rng.random(12) < 0.8)
         stop = rng.normal(size=(3, modes)) if limited else np.zeros((0, modes))
-        hold, ease = Hold(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
+        hold, ease = KernelBalance(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
         inside = rng.normal(size=(12, block))
         inside *= (w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
         pressed = rng.uniform(0, 1, len(stop))

@@ -7,7 +7,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 
@@ -39,7 +39,7 @@ def square(K, y):
 def test_what_is_told_of_a_state_is_of_that_state(friction):
     newton = vx.Newton(accuracy=1e-6)
     runs = [vx.simulate(strip(friction), MESH, TIMES, condense=condense, solver=newton) for condense in (True, False)]
-    posed = pose(strip(friction), MESH)
+    posed = pose_scene(strip(friction), MESH)
     columns, K = posed.supports.columns, posed.system.K
     for history in runs:
         y = history.displacement.reshape(len(TIMES), -1)[:, columns]

@@ -24,7 +24,7 @@ def run(family, course, solver):
 
 def energy_norms(history, difference):
     """|u|_a of rows of nodal differences, with the matrix of the scene itself."""
-    A = vx.simulate.__globals__["pose"](history.scene, history.mesh).A
+    A = vx.simulate.__globals__["pose_scene"](history.scene, history.mesh).A
     flat = difference.reshape(len(difference), -1)
     return np.sqrt(np.maximum(np.einsum("ni,ni->n", flat, (A @ flat.T).T), 0.0))
 

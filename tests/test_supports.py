@@ -10,7 +10,7 @@ from conftest import FAMILIES, few_families, paper_load, small
 
 import vemcvx as vx
 from vemcvx.effects import Friction, Support
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.scene.supports import resolve
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -300,7 +300,7 @@ def test_every_friction_term_reads_one_unknown_of_its_own(family, degrees, surfa
     mesh = mesh.with_boundary("rough", lambda x: (np.abs((x @ R)[:, 1]) < 1e-9) & ((x @ R)[:, 0] < 0.6))
     on = "rough" if surface == "part of the contact" else "bottom"
     contact = [] if surface == "no contact" else [vx.BilateralContact(on="bottom")]
-    posed = pose(vx.Scene(STEEL, vx.Clamp(on="top"), *contact, vx.TrescaFriction(4.0, on=on)), mesh)
+    posed = pose_scene(vx.Scene(STEEL, vx.Clamp(on="top"), *contact, vx.TrescaFriction(4.0, on=on)), mesh)
     B = posed.system.norms.B
     assert B.shape[0] == len(np.unique(mesh.boundaries[on]))
     assert np.array_equal(np.diff(B.indptr), np.ones(B.shape[0]))

@@ -12,8 +12,8 @@ from random_scenes import KINDS, coarse_mesh, declared_scene
 import vemcvx as vx
 from vemcvx.estimate.budget import beside_finer, error_budget
 from vemcvx.estimate.budget.data_in_time import course
-from vemcvx.scene.pose import pose
-from vemcvx.stepping.backward_euler import completed
+from vemcvx.scene.pose import pose_scene
+from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.state import prepare
 
@@ -30,9 +30,9 @@ def finest(times, system, parts):
 
 def ratio(scene, mesh, times, initial=None, parts=24):
     """Estimated over true error of the steps, the largest of the run, and the true one itself."""
-    posed = pose(scene, mesh)
+    posed = pose_scene(scene, mesh)
     run = prepare(posed.system, None, False, True)
-    start = completed(run, initial_state(run, times[0], initial)).full
+    start = certified_in_full(run, initial_state(run, times[0], initial)).full
     found = beside_finer(run, times, start)
     fine = finest(times, posed.system, parts)
     states = [vx.march(posed.system, t, initial=initial, check=False).state for t in (times, fine)]
@@ -120,7 +120,7 @@ def bending(t):
 
 
 def test_bends_are_found_to_round_off():
-    known = course(pose(paper_scene(bending), vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
+    known = course(pose_scene(paper_scene(bending), vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
     assert np.abs(known.bends[:, None] - [1 / 7, 2 / 3]).min(axis=0).max() <= 1e-12
     assert len(known.bends) == 2
     assert known.jumps == ()
@@ -130,7 +130,7 @@ def test_tops_of_smooth_data_are_found():
     """Steps that come near the top by chance lose little, and finer ones that come no nearer would show nothing."""
     scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
     times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
-    known = course(pose(scene, vx.meshes.squares(3)).system, times)
+    known = course(pose_scene(scene, vx.meshes.squares(3)).system, times)
     assert np.abs(known.bends - top).min() <= 1e-9
     found, lost = ratio(scene, vx.meshes.squares(4), times, "settled", 40)
     assert 1e-8 < lost < 1e-4
@@ -145,11 +145,13 @@ def test_moving_obstacles_and_supports_are_followed():
         return np.column_stack([np.full(len(x), 0.1 * min(t, 1.2 - t)), np.zeros(len(x))])
 
     scene = vx.Scene(steel, vx.PrescribedDisplacement(carried, on="top"), *rubbed)
-    known = course(pose(scene, vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
+    known = course(pose_scene(scene, vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
     assert np.abs(known.bends - 0.6).min() <= 1e-12
     assert 1.0 <= ratio(scene, vx.meshes.squares(4), np.array([0.0, 1.0]))[0] <= MOST
     rises = vx.UnilateralContact(on="bottom", gap=lambda x, t: np.full(len(x), 0.02 + 0.01 * abs(t - 0.3)))
-    known = course(pose(vx.Scene(steel, vx.Clamp(on="top"), rises), vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
+    known = course(
+        pose_scene(vx.Scene(steel, vx.Clamp(on="top"), rises), vx.meshes.squares(3)).system, np.array([0.0, 1.0])
+    )
     assert np.abs(known.bends - 0.3).min() <= 1e-12
 
 
@@ -167,7 +169,7 @@ def effectivity(seed):
     scene, initial = declared_scene(seed)
     mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
     history = vx.simulate(scene, mesh, times, initial=initial)
-    system = pose(scene, mesh).system
+    system = pose_scene(scene, mesh).system
     fine = np.union1d(np.linspace(0, 1, 60 * (len(times) - 1) + 1), course(system, times).bends)
     fine = fine[np.append(True, np.diff(fine) > 1e-13)]
     at = [int(np.abs(fine - t).argmin()) for t in times]

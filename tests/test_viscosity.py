@@ -12,7 +12,7 @@ from conftest import few_families
 from scipy.sparse.linalg import splu
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.stepping.viscous import shared_lengths
 
 pytestmark = pytest.mark.arithmetic
@@ -243,7 +243,7 @@ def test_everything_balances_while_supports_move_and_friction_rubs(family):
     mesh = mesh_of(family)
     for store in ("all", 3):
         history = vx.simulate(scene, mesh, UNEVEN, store=store, solver=vx.Newton())
-        load = np.array([pose(scene, mesh).force(t) for t in history.times[1:]]).reshape(-1, *mesh.points.shape)
+        load = np.array([pose_scene(scene, mesh).force(t) for t in history.times[1:]]).reshape(-1, *mesh.points.shape)
         forces = history.forces[1:]
         scale = np.abs(forces).sum()
         assert np.abs((forces + load).sum(axis=1)).max() < 1e-12 * scale
@@ -307,9 +307,9 @@ def test_certificate_and_floor_hold_against_rational_numbers(tau, times, moving)
     support = vx.PrescribedDisplacement(top, on="left") if moving else vx.Clamp("left")
     scene = vx.Scene(*solid(tau), support, vx.Traction(pull, on="right"))
     mesh = vx.meshes.voronoi(2)
-    run, system = vx.simulate(scene, mesh, times, check=False).trajectory, pose(scene, mesh, times).system
+    run, system = vx.simulate(scene, mesh, times, check=False).trajectory, pose_scene(scene, mesh, times).system
     K, C = ([rational(row) for row in (0.5 * (A + A.T)).toarray()] for A in (system.K, system.damping.C))
-    stretch = system.damping.motion.stretch if moving else lambda t: np.zeros(system.n)
+    dirichlet_force = system.damping.motion.dirichlet_force if moving else lambda t: np.zeros(system.n)
 
     def times_K(y):
         return [sum(a * b for a, b in zip(row, y, strict=True)) for row in K]
@@ -317,7 +317,10 @@ def test_certificate_and_floor_hold_against_rational_numbers(tau, times, moving)
     for n in range(1, len(times)):
         s, t = map(Fraction, times[n - 1 : n + 1].tolist())
         before, here = rational(run.state[n - 1]), rational(run.state[n])
-        pulled = zip(*map(rational, (system.force(times[n]), stretch(times[n]), stretch(times[n - 1]))), strict=True)
+        pulled = zip(
+            *map(rational, (system.force(times[n]), dirichlet_force(times[n]), dirichlet_force(times[n - 1]))),
+            strict=True,
+        )
         force = [f - (m - old) / (t - s) - own for (f, m, old), own in zip(pulled, times_K(before), strict=True)]
         sum_of = [[a + b / (t - s) for a, b in zip(*rows, strict=True)] for rows in zip(K, C, strict=True)]
         d = exactly(sum_of, force)
@@ -346,7 +349,7 @@ def test_rounding_of_equal_cells_is_certified():
         vx.Traction(lambda x, t: np.tile([0.3 * t, -0.2 * t], (len(x), 1)), on="right"),
     )
     mesh, times = vx.meshes.squares(32), np.array([0.0, 0.1, 0.2])
-    run, system = vx.simulate(scene, mesh, times).trajectory, pose(scene, mesh, times).system
+    run, system = vx.simulate(scene, mesh, times).trajectory, pose_scene(scene, mesh, times).system
     for n, (s, t) in enumerate(pairwise(times), start=1):
         before = run.state[n - 1]
         off = (run.state[n] - before - refined_in_extended_precision(system, before, s, t)).astype(float)

@@ -48,12 +48,12 @@ def with_kernel(kernel):
 
 
 MOTION = {
-    "stretch": lambda t: NONE,
-    "drag": lambda t: NONE,
+    "dirichlet_force": lambda t: NONE,
+    "prescribed_slip": lambda t: NONE,
     "stored": lambda s, t: 0.0,
     "frame": lambda t, y: y,
     "pair": lambda u, v: float(u @ K @ v),
-    "reach": None,
+    "remaining_gap": None,
 }
 ON = "bottom"
 # What to make, its parameters, what to do with it; parameters for which something of WRONG is right.
@@ -91,14 +91,14 @@ MADE = [
      with_norms,
      {"B": {"a sparse matrix"}, "w": VALUES | {"a class"}, "places": FUNCTIONS | {"None"}, "law": {"None"},
       "bias": {"None"}, "slope": FUNCTIONS | {"None"}}),
-    (vx.Limits, {"D": np.eye(2), "e": [0.1, 0.2], "softness": 0.0, "places": None},
+    (vx.Limits, {"D": np.eye(2), "e": [0.1, 0.2], "compliance": 0.0, "places": None},
      lambda made: marched(vx.System(K, load, limits=made)),
-     {"D": {"a sparse matrix"}, "e": VALUES | {"a class"}, "softness": VALUES, "places": FUNCTIONS | {"None"}}),
+     {"D": {"a sparse matrix"}, "e": VALUES | {"a class"}, "compliance": VALUES, "places": FUNCTIONS | {"None"}}),
     (vx.Damping, {"C": np.eye(2), "motion": None}, lambda made: marched(vx.System(K, load, damping=made)),
      {"C": {"a sparse matrix"}, "motion": {"None"}}),
     (Kernel, {"modes": np.ones((2, 1)), "names": ("all",), "in_words": None}, with_kernel,
      {"in_words": FUNCTIONS | {"None"}}),
-    (Motion, MOTION, with_motion, {"stored": FUNCTIONS, "reach": FUNCTIONS | {"None"}}),
+    (Motion, MOTION, with_motion, {"stored": FUNCTIONS, "remaining_gap": FUNCTIONS | {"None"}}),
     (vx.System, {"K": K, "load": load, "norms": vx.Norms(np.eye(2), 0.1), "motion": None, "order": None,
                  "near_kernel": None, "kernel": None, "limits": None, "damping": None, "dragged": None}, marched,
      {"K": {"a sparse matrix"}, "order": {"None", "flags"}}

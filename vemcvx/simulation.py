@@ -9,22 +9,20 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import flag
+from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.kinds import flag
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import PolygonMesh
-from vemcvx.real import brief, real, shape_in_words
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import Posed, pose
+from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver
 from vemcvx.stepping.march import checked_times, march
 from vemcvx.stepping.storage import Folder, Memory, Storage
-
-Floats = NDArray[np.float64]
 
 # An initial displacement is refused when it misses what the supports hold by more than this part of it.
 OFF_SUPPORT = 1e-9
@@ -101,8 +99,8 @@ def simulate(
     check_kinds(scene, mesh)
     instants = checked_times(times)
     start = time.perf_counter()
-    posed = pose(scene, mesh, instants)
-    for words in posed.void:
+    posed = pose_scene(scene, mesh, instants)
+    for words in posed.inactive:
         logging.getLogger("vemcvx").info("left out: %s", words)
     assembled = time.perf_counter() - start
     with _storage(stream, resume) as storage:
@@ -147,7 +145,7 @@ def check_kinds(scene: object, mesh: object) -> None:
         )
 
 
-def _free(initial: ArrayLike | str | None, posed: Posed, t: float) -> ArrayLike | str | None:
+def _free(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> ArrayLike | str | None:
     """The free unknowns of an initial displacement."""
     if isinstance(initial, str):
         return initial
@@ -168,7 +166,7 @@ def _free(initial: ArrayLike | str | None, posed: Posed, t: float) -> ArrayLike 
 
 def _given(initial: ArrayLike, shape: tuple[int, ...]) -> Floats:
     wanted = f"displacements of shape {shape}, one row a node, or None, 'equilibrium' or 'settled'"
-    u = real(initial, "initial", wanted)
+    u = as_real_array(initial, "initial", wanted)
     if u.shape != shape:
         raise SceneError(f"initial: found {shape_in_words(u)}; wanted {wanted}.")
     bad = ~np.isfinite(u).all(axis=1)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.scene.pose import Posed, pose
+from vemcvx.scene.pose import PosedScene, pose_scene
 
 ANSWER, WARNING, REFUSAL = "answer", "answer with a warning", "refuse with an error"
 SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=1e-6), vx.OSQP(accuracy=1e-6))
@@ -41,10 +41,10 @@ class Setting:
     options: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def posed(self) -> Posed:
+    def posed(self) -> PosedScene:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return pose(self.scene, self.mesh)
+            return pose_scene(self.scene, self.mesh)
 
 
 @dataclass(frozen=True)

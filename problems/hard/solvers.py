@@ -22,8 +22,8 @@ class Unreliable(vx.Newton):
     def name(self):
         return "Newton that fails"
 
-    def prepare(self, form):
-        inner, asked = super().prepare(form), []
+    def prepare(self, operators):
+        inner, asked = super().prepare(operators), []
 
         class Prepared:
             def solve(self, program, target, lam, p):

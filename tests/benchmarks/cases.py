@@ -13,7 +13,7 @@ from measure import Row, alternate, in_a_process
 from reference import BOUND, POISSON, YOUNG, elasticity, factor_and_solve, grid, user_step
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space, stiffness
 
 
@@ -33,7 +33,7 @@ SCENE = vx.Scene(
 def paper(n: int) -> list[Row]:
     """The paper's reference run (h = k = 1/n) against one factorisation and one solve of the same matrix."""
     mesh, times = vx.meshes.squares(n), np.linspace(0, 1, n + 1)
-    system = pose(SCENE, mesh).system
+    system = pose_scene(SCENE, mesh).system
     K, f = sp.csc_matrix(system.K), system.force(1.0)
     marks: list[float] = []
 

@@ -10,7 +10,7 @@ from strategies import SEEDS, for_all, materials, meshes, settings_of_scenes
 
 import vemcvx as vx
 from properties.rounding import EPS, Energy, majorant
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space, rigid_modes
 
 CELL = 64
@@ -104,7 +104,7 @@ def answers_move_with_the_body(setting, angle, mirror, renumber, seed):
     there = vx.simulate(
         move.scene(setting), move.mesh(mesh), setting.times, solver=vx.Newton(accuracy=1e-9), check=False
     )
-    posed = pose(setting.scene, mesh)
+    posed = pose_scene(setting.scene, mesh)
     P, A = posed.supports.P.toarray(), posed.A.toarray()
     energy = Energy(posed.system.K.toarray())
     shortest = np.linalg.norm(mesh.points[mesh.vertices] - mesh.points[np.roll(mesh.vertices, 1)], axis=1)

@@ -10,7 +10,7 @@ from strategies import SEEDS, cases, courses, exponents, for_all, settings_of_sc
 
 import vemcvx as vx
 from properties.rounding import EPS, Energy, majorant, marched
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 
 NEWTON = vx.Newton(accuracy=1e-9)
 
@@ -102,7 +102,7 @@ def ledger_closes(setting, which):
     """
     solver = vx.Newton() if which == "N" else vx.Clarabel(accuracy=1e-4)
     history = vx.simulate(setting.scene, setting.mesh, setting.times, solver=solver, check=False)
-    posed, t = pose(setting.scene, setting.mesh), history.trajectory
+    posed, t = pose_scene(setting.scene, setting.mesh), history.trajectory
     A, P = posed.A.toarray(), posed.supports.P
     u = history.displacement.reshape(len(setting.times), -1)
     numerical = np.append(0.0, [0.5 * d @ A @ d for d in np.diff(u, axis=0)])

@@ -96,7 +96,7 @@ def certificates_bound_the_true_error(case, poor, size, seed):
     """
     run, rng = marched(case, poor), np.random.default_rng(seed)
     shape = (len(case.weights[0]), case.block)
-    newton = vx.Newton().prepare(run.form)
+    newton = vx.Newton().prepare(run.operators)
     for n in range(1, len(case.times)):
         program = run.program(n)
         answer = newton.solve(program, (1e-12 * run.size) ** 2, np.zeros(shape))

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from strategies import Case
 
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
 EPS = float(np.finfo(float).eps)
@@ -96,14 +96,14 @@ class Marched:
         return max(loaded, float(self.trajectory.norm.max()))
 
     @cached_property
-    def form(self):
+    def operators(self):
         """The form of all steps, nothing condensed."""
-        return Form(self.case.K, self.case.B, self.case.block)
+        return Operators(self.case.K, self.case.B, self.case.block)
 
     def program(self, n):
         """Step n in the increment d = y_n - y_{n-1}, nothing condensed, nothing scaled."""
         g = self.case.loads[n] - self.case.K @ self.trajectory.state[n - 1]
-        return StepProgram(self.form, g, self.case.weights[n], np.zeros(self.case.B.shape[0]))
+        return StepProgram(self.operators, g, self.case.weights[n], np.zeros(self.case.B.shape[0]))
 
     def increment(self, n):
         """y_n - y_{n-1} as stored."""
@@ -122,7 +122,7 @@ class Marched:
             total += d @ majorant(case.K) @ d + 2 * known @ d + weights @ (abs(case.B) @ d)
         return (len(known) + 3) * EPS * total
 
-    def walls(self, n):
+    def capped_weights(self, n):
         """Weights (m,) that ask no more than step n can: larger ones have the same answer.
 
         B'lam = K r with r the projection of a on a set of such r, about zero (see `steps_are_stable`). So |r|_K is at
@@ -139,10 +139,10 @@ class Marched:
     def friction_gap(self, n):
         """sum w_i |s_i| - lam_i . s_i of the stored step, and what rounding of the stored states adds to it.
 
-        The weights are those that matter (`walls`). s is wrong by (n + 1) eps |B| (|y_n| + |y_{n-1}|), and w|s| - lam.s
-        is 2w-Lipschitz in s. |lam| = w holds to 2 eps w only.
+        The weights are those that matter (`capped_weights`). s is wrong by (n + 1) eps |B| (|y_n| + |y_{n-1}|), and
+        w|s| - lam.s is 2w-Lipschitz in s. |lam| = w holds to 2 eps w only.
         """
-        case, y, w = self.case, self.trajectory.state, self.walls(n)
+        case, y, w = self.case, self.trajectory.state, self.capped_weights(n)
         lam, s = self.trajectory.multipliers[n], self.program(n).slip(self.increment(n))
         moved = abs(case.B) @ (np.abs(y[n]) + np.abs(y[n - 1]))
         size = np.maximum(w, np.linalg.norm(lam, axis=1))

@@ -79,14 +79,14 @@ def run(
     """Simulate a problem, and say what came out and how certain it is."""
     with reported():
         from vemcvx.cli.problem_file import read_problem
-        from vemcvx.cli.run import Run, simulate_problem
+        from vemcvx.cli.run import RunOptions, simulate_problem
 
         if resume is not None and out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
         folder, going_on = (out, False) if resume is None else (resume, True)
         usual = 64 if target is None else 8
         sizes = n or usual, steps or usual
-        asked = Run(
+        asked = RunOptions(
             mesh, *sizes, solver, accuracy, folder, plot, store, condense, tuple(settings), going_on, linear, target
         )
         typer.echo(simulate_problem(read_problem(file), asked))
@@ -121,7 +121,10 @@ def compare(
         from vemcvx.cli.compare import Comparison, compare_solvers
         from vemcvx.cli.problem_file import read_problem
 
-        found = compare_solvers(read_problem(file), Comparison(mesh, n, steps, solvers, accuracy, tuple(settings)))
+        found = compare_solvers(
+            read_problem(file),
+            Comparison(family=mesh, n=n, steps=steps, solvers=solvers, accuracy=accuracy, settings=tuple(settings)),
+        )
         typer.echo(found.text)
         if not found.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)

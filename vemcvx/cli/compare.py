@@ -21,17 +21,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import NAMES, named_solver
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError
 from vemcvx.program.system import System
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 from vemcvx.solvers.conic import installed
 from vemcvx.stepping.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
 
 COLUMNS = "solver      asked  certified  floor  distance  allowed  kept  iterations  safeguards"
 SECONDS = ("assemble", "prepare", "solve")
@@ -106,7 +105,7 @@ def compare_solvers(problem: Problem, asked: Comparison) -> Found:
         return Outcome(solver, history.trajectory, history.seconds)
 
     with warned_once():
-        system = pose(scene, mesh, times).system
+        system = pose_scene(scene, mesh, times).system
         outcomes = [attempt(solver) for solver in solvers]
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"
     return judged(f"{problem.name}: {problem.title}\n{size}", system, outcomes)

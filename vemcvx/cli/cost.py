@@ -21,7 +21,7 @@ from vemcvx.cost.sweeping import JOURNAL, Told
 from vemcvx.cost.table import REFUSED, table
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
-from vemcvx.owned import Owned
+from vemcvx.owned_files import Owned
 from vemcvx.stepping.march import checked_times
 from vemcvx.version import __version__
 
@@ -104,13 +104,13 @@ def _refuse_early(folder: Path) -> None:
 
 def _grid(problem: Problem, wanted: Wanted) -> Grid:
     grid = Grid(
-        _families(problem, wanted.families),
-        _whole("--n", wanted.ns),
-        _whole("--steps", wanted.steps),
-        None if wanted.solvers is None else _split("--solver", wanted.solvers),
-        None if wanted.accuracies is None else _shares("--accuracy", wanted.accuracies),
-        tuple(sorted(_shares("--target", wanted.targets), reverse=True)),
-        wanted.adaptive,
+        families=_families(problem, wanted.families),
+        ns=_whole("--n", wanted.ns),
+        steps=_whole("--steps", wanted.steps),
+        solvers=None if wanted.solvers is None else _split("--solver", wanted.solvers),
+        accuracies=None if wanted.accuracies is None else _shares("--accuracy", wanted.accuracies),
+        targets=tuple(sorted(_shares("--target", wanted.targets), reverse=True)),
+        adaptive=wanted.adaptive,
     )
     for solver in grid.solvers or ():
         named_solver(solver, None)

@@ -15,9 +15,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from vemcvx.arrays import brief
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, PolygonMesh
-from vemcvx.real import brief
 from vemcvx.scene import Scene
 
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}

@@ -26,7 +26,7 @@ ROWS = "rows"
 
 
 @dataclass(frozen=True)
-class Run:
+class RunOptions:
     """What the command line asks for."""
 
     family: str | None
@@ -45,7 +45,7 @@ class Run:
     """relative energy error for which mesh and instants are to be chosen"""
 
 
-def simulate_problem(problem: Problem, asked: Run) -> str:
+def simulate_problem(problem: Problem, asked: RunOptions) -> str:
     """Do it; the summary in words.
 
     Raises
@@ -65,7 +65,7 @@ def simulate_problem(problem: Problem, asked: Run) -> str:
     return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
 
 
-def _simulated(problem: Problem, asked: Run, rows: Folder | None) -> tuple[History, list[str]]:
+def _simulated(problem: Problem, asked: RunOptions, rows: Folder | None) -> tuple[History, list[str]]:
     """On the mesh and at the instants asked for."""
     solver, made = named_solver(asked.solver, asked.accuracy), []
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
@@ -92,7 +92,7 @@ def _simulated(problem: Problem, asked: Run, rows: Folder | None) -> tuple[Histo
     return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if asked.resume else []
 
 
-def _adapted(problem: Problem, asked: Run) -> tuple[History, list[str]]:
+def _adapted(problem: Problem, asked: RunOptions) -> tuple[History, list[str]]:
     """On a mesh, and at instants, chosen for the accuracy asked; those asked for are where it begins."""
     if asked.resume or asked.store != "all" or asked.linear is not None or not asked.condense:
         raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
@@ -107,7 +107,7 @@ def _adapted(problem: Problem, asked: Run) -> tuple[History, list[str]]:
     return found.history, [found.summary()]
 
 
-def _refuse_early(asked: Run, drawings: Path) -> None:
+def _refuse_early(asked: RunOptions, drawings: Path) -> None:
     """What could not be gone on with, written or drawn is not worth simulating for."""
     if asked.resume and not os.path.isfile(asked.out / ROWS / CHECKPOINT):  # type: ignore[operator]
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
@@ -123,7 +123,7 @@ def _refuse_early(asked: Run, drawings: Path) -> None:
         check_replaceable(asked.out)
 
 
-def _written(history: History, asked: Run, origin: Origin) -> list[str]:
+def _written(history: History, asked: RunOptions, origin: Origin) -> list[str]:
     if asked.out is None:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
     folder = write_results(history, asked.out, origin)

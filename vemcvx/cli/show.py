@@ -12,9 +12,9 @@ from vemcvx.cli.problem_file import Problem
 from vemcvx.effects import Effect
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.form import BOUNDS, SQUARED_POSITIVE_PARTS, Form
+from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.default import BY_SIZE, words
 from vemcvx.stepping.march import checked_times
 
@@ -32,17 +32,17 @@ def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[st
 def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...] = ()) -> Table:
     """The scene as rows of a name and words."""
     scene, mesh = problem.scene(settings), problem.mesh(n, family)
-    posed = pose(scene, mesh, checked_times(problem.times(INSTANTS)))
+    posed = pose_scene(scene, mesh, checked_times(problem.times(INSTANTS)))
     seen = Condensation(posed.system)
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}"
     rows = [
         ("simulated", "\n".join(effect.describe() for effect in scene.canonical)),
-        *([("left out", "\n".join(posed.void))] if posed.void else []),
+        *([("left out", "\n".join(posed.inactive))] if posed.inactive else []),
         ("not simulated", ", ".join(_absent(scene))),
         ("mesh", f"{family or problem.family or 'its own'}, n = {n}: {size}"),
-        ("unknowns", f"{posed.system.n} in all, {len(seen.touched)} after condensation"),
-        ("program", _program(seen.form, posed.system.damping is not None)),
-        ("terms", _terms(seen.form)),
+        ("unknowns", f"{posed.system.n} in all, {len(seen.retained)} after condensation"),
+        ("program", _program(seen.operators, posed.system.damping is not None)),
+        ("terms", _terms(seen.operators)),
         ("certificate", _certificate(posed.system.norms)),
         *_solvers(seen),
         ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
@@ -67,23 +67,29 @@ def _is_effect(name: str) -> bool:
     return isinstance(kind, type) and issubclass(kind, Effect) and not inspect.isabstract(kind)
 
 
-def _program(form: Form, viscous: bool) -> str:
+def _program(operators: Operators, viscous: bool) -> str:
     parts = ["minimise 1/2 d'Kd - g'd" + (" + d'Cd / 2k" if viscous else "")]
-    if form.count:
+    if operators.count:
         parts.append("sum of w_i |B_i d - b_i|")
-    if SQUARED_POSITIVE_PARTS in form.features:
+    if SQUARED_POSITIVE_PARTS in operators.features:
         parts.append("sum of (D_j d - e_j)_+^2 / 2c_j")
-    subject = ", subject to D_j d <= e_j" if BOUNDS in form.features else ""
-    return " + ".join(parts) + subject + (", once a step" if len(form.features) > 1 else ": quadratic, no convex terms")
-
-
-def _terms(form: Form) -> str:
-    """How many of which kind, and the cones of the largest solver that they need."""
-    bounds, soft = int((form.softness == 0).sum()), int((form.softness > 0).sum())
-    kind = (
-        "absolute values" if form.block == 1 else f"norms of {form.block} components, {form.count} second-order cones"
+    subject = ", subject to D_j d <= e_j" if BOUNDS in operators.features else ""
+    return (
+        " + ".join(parts)
+        + subject
+        + (", once a step" if len(operators.features) > 1 else ": quadratic, no convex terms")
     )
-    found = [(form.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
+
+
+def _terms(operators: Operators) -> str:
+    """How many of which kind, and the cones of the largest solver that they need."""
+    bounds, soft = int((operators.compliance == 0).sum()), int((operators.compliance > 0).sum())
+    kind = (
+        "absolute values"
+        if operators.block == 1
+        else f"norms of {operators.block} components, {operators.count} second-order cones"
+    )
+    found = [(operators.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
     return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
 
 
@@ -96,11 +102,11 @@ def _certificate(norms: Norms | None) -> str:
 
 
 def _solvers(seen: Condensation) -> list[tuple[str, str]]:
-    able = [solver.name for solver in BY_SIZE if seen.form.features <= solver.accepts]
+    able = [solver.name for solver in BY_SIZE if seen.operators.features <= solver.accepts]
     unable = [
-        f"{solver.name} (no {words(seen.form.features - solver.accepts)})"
+        f"{solver.name} (no {words(seen.operators.features - solver.accepts)})"
         for solver in BY_SIZE
-        if not seen.form.features <= solver.accepts
+        if not seen.operators.features <= solver.accepts
     ]
     rows = [("solvers", f"{', '.join(able)}; the smallest is {able[0]}")]
     return [*rows, ("not", ", ".join(unable))] if unable else rows
@@ -108,7 +114,7 @@ def _solvers(seen: Condensation) -> list[tuple[str, str]]:
 
 def _linear(nonzeros: int, n: int, seen: Condensation) -> str:
     once = f"{type(seen.linear).__name__} on {n} x {n} with {nonzeros} nonzeros, once"
-    m = len(seen.touched)
+    m = len(seen.retained)
     if m == 0:
         return f"{once}; then a back-substitution for every new shape of the load"
     return f"{once}; then dense {m} x {m} each step" if m < n else f"{once} a step"

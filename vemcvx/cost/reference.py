@@ -22,8 +22,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.cost.run_point import Ran
 from vemcvx.cost.settings import Ingredients, Point, Recipe
 from vemcvx.cost.table import of_its_kinds
@@ -35,8 +35,6 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.results.history import History
 from vemcvx.results.io.archive import read_archive, write_archive
 from vemcvx.simulation import simulate
-
-Floats = NDArray[np.float64]
 
 PART = 0.25
 MOST_UNKNOWNS = 700_000
@@ -135,18 +133,18 @@ def build_reference(
         adaptive = None
         history, estimated = _uniform(fine, instants)
     reference = Reference(
-        recipe.mark,
-        tuple(instants.tolist()),
-        goal,
-        estimated,
-        finest.n,
-        finest.steps or 0,
-        adaptive is not None,
-        common,
-        history.mesh.n_cells,
-        history.trajectory.state.shape[1],
-        history.steps,
-        time.perf_counter() - start,
+        problem=recipe.mark,
+        instants=tuple(instants.tolist()),
+        goal=goal,
+        estimated=estimated,
+        n=finest.n,
+        steps=finest.steps or 0,
+        adapted=adaptive is not None,
+        common=common,
+        cells=history.mesh.n_cells,
+        unknowns=history.trajectory.state.shape[1],
+        made=history.steps,
+        seconds=time.perf_counter() - start,
     )
     return _write(folder, history, reference)
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.cost.settings import Ingredients, Point, Recipe
 from vemcvx.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.adapt import adapt
@@ -26,8 +26,6 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.results.history import History
 from vemcvx.results.io.summary import peak_memory_mb
 from vemcvx.simulation import simulate
-
-Floats = NDArray[np.float64]
 
 SHORT, REPEATS = 0.3, 3
 PARTS = ("assemble", "prepare", "solve", "adapt")
@@ -93,17 +91,17 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
     rows = [history.row(step_at(history, float(t))) for t in instants]
     run = history.trajectory
     return Ran(
-        history.mesh,
-        history.displacement[rows],
-        history.moduli,
-        run.state.shape[1],
-        history.steps,
-        float(run.certificate_total[-1]),
-        estimated,
-        {**seconds, "mesh": meshing},
-        repeats,
-        peak,
-        "; ".join(dict.fromkeys(said)),
+        mesh=history.mesh,
+        displacement=history.displacement[rows],
+        moduli=history.moduli,
+        unknowns=run.state.shape[1],
+        steps=history.steps,
+        certificate=float(run.certificate_total[-1]),
+        estimated=estimated,
+        seconds={**seconds, "mesh": meshing},
+        repeats=repeats,
+        peak_mb=peak,
+        message="; ".join(dict.fromkeys(said)),
     )
 
 

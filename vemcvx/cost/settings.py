@@ -10,14 +10,12 @@ from itertools import product
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import ProblemError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.scene import Scene
 from vemcvx.solvers import Solver
-
-Floats = NDArray[np.float64]
 
 FACTOR = 200
 """Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns."""
@@ -87,8 +85,6 @@ class Recipe(Protocol):
         """The ingredients of a point, of two steps if it has none."""
 
 
-Floats = NDArray[np.float64]
-
 OTHERS = ("clarabel", "osqp")
 OTHER_ACCURACIES = (1e-3, 1e-6)
 """Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family."""
@@ -127,7 +123,10 @@ class Grid:
         found = [Point(f, n, k, *how) for f, n, k, how in product(self.families, self.ns, self.steps, main)]
         if self.adaptive:
             start, (solver, accuracy) = min(self.ns), (main[0][0], min(accuracy for _, accuracy in main))
-            found += [Point(f, start, None, solver, accuracy, t) for f, t in product(self.families, self.targets)]
+            found += [
+                Point(family=f, n=start, steps=None, solver=solver, accuracy=accuracy, target=t)
+                for f, t in product(self.families, self.targets)
+            ]
         if self.solvers is None and self.accuracies is None:
             where = sorted(self.ns)[1:-1:2] or self.ns[:1]
             chosen = product(where, self.steps[-1:], OTHERS, OTHER_ACCURACIES)

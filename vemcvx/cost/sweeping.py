@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.cost.alone import Crashed, Refused, alone
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.pool import Pool, pool
@@ -20,9 +20,7 @@ from vemcvx.cost.run_point import PARTS, run_point
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
 from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
-from vemcvx.owned import Owned, path_of
-
-Floats = NDArray[np.float64]
+from vemcvx.owned_files import Owned, path_of
 
 JOURNAL = "journal.jsonl"
 
@@ -91,7 +89,7 @@ def sweep(
         if fresh:
             journal.unlink(missing_ok=True)
         instants = common_instants([recipe(point).times for point in _one_of_each(grid)])
-        reference = _reference(recipe, grid, instants, folder, fresh, run, told)
+        reference = _reference(recipe, grid, instants=instants, folder=folder, fresh=fresh, run=run, told=told)
         mark = f"{recipe.mark} {reference.mark}"
         keys = {point.key(mark): point for point in grid.points}
         rows = {key: row for key, row in read_journal(journal).items() if key in keys}

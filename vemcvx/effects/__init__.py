@@ -6,6 +6,7 @@ from vemcvx.effects.clamp import Clamp
 from vemcvx.effects.contribution import (
     ContactSurface,
     Contribution,
+    Eigenstrain,
     Friction,
     Given,
     InitialStress,
@@ -13,7 +14,6 @@ from vemcvx.effects.contribution import (
     Material,
     Obstacle,
     Support,
-    Swelling,
 )
 from vemcvx.effects.coulomb_friction import CoulombFriction
 from vemcvx.effects.effect import Effect
@@ -41,6 +41,7 @@ __all__ = [
     "Contribution",
     "CoulombFriction",
     "Effect",
+    "Eigenstrain",
     "ElasticFoundation",
     "Elasticity",
     "Friction",
@@ -57,7 +58,6 @@ __all__ = [
     "Pressure",
     "Prestress",
     "Support",
-    "Swelling",
     "Symmetry",
     "ThermalStrain",
     "Traction",

@@ -14,11 +14,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import data
 from vemcvx.vem import EdgeEnds, elastic_matrix, softest_shear
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ class Obstacle:
     """(m,) integrals of the nodal basis functions over the edges with that normal."""
     gap: Callable[[float], Floats]
     """t -> (m,) distance to the obstacle along the outward normal."""
-    softness: Floats
+    compliance: Floats
     """(m,) depth per nodal force; 0 where the obstacle is rigid."""
     ends: EdgeEnds | None = None
     """the edges of each row, as of friction"""
@@ -139,13 +137,13 @@ class Material:
     moduli: Floats
     """(2, n_cells) Lame's lam, already reduced in plane stress, and mu; or (6, n_cells), the upper triangle of the
     elastic matrix row by row: see :mod:`vemcvx.vem.hooke`"""
-    swelling: Floats
+    thermal_stress_moduli: Floats
     """(n_cells, 3) stress that holds back a unit strain in all three directions of space, with a minus sign"""
     plane: str
     """plane "strain" or "stress"; one for the whole body"""
     cells: NDArray[np.bool_] | None = None
     """(n_cells,) which cells; None means all"""
-    across: Floats | None = None
+    out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit swelling
     there, with a minus sign; zero in plane stress, None where the law does not say"""
     stabilisation: Floats | None = None
@@ -158,7 +156,7 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Swelling:
+class Eigenstrain:
     """An isotropic strain that is free of stress; the material of a cell says what blocking it costs."""
 
     subject: str
@@ -187,7 +185,7 @@ class Given:
         "spring"        (x, t, u . n (k,)) -> (k,) pressure, and stiffness (k,)
         "foundation"    (x) -> (2, k) springs along the normal and the tangent
         "displacement"  (x, t) -> (k,) or (k, dim)
-        "moduli"        (x, cells) -> (6, k) upper triangle of the elastic matrix, and (k, 3) as `Material.swelling`
+        "moduli"        (x, cells) -> (6, k) upper triangle of the elastic matrix, (k, 3) thermal stress moduli
         "swelling"      (x, cells, t) -> (k,)
         "stress"        (x, t) -> (k, 3)
     """
@@ -214,7 +212,7 @@ class Contribution:
     frictions: tuple[Friction, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     surfaces: tuple[ContactSurface, ...] = ()
-    swellings: tuple[Swelling, ...] = ()
+    eigenstrains: tuple[Eigenstrain, ...] = ()
     initial_stresses: tuple[InitialStress, ...] = ()
     viscosity: sp.csr_matrix | None = None
     """matrix of b^h, stress in proportion to the rate of strain"""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction, Given
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError

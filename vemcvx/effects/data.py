@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arguments import called
+from vemcvx.arrays import Floats, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.kinds import called
 from vemcvx.meshes import PolygonMesh
-from vemcvx.real import real, shape_in_words
 
 Datum = ArrayLike | Callable[..., ArrayLike]
-Floats = NDArray[np.float64]
 
 
 def scalar(value: Datum, x: Floats, t: float, subject: str) -> Floats:
@@ -108,7 +107,7 @@ def _place(x: Floats, t: float) -> Callable[[int], str]:
 
 
 def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: Callable[[int], str]) -> Floats:
-    array = real(raw, subject, wanted)
+    array = as_real_array(raw, subject, wanted)
     # Only whole values broadcast: a (2,) vector over m points, a scalar over m points. A vector of
     # two for two points' scalars would be ambiguous nowhere, because the shapes are fixed by `shape`.
     if array.shape not in (shape, shape[1:]):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vemcvx.arrays import brief
 from vemcvx.effects.contribution import Contribution
-from vemcvx.real import brief
 from vemcvx.vem import Space
 
 

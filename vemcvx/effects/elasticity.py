@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arguments import choice
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Material
+from vemcvx.effects.contribution import Contribution, Given, Material
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.kinds import choice
 from vemcvx.vem import Space, elastic_matrix, stabilisation_factor, stiffness, upper_triangle
 
 STABILISATIONS = ("shear", "unit")
@@ -65,11 +66,19 @@ class Elasticity(MaterialLaw):
         if cells is not None:
             lam, mu = lam * cells, mu * cells
         K = stiffness(space, lam, mu, stabilisation=self.stabilisation)
-        volume, swelling = self._blocked(lam, mu)
-        across = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self.plane == "strain")
+        volume, thermal_stress_moduli = self._blocked(lam, mu)
+        out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self.plane == "strain")
         subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
         tau = stabilisation_factor(mu, self.stabilisation)
-        material = Material(subject, np.stack([lam, mu]), swelling, self.plane, cells, across, tau)
+        material = Material(
+            subject=subject,
+            moduli=np.stack([lam, mu]),
+            thermal_stress_moduli=thermal_stress_moduli,
+            plane=self.plane,
+            cells=cells,
+            out_of_plane=out_of_plane,
+            stabilisation=tau,
+        )
 
         def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
             lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arguments import choice
 from vemcvx.effects.effect import Effect
 from vemcvx.errors import SceneError
-from vemcvx.kinds import choice
 from vemcvx.vem import Space
 
 PLANES = ("strain", "stress")

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Given
+from vemcvx.effects.contribution import Contribution, Given
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.effects.unilateral_contact import distance, obstacle
@@ -59,8 +60,8 @@ class NormalCompliance(Effect):
             k = stiffness(x)
             return np.stack([k * np.maximum(outward - distance(self.gap, subject, x, t), 0.0), k])
 
-        softness = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
-        made = obstacle(space, rows, subject, self.gap, softness)
+        compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
+        made = obstacle(space, rows, subject, self.gap, compliance)
         given = Given(subject, "spring", spring, part.edges)
         return replace(made, given=(given,) if varies(self.stiffness, self.gap) else ())
 

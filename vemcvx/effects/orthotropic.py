@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Material
+from vemcvx.effects.contribution import Contribution, Given, Material
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError
-from vemcvx.real import brief
 from vemcvx.vem import Space, anisotropic_stiffness, upper_triangle
 
 Constant = data.Datum | str
@@ -62,13 +62,20 @@ class Orthotropic(MaterialLaw):
         check_plane(self.plane, "Orthotropic")
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        C, swelling, across = self._law(data.InCells.centroids(space.mesh), inside)
+        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells.centroids(space.mesh), inside)
         subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
-        material = Material(subject, upper_triangle(C), swelling, self.plane, cells, across)
+        material = Material(
+            subject=subject,
+            moduli=upper_triangle(C),
+            thermal_stress_moduli=thermal_stress_moduli,
+            plane=self.plane,
+            cells=cells,
+            out_of_plane=out_of_plane,
+        )
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
-            C, swelling, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
-            return upper_triangle(C), swelling
+            C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
+            return upper_triangle(C), thermal_stress_moduli
 
         several = self.poisson if self.plane == "strain" else [self.poisson]
         constants = (*self.young, *several, self.shear, self.angle)  # type: ignore[misc]
@@ -89,12 +96,12 @@ class Orthotropic(MaterialLaw):
         Q = _turn(angle)
         C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
         C = 0.5 * (C + C.transpose(0, 2, 1))
-        swelling = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
-        across = np.zeros((len(S), 4))
+        thermal_stress_moduli = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
+        out_of_plane = np.zeros((len(S), 4))
         if self.plane == "strain":
-            across[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
-            across[:, 3] = inverse[:, 2].sum(axis=1)
-        return C, swelling, across * inside[:, None]
+            out_of_plane[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
+            out_of_plane[:, 3] = inverse[:, 2].sum(axis=1)
+        return C, thermal_stress_moduli, out_of_plane * inside[:, None]
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"

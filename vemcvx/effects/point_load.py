@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.effects.contribution import Contribution, Floats, Ints, Load
+from vemcvx.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.errors import SceneError
-from vemcvx.real import brief, real
 from vemcvx.vem import Space
 
 # A point that a user computes may miss its node by rounding, never by a noticeable part of the body's size.
@@ -54,7 +54,7 @@ class PointLoad(Effect):
     def _nodes(self, points: Floats) -> Ints:
         dim = points.shape[1]
         wanted = f"a point of {dim} finite coordinates, or points (m, {dim})"
-        at = np.atleast_2d(real(self.at, "PointLoad: at", wanted))
+        at = np.atleast_2d(as_real_array(self.at, "PointLoad: at", wanted))
         if at.ndim != 2 or at.shape[1] != dim or not len(at) or not np.isfinite(at).all():
             raise SceneError(f"PointLoad: found at = {brief(self.at)}; wanted {wanted}.")
         with np.errstate(over="ignore"):  # of a point at 1e200

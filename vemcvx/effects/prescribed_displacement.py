@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Floats, Ints, as_real_array, brief
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Support
+from vemcvx.effects.contribution import Contribution, Given, Support
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
-from vemcvx.real import brief, real
 from vemcvx.vem import BoundaryPart, Space
 
 
@@ -85,7 +85,7 @@ class PrescribedDisplacement(Effect):
             )
         dim = part.normals.shape[1]
         wanted = f"a nonzero vector of {dim} finite components, 'normal', 'tangent', or None (all components)"
-        direction = real(self.direction, f"{subject}: direction", wanted)
+        direction = as_real_array(self.direction, f"{subject}: direction", wanted)
         if direction.shape != (dim,) or not np.isfinite(direction).all() or not direction.any():
             raise SceneError(f"{subject}: found direction {brief(self.direction)}; wanted {wanted}.")
         # Its largest component first: the square of 1e200 would overflow.

@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
+from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Given, InitialStress
+from vemcvx.effects.contribution import Contribution, Given, InitialStress
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space

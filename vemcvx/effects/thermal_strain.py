@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats, Given, Ints, Swelling
+from vemcvx.effects.contribution import Contribution, Eigenstrain, Given
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space
@@ -55,7 +56,7 @@ class ThermalStrain(Effect):
             return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
         given = (Given("ThermalStrain", "swelling", at),) if varies(self.expansion, self.temperature) else ()
-        return Contribution(swellings=(Swelling("ThermalStrain", strain),), given=given)
+        return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain),), given=given)
 
     def describe(self) -> str:
         return f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"

@@ -23,12 +23,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arguments import choice, flag
+from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Friction, Given
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
-from vemcvx.kinds import choice, flag
 from vemcvx.vem import Space
 
 QUADRATURES = ("nodes", "integral")

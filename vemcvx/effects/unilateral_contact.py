@@ -8,8 +8,9 @@ from functools import partial
 
 import numpy as np
 
+from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Floats, Given, Obstacle
+from vemcvx.effects.contribution import ContactSurface, Contribution, Given, Obstacle
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
@@ -49,13 +50,23 @@ class UnilateralContact(Effect):
         return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
 
 
-def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, softness: Floats) -> Contribution:
+def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
     """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
     points = space.mesh.points[rows.nodes]
 
     at_nodes = partial(distance, gap, subject, points)
     return Contribution(
-        obstacles=(Obstacle(subject, rows.nodes, rows.normals, rows.lengths, at_nodes, softness, rows.ends),),
+        obstacles=(
+            Obstacle(
+                subject=subject,
+                nodes=rows.nodes,
+                normals=rows.normals,
+                lengths=rows.lengths,
+                gap=at_nodes,
+                compliance=compliance,
+                ends=rows.ends,
+            ),
+        ),
         surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
     )
 

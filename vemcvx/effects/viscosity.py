@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Floats
+from vemcvx.effects.contribution import Contribution
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space, stiffness

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.linear.factor import Factor, singular
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class DenseCholesky(Factor):

@@ -11,12 +11,9 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SAMPLES = 8
 """Random forces from which the energy of others is estimated."""

@@ -30,16 +30,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
+from vemcvx.arguments import part, whole
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.kinds import part, whole
 from vemcvx.linear.factor import Factor, LinearSolver, singular
 from vemcvx.linear.superlu import SuperLU
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 EPS = float(np.finfo(float).eps)
 MISSED = 1e-9

@@ -13,13 +13,10 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, singular
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 EPS = float(np.finfo(float).eps)
 

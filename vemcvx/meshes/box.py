@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from vemcvx.arguments import is_real, is_whole
+from vemcvx.arrays import Floats, brief
 from vemcvx.errors import MeshError
-from vemcvx.kinds import is_real, is_whole
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.real import brief
 
 Count = int | tuple[int, int]
 Corners = tuple[tuple[float, float], tuple[float, float]]

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.ragged import offsets_of, spans
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, next_corner, previous_corner
+from vemcvx.meshes.polygons.topology import next_corner, previous_corner
 from vemcvx.meshes.tessellation import Tessellation
 
 

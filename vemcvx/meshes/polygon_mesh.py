@@ -113,7 +113,14 @@ class PolygonMesh(Tessellation):
             ``values`` or ``displacement`` do not fit the mesh.
         """
         values = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
-        return draw_cells(plotted_points(self.points, displacement), self.offsets, self.vertices, values, ax, style)
+        return draw_cells(
+            plotted_points(self.points, displacement),
+            self.offsets,
+            vertices=self.vertices,
+            values=values,
+            ax=ax,
+            style=style,
+        )
 
 
 def read(path: str | Path) -> PolygonMesh:

@@ -17,14 +17,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.checks.mesh import checked
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
 from vemcvx.meshes.polygons import shapes as geometry
 from vemcvx.meshes.polygons import topology
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError
 from vemcvx.results.history import History
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # An edge that ends in a held node belongs to Gamma_C if it runs along the contact node's tangent; a corner
 # flatter than 25 degrees passes for straight, which costs half an edge in a picture.

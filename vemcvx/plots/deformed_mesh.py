@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 SHOWN = 0.15
 """Displacements are magnified to about this part of the body's size at most."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vemcvx.errors import HistoryError
-from vemcvx.owned import path_of
+from vemcvx.owned_files import path_of
 from vemcvx.plots.deformed_mesh import deformed_mesh
 from vemcvx.plots.energy_ledger import energy_ledger
 from vemcvx.plots.friction_traction import friction_traction

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.collections import Collection
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 Window = tuple[tuple[float, float], tuple[float, float]]
 
 STRESSES: dict[str, tuple[str, Callable[[Floats], Floats]]] = {

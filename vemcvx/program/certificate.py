@@ -30,11 +30,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.program.step_program import EPS, StepProgram
-
-Floats = NDArray[np.float64]
 
 ROUNDED = 4 * EPS
 """What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
@@ -77,7 +75,14 @@ class Certificate:
         """The certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
         none = np.zeros_like(self.friction), np.zeros_like(self.limits)
         kind = self.estimate if estimate is None else estimate
-        return Certificate(0.0, none[0], self.floor, none[1], 0.5 * error * error, kind)
+        return Certificate(
+            equilibrium=0.0,
+            friction=none[0],
+            floor=self.floor,
+            limits=none[1],
+            distance=0.5 * error * error,
+            estimate=kind,
+        )
 
     @property
     def gap(self) -> float:
@@ -116,35 +121,35 @@ def duality_gap(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> floa
 
 
 def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
-    form, r = program.form, program.residual(d, lam, p)
-    equilibrium = 0.5 * form.factor.energy(r)
-    if form.kernel is not None:
+    operators, r = program.operators, program.residual(d, lam, p)
+    equilibrium = 0.5 * operators.factor.energy(r)
+    if operators.kernel is not None:
         left, blur = _imbalance(program, lam, p)
         equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
-    limits = limit_gaps(form.softness, p, program.excess(d), program.excess_blur(d))
+    limits = limit_gaps(operators.compliance, p, program.excess(d), program.excess_blur(d))
     # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
     return abs(equilibrium), norm_gaps(program.w, lam, program.slip(d)), limits
 
 
 def _imbalance(program: StepProgram, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
     """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
-    N = program.form.kernel
-    return program.form.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))  # type: ignore
+    N = program.operators.kernel
+    return program.operators.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))  # type: ignore
 
 
 def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
     """What round-off alone may hide in, or add to, the gap at (d, lam, p)."""
-    form = program.form
-    rows, size = form.rows.absolute, np.abs(d)
-    held = rows.pull(np.abs(lam.ravel())) + form.limits.absolute.pull(p)
-    blur = EPS * (np.abs(program.g) + held + form.absolute @ size)
+    operators = program.operators
+    rows, size = operators.rows.absolute, np.abs(d)
+    held = rows.pull(np.abs(lam.ravel())) + operators.limits.absolute.pull(p)
+    blur = EPS * (np.abs(program.g) + held + operators.absolute @ size)
     slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(program.b)
-    slip_blur = EPS * form.blocks(slip).sum(axis=1)
-    floor = 0.5 * float(blur @ np.abs(form.factor.solve(blur))) + float(program.w @ slip_blur)
+    slip_blur = EPS * operators.blocks(slip).sum(axis=1)
+    floor = 0.5 * float(blur @ np.abs(operators.factor.solve(blur))) + float(program.w @ slip_blur)
     floor += float(p @ program.excess_blur(d))
-    if form.kernel is not None:
+    if operators.kernel is not None:
         # A load off balance by so much moves the answer along N, and does work on that motion.
-        floor += float(_imbalance(program, lam, p)[1] @ np.abs(form.kernel.T @ d))
+        floor += float(_imbalance(program, lam, p)[1] @ np.abs(operators.kernel.T @ d))
     return floor
 
 
@@ -159,12 +164,12 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     return short * slip + 0.5 * size * slip * turned
 
 
-def limit_gaps(softness: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:
+def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:
     """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, without cancellation; infinite beyond a bound."""
-    soft = softness > 0
-    gap = 0.5 * softness * p * p + p * np.abs(np.minimum(z, 0.0))
+    soft = compliance > 0
+    gap = 0.5 * compliance * p * p + p * np.abs(np.minimum(z, 0.0))
     above = z > 0
     both = soft & above
-    gap[both] = (z[both] - softness[both] * p[both]) ** 2 / (2 * softness[both])
+    gap[both] = (z[both] - compliance[both] * p[both]) ** 2 / (2 * compliance[both])
     gap[above & ~soft & (z > blur)] = np.inf
     return gap

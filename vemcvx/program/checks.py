@@ -8,13 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arguments import called
+from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.kinds import called
 from vemcvx.linear import SuperLU
 from vemcvx.linear.factor import singular
-from vemcvx.real import brief, real, shape_in_words
-
-Floats = NDArray[np.float64]
 
 # Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
 SYMMETRIC = 1e-10
@@ -30,7 +28,7 @@ def at_instant(function: Callable[[float], ArrayLike], t: float, subject: str) -
 def checked_matrix(raw: object, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
     """A sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given."""
     if not sp.issparse(raw) or raw.dtype.kind not in "biuf":  # type: ignore[attr-defined]
-        raw = real(raw, subject, "a matrix of real numbers")
+        raw = as_real_array(raw, subject, "a matrix of real numbers")
         if raw.ndim != 2:
             raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
     matrix = sp.csr_matrix(raw, dtype=float, copy=True)
@@ -98,7 +96,7 @@ def finite(values: Floats, subject: str) -> None:
 def permutation(raw: ArrayLike, n: int) -> NDArray[np.int64]:
     """An order of n unknowns."""
     wanted = f"a permutation of the {n} unknowns, or None"
-    order = real(raw, "System: order", wanted)
+    order = as_real_array(raw, "System: order", wanted)
     if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(n)):
         raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
     return order.astype(np.int64)
@@ -107,7 +105,7 @@ def permutation(raw: ArrayLike, n: int) -> NDArray[np.int64]:
 def motions(raw: ArrayLike, n: int) -> Floats:
     """Motions (n, k) of little energy."""
     wanted = f"({n}, k) motions of little energy, one a column, or None"
-    found = real(raw, "System: near_kernel", wanted)
+    found = as_real_array(raw, "System: near_kernel", wanted)
     if found.ndim != 2 or len(found) != n or not found.shape[1] or not np.isfinite(found).all():
         raise SceneError(f"System: found near_kernel = {brief(raw)}; wanted {wanted}.")
     return found

@@ -1,22 +1,22 @@
-"""The unknowns that no norm term and no limit touches, eliminated once (Schur complement).
+"""The unknowns that no norm term and no limit reads, eliminated once (Schur complement).
 
-With interior unknowns i and touched ones c,  S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in K = L U, then S = L_cc
-U_cc: the Schur complement costs no more than the factorisation (one solve a touched unknown would cost six of them).
+With interior unknowns i and retained ones c,  S = K_cc - K_ci K_ii^{-1} K_ic. If c comes last in K = L U, then S = L_cc
+U_cc: the Schur complement costs no more than the factorisation (one solve a retained unknown would cost six of them).
 
-A force phi is *reduced* to what it does while the touched unknowns are held, and the force that holds them:
+A force phi is *reduced* to what it does while the retained unknowns are held, and the force that holds them:
 
     xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i = phi_c - (K xi)_c.
 
-A state with the touched displacements y_c under the total force f, and the work of a force phi on it, are then
+A state with the retained displacements y_c under the total force f, and the work of a force phi on it, are then
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c:
 
 no energies are subtracted from each other. (With x = K^{-1} f, y'Ky = f'x - x_c'S x_c + y_c'S y_c: where forces pull at
-touched unknowns, or the body bends far when it is let go, all digits can be lost.) Where K is definite tau is taken as
+retained unknowns, or the body bends far when it is let go, all digits can be lost.) Where K is definite tau is taken as
 S x_c, rounded as S is: what no term holds back then moves by x_c, whatever digits S has lost.
 
-Where K has a kernel (:mod:`vemcvx.program.kernel`), touched unknowns are anchored: K + E is factorised, E the diagonal
+Where K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, E the diagonal
 of the anchors' stiffness, of which S + E is the Schur complement. E is taken away where S is wanted; K_ii, K_ci, xi and
 tau do not know it.
 """
@@ -29,25 +29,22 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, SuperLU, choose_linear
-from vemcvx.program.form import Form
 from vemcvx.program.kernel import anchors
+from vemcvx.program.operators import Operators
 from vemcvx.program.ordering import minimum_degree
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import System
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # A load is taken for a combination of fields already solved for when what is left of it is rounding.
 SAME_FIELD = 8 * float(np.finfo(float).eps)
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 HELD = 1e-24
-"""Touched unknowns are held well enough when the energy of what they still move is this part of the whole."""
+"""Retained unknowns are held well enough when the energy of what they still move is this part of the whole."""
 MOST_ROUNDS = 5
 """Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
 
@@ -61,15 +58,15 @@ class Reduced:
     x : (n,) array
         Its response K^{-1} phi.
     inside : (n,) array
-        xi, its response while the touched unknowns are held.
-    touched : (m,) array
+        xi, its response while the retained unknowns are held.
+    retained : (m,) array
         tau, the force that it makes there.
     """
 
     phi: Floats
     x: Floats
     inside: Floats
-    touched: Floats
+    retained: Floats
 
     def __add__(self, other: Reduced) -> Reduced:
         return Reduced(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -79,18 +76,18 @@ class Reduced:
 
 
 class Condensation:
-    """A system seen by its norm terms alone; with ``condense=False`` every unknown counts as touched.
+    """A system seen by its norm terms alone; with ``condense=False`` every unknown counts as retained.
 
     Attributes
     ----------
-    form : Form
-        S (dense, or K itself) and B on the touched unknowns.
-    touched : (m,) array
+    operators : Form
+        S (dense, or K itself) and B on the retained unknowns.
+    retained : (m,) array
         Their numbers.
     linear : LinearSolver
-        Which linear solver serves; one that cannot eliminate leaves every unknown touched.
+        Which linear solver serves; one that cannot eliminate leaves every unknown retained.
     whole : bool
-        Whether nothing is eliminated: the form is K itself.
+        Whether nothing is eliminated: the operators are K itself.
     regular : (n, n) sparse matrix
         K, with the anchors' stiffness where it has a kernel: what is factorised.
     """
@@ -102,28 +99,28 @@ class Condensation:
         block = 1 if norms is None else norms.block
         self.linear = choose_linear(n, linear)
         limits = system.limits
-        D, softness = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.softness)
-        touched = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
-        anchor = _anchors(system, touched, self.linear)
+        D, compliance = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.compliance)
+        retained = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
+        anchor = _anchors(system, retained, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and isinstance(self.linear, SuperLU))
         if not self.whole:
             order = minimum_degree(self.regular) if system.order is None else system.order
-            self.touched: Ints = touched
-            self._factor, S = self.linear.eliminate(self.regular, order, touched)
-            rows = {"D": sp.csr_matrix(D[:, touched]), "softness": softness}
-            self.form = Form(S, sp.csr_matrix(B[:, touched]), block, **rows)
+            self.retained: Ints = retained
+            self._factor, S = self.linear.eliminate(self.regular, order, retained)
+            rows = {"D": sp.csr_matrix(D[:, retained]), "compliance": compliance}
+            self.operators = Operators(S, sp.csr_matrix(B[:, retained]), block, **rows)
         else:
-            self.touched = np.arange(n)
+            self.retained = np.arange(n)
             self._factor = self.linear.factorise(self.regular, system.near_kernel)
-            self.form = Form(self.regular, B, block, self._factor, D=D, softness=softness)
-        self._S = self.form.K
+            self.operators = Operators(self.regular, B, block, self._factor, D=D, compliance=compliance)
+        self._S = self.operators.K
         if anchor is not None:
-            self.form = _unanchored(self.form, anchor[self.touched], system.kernel.modes[self.touched])
+            self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
         self._inner = np.ones(n, dtype=bool)
-        self._inner[self.touched] = False
-        self._rows = system.K[self.touched]
-        self._fields = _Fields(n, 2 * n + len(self.touched), self._done)
+        self._inner[self.retained] = False
+        self._rows = system.K[self.retained]
+        self._fields = _Fields(n, 2 * n + len(self.retained), self._done)
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
         """What a force does; if they are remembered, a combination of forces seen before costs no solve."""
@@ -135,11 +132,11 @@ class Condensation:
         return Reduced(phi, done[:n], done[n : 2 * n], phi if self.whole else done[2 * n :])
 
     def less(self, f: Reduced, c: Floats, remembered: bool = True) -> Reduced:
-        """The force without B'c, which pulls at touched unknowns alone: exact however large c (k,) is."""
+        """The force without B'c, which pulls at retained unknowns alone: exact however large c (k,) is."""
         pulled = np.zeros_like(f.phi)
-        pulled[self.touched] = self.form.rows.pull(c)
+        pulled[self.retained] = self.operators.rows.pull(c)
         x = f.x - self.reduce(pulled, remembered).x
-        return Reduced(f.phi - pulled, x, f.inside, f.touched - pulled[self.touched])
+        return Reduced(f.phi - pulled, x, f.inside, f.retained - pulled[self.retained])
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""
@@ -154,48 +151,48 @@ class Condensation:
         return self._factor.random_energy(size)
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
-        """All unknowns (n,) from the touched ones, K y = f + [0; rho]."""
+        """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
         y = f.inside.copy()
         if self._inner.any() and y_c.any():
             held = np.zeros_like(y)
-            held[self.touched] = self._S @ y_c
-            y += self._with_touched(self._factor.solve(held), y_c)
-        y[self.touched] = y_c
+            held[self.retained] = self._S @ y_c
+            y += self._with_retained(self._factor.solve(held), y_c)
+        y[self.retained] = y_c
         return y
 
-    def mend(self, y: Floats, r: Floats) -> Floats:
-        """y (n,) after one round of iterative refinement inside, for the residual r; touched unknowns stay."""
+    def refine_interior(self, y: Floats, r: Floats) -> Floats:
+        """y (n,) after one round of iterative refinement inside, for the residual r; retained unknowns stay."""
         better = y + self._held(np.where(self._inner, r, 0.0))
-        better[self.touched] = y[self.touched]
+        better[self.retained] = y[self.retained]
         return better
 
     def square(self, y_c: Floats, f: Reduced) -> float:
         """y'Ky."""
-        return float(f.phi @ f.inside) + float(y_c @ (self.form.K @ y_c))
+        return float(f.phi @ f.inside) + float(y_c @ (self.operators.K @ y_c))
 
     def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
         """phi'y, the work of the force phi on the state (y_c, f)."""
-        return float(phi.phi @ f.inside + phi.touched @ y_c)
+        return float(phi.phi @ f.inside + phi.retained @ y_c)
 
     def _done(self, phi: Floats) -> Floats:
         """x, xi and tau of a force phi (n,), one below the other."""
-        x, c = self._factor.solve(phi), self.touched
+        x, c = self._factor.solve(phi), self.retained
         xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
         tau = self._S @ x[c] if self.system.kernel is None else phi[c] - self._rows @ xi
         if self.system.kernel is not None:
             # Whatever digits xi has lost, the force on K's kernel is that of phi.
-            tau += self.form.kernel @ (self._motions.T @ phi - self.form.kernel.T @ tau)  # type: ignore[operator, union-attr]
+            tau += self.operators.kernel @ (self._motions.T @ phi - self.operators.kernel.T @ tau)  # type: ignore[operator, union-attr]
         return np.concatenate([x, xi, tau])
 
     @cached_property
     def _motions(self) -> Floats:
-        """(n, k) the kernel of K; on the touched unknowns it is that of the form."""
+        """(n, k) the kernel of K; on the retained unknowns it is that of the form."""
         modes = self.system.kernel.modes  # type: ignore[union-attr]
-        return modes @ np.linalg.inv(np.linalg.qr(modes[self.touched])[1])
+        return modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
 
     def _held(self, phi: Floats, x: Floats | None = None) -> Floats:
         """xi (n,) of a force phi (n,), whose response is x."""
-        c = self.touched
+        c = self.retained
         x = self._factor.solve(phi) if x is None else x
         if len(c) == 0 or not phi[self._inner].any():
             return x if len(c) == 0 else np.zeros_like(phi)
@@ -210,21 +207,21 @@ class Condensation:
             if size <= HELD * float(abs(phi @ xi)) or size > 0.25 * before:
                 break
             tau = tau + pushed
-        return self._with_touched(xi, np.zeros(len(c)))
+        return self._with_retained(xi, np.zeros(len(c)))
 
-    def _with_touched(self, y: Floats, y_c: Floats) -> Floats:
-        """y (n,) with the touched unknowns y_c, which it has but for rounding.
+    def _with_retained(self, y: Floats, y_c: Floats) -> Floats:
+        """y (n,) with the retained unknowns y_c, which it has but for rounding.
 
         Of that the anchors, soft as they are, leave most in rigid motions; these go everywhere lest they become strain.
         """
         if self.system.kernel is not None:
             N = self.system.kernel.modes
-            y = y + N @ np.linalg.lstsq(N[self.touched], y_c - y[self.touched], rcond=None)[0]
-        y[self.touched] = y_c
+            y = y + N @ np.linalg.lstsq(N[self.retained], y_c - y[self.retained], rcond=None)[0]
+        y[self.retained] = y_c
         return y
 
 
-def _anchors(system: System, touched: Ints, linear: LinearSolver) -> Floats | None:
+def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | None:
     """(n,) the anchors' stiffness, if K has a kernel."""
     if system.kernel is None:
         return None
@@ -234,16 +231,25 @@ def _anchors(system: System, touched: Ints, linear: LinearSolver) -> Floats | No
             "it does not take; SuperLU() does."
         )
     stiffness = np.zeros(system.n)
-    stiffness[touched] = anchors(system.kernel.modes[touched], system.K.diagonal()[touched])
+    stiffness[retained] = anchors(system.kernel.modes[retained], system.K.diagonal()[retained])
     return stiffness
 
 
-def _unanchored(form: Form, anchor: Floats, modes: Floats) -> Form:
+def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
     """The form of K itself, from that of K with the anchors' stiffness."""
     added = sp.diags_array(anchor)
-    K = sp.csr_matrix(form.K - added) if sp.issparse(form.K) else form.K - np.diag(anchor)
+    K = sp.csr_matrix(operators.K - added) if sp.issparse(operators.K) else operators.K - np.diag(anchor)
     kernel = np.linalg.qr(modes)[0]
-    return Form(K, form.B, form.block, form.factor, kernel, anchor, form.D, form.softness)
+    return Operators(
+        K=K,
+        B=operators.B,
+        block=operators.block,
+        factor=operators.factor,
+        kernel=kernel,
+        anchor=anchor,
+        D=operators.D,
+        compliance=operators.compliance,
+    )
 
 
 class _Fields:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vemcvx.arrays import Floats
 
 # Rows at a time: their products, 16 bytes each, then stay in a second-level cache, which halves the time.
 CHUNK = 2048

@@ -21,14 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from vemcvx.arguments import called, function
+from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
-from vemcvx.kinds import called, function
-from vemcvx.real import brief, real
-
-Floats = NDArray[np.float64]
 
 # The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so
 # small that K loses digits (eight bits of 53 here).
@@ -56,7 +53,7 @@ class Kernel:
     in_words: Callable[[Floats], str] | None = None
 
     def __post_init__(self) -> None:
-        modes = real(self.modes, "Kernel: modes", "(n, k) motions, one a column")
+        modes = as_real_array(self.modes, "Kernel: modes", "(n, k) motions, one a column")
         names = self.names if isinstance(self.names, (tuple, list)) else ()
         if modes.ndim != 2 or len(names) != modes.shape[1] or not all(isinstance(name, str) for name in names):
             raise SceneError(
@@ -93,19 +90,19 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Hold:
+class KernelBalance:
     """What norm terms and limits feel of the motions N of a kernel, and how they hold a load there.
 
     Parameters
     ----------
-    grip : (m, block, k) array
+    friction_modes : (m, block, k) array
         B_i N.
-    stop : (r, k) array
+    contact_modes : (r, k) array
         D N.
     """
 
-    grip: Floats
-    stop: Floats
+    friction_modes: Floats
+    contact_modes: Floats
 
     def nearest(
         self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats]
@@ -127,11 +124,11 @@ class Hold:
         ease : pair of (m,) and (r,) arrays
             How little it costs to change each multiplier, > 0.
         """
-        soft = np.einsum("i,ijk->", ease[0], self.grip**2) + ease[1] @ (self.stop**2).sum(axis=1)
+        soft = np.einsum("i,ijk->", ease[0], self.friction_modes**2) + ease[1] @ (self.contact_modes**2).sum(axis=1)
         lift = 1e-6 * np.eye(len(push)) * soft
         spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
         c = np.zeros(len(push))
-        here = self._at(lam, p, w, push, ease, c)
+        here = self._at(lam, p, w=w, push=push, ease=ease, c=c)
         for _ in range(MOST_NEWTON):
             left = here.left
             if (np.abs(left) <= EPS * here.size).all() or self.loses(left, w, push):
@@ -139,47 +136,50 @@ class Hold:
             # Where (almost) everything is cut the second derivative vanishes; elsewhere the lift is not wanted.
             slope = here.slope + lift if np.linalg.cond(here.slope) > 1e12 else here.slope
             step = np.linalg.solve(slope, left)
-            length, ahead = 1.0, self._at(lam, p, w, push, ease, c + step)
+            length, ahead = 1.0, self._at(lam, p, w=w, push=push, ease=ease, c=c + step)
             while length > 1e-12 and not ahead.better(here, length * float(left @ step), spread):
                 length *= 0.5
-                ahead = self._at(lam, p, w, push, ease, c + length * step)
+                ahead = self._at(lam, p, w=w, push=push, ease=ease, c=c + length * step)
             c, here = c + length * step, ahead
         return here.lam, here.p, here.left
 
     def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
         """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""
-        into = self.stop @ c
+        into = self.contact_modes @ c
         # A motion along all obstacles may be the sum of two that run into them, known to their rounding.
-        rounding = 1e-12 * (np.abs(self.stop) @ np.abs(c)).max(initial=0.0)
+        rounding = 1e-12 * (np.abs(self.contact_modes) @ np.abs(c)).max(initial=0.0)
         if (into > max(1e-9 * np.abs(into).max(initial=0.0), rounding)).any():
             return False
-        return bool(c @ push > w @ np.linalg.norm(self.grip @ c, axis=1) * (1 + 1e-12))
+        return bool(c @ push > w @ np.linalg.norm(self.friction_modes @ c, axis=1) * (1 + 1e-12))
 
     def unheld(self, w: Floats, push: Floats) -> Floats | None:
         """A motion c (k,) that nothing holds against the load; None if there is none."""
-        none = np.zeros(self.grip.shape[:2]), np.zeros(len(self.stop))
-        left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.stop))))[2]
+        none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
+        left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))[2]
         return left if self.loses(left, w, push) else None
 
     def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:
         """push - grip'lam - stop'p (k,), and what rounding may leave of it; `pushed` is |N|'|g|."""
-        left = push - np.einsum("ijk,ij->k", self.grip, lam) - self.stop.T @ p
-        size = np.einsum("ijk,ij->k", np.abs(self.grip), np.abs(lam)) + np.abs(self.stop).T @ p
+        left = push - np.einsum("ijk,ij->k", self.friction_modes, lam) - self.contact_modes.T @ p
+        size = np.einsum("ijk,ij->k", np.abs(self.friction_modes), np.abs(lam)) + np.abs(self.contact_modes).T @ p
         return left, 8 * EPS * (pushed + size)
 
     def _at(self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats], c: Floats) -> _Point:
-        q, pressed = lam + ease[0][:, None] * (self.grip @ c), np.maximum(p + ease[1] * (self.stop @ c), 0.0)
+        q, pressed = (
+            lam + ease[0][:, None] * (self.friction_modes @ c),
+            np.maximum(p + ease[1] * (self.contact_modes @ c), 0.0),
+        )
         size = np.linalg.norm(q, axis=1)
         cut = size > w
         share = np.where(cut, w / np.where(size > 0, size, 1.0), 1.0)
         held, over = q * share[:, None], np.maximum(size - w, 0.0)
         value = 0.5 * float((size * size - over * over) @ (1 / ease[0]) + pressed * pressed @ (1 / ease[1]))
         unit = np.where(cut[:, None], q / np.where(size > 0, size, 1.0)[:, None], 0.0)
-        across = self.grip - unit[:, :, None] * np.einsum("ij,ijk->ik", unit, self.grip)[:, None, :]
-        against = self.stop * (ease[1] * (pressed > 0))[:, None]
-        slope = np.einsum("i,ijk,ijl->kl", ease[0] * share, across, across) + against.T @ self.stop
+        across = self.friction_modes - unit[:, :, None] * np.einsum("ij,ijk->ik", unit, self.friction_modes)[:, None, :]
+        against = self.contact_modes * (ease[1] * (pressed > 0))[:, None]
+        slope = np.einsum("i,ijk,ijl->kl", ease[0] * share, across, across) + against.T @ self.contact_modes
         left, blur = self.imbalance(held, pressed, push, np.abs(push))
-        return _Point(held, pressed, value - float(push @ c), left, slope, blur / (8 * EPS))
+        return _Point(lam=held, p=pressed, value=value - float(push @ c), left=left, slope=slope, size=blur / (8 * EPS))
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import called, function
+from vemcvx.arrays import Floats, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.kinds import called, function
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
-from vemcvx.real import real, shape_in_words
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Row j of D, the limit e_j and the softness c_j.
+    """Row j of D, the limit e_j and the compliance c_j.
 
     With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
     p_j >= 0 is the force with which the limit answers, z_j <= c_j p_j with equality where p_j > 0.
@@ -28,7 +26,7 @@ class Limits:
     ----------
     D : (r, n) array or sparse matrix
     e : (r,) array, or callable t -> (r,)
-    softness : number or (r,) array
+    compliance : number or (r,) array
         Displacement per force, >= 0.
     places : callable j -> str, optional
         Where limit j acts, in words, for messages.
@@ -36,16 +34,16 @@ class Limits:
 
     D: sp.csr_matrix
     e: ArrayLike | Callable[[float], ArrayLike]
-    softness: ArrayLike = 0.0
+    compliance: ArrayLike = 0.0
     places: Callable[[int], str] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
-        softness = self._shaped(self.softness, "Limits: softness")
-        if (softness < 0).any():
-            j = int(np.argmin(softness))
-            raise SceneError(f"Limits: found the softness {softness[j]:.6g} of {self.name(j)}; it must be >= 0.")
-        object.__setattr__(self, "softness", softness)
+        compliance = self._shaped(self.compliance, "Limits: compliance")
+        if (compliance < 0).any():
+            j = int(np.argmin(compliance))
+            raise SceneError(f"Limits: found the compliance {compliance[j]:.6g} of {self.name(j)}; it must be >= 0.")
+        object.__setattr__(self, "compliance", compliance)
         function(self.places, "Limits: found places", "a function of j that says where limit j acts")
         if not callable(self.e):
             object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
@@ -59,13 +57,13 @@ class Limits:
         """Where limit `j` acts, in words."""
         return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
 
-    def reach(self, t: float) -> Floats:
+    def remaining_gap(self, t: float) -> Floats:
         """e (r,) at the instant `t`."""
         return self._shaped(at_instant(self.e, t, "Limits: e"), "Limits: e") if callable(self.e) else self.e  # type: ignore
 
     def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
         wanted = f"a number, or ({self.count},) of them, one a limit"
-        values = real(raw, subject, wanted)
+        values = as_real_array(raw, subject, wanted)
         if values.shape not in ((), (self.count,)):
             raise SceneError(f"{subject}: found {shape_in_words(values)}; wanted {wanted}.")
         finite(values, subject)

@@ -6,15 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import called
+from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.kinds import called
 from vemcvx.program.checks import finite
-from vemcvx.real import brief, real, shape_in_words
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,9 +22,9 @@ class Motion:
     supports move far, and strain little, these sums cancel; `frame` and `pair` give the same without.
     """
 
-    stretch: Callable[[float], Floats]
+    dirichlet_force: Callable[[float], Floats]
     """t -> (n,), P'A u_D"""
-    drag: Callable[[float], Floats]
+    prescribed_slip: Callable[[float], Floats]
     """t -> (m * block,), what u_D adds to the argument of the norms"""
     stored: Callable[[float, float], float]
     """(s, t) -> u_D(s)'A u_D(t)"""
@@ -35,23 +32,29 @@ class Motion:
     """(t, y) -> (n_u,), u seen from the body: less a motion that strains nothing"""
     pair: Callable[[Floats, Floats], float]
     """a of two such fields"""
-    reach: Callable[[float], Floats] | None = None
+    remaining_gap: Callable[[float], Floats] | None = None
     """t -> (r,), what u_D takes from the limits"""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not callable(value) and not (name == "reach" and value is None):
+            if not callable(value) and not (name == "remaining_gap" and value is None):
                 raise SceneError(f"Motion: found {name} = {brief(value)}; wanted a function.")
 
     def sized(self, n: int, rows: int, limits: int) -> Motion:
         """The same, whose functions are checked whenever they are called; what they give is kept by nobody else."""
-        shapes = {"stretch": (n,), "drag": (rows,), "stored": (), "pair": (), "reach": (limits,)}
+        shapes = {
+            "dirichlet_force": (n,),
+            "prescribed_slip": (rows,),
+            "stored": (),
+            "pair": (),
+            "remaining_gap": (limits,),
+        }
 
         def checked(name: str, function: Callable[..., ArrayLike]) -> Callable[..., Any]:
             def value(*given: Any) -> Any:
                 subject = f"Motion: {name}"
                 wanted = f"numbers of shape {shapes.get(name, '(n_u,)')}"
-                x = real(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
+                x = as_real_array(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
                 if shapes.get(name) == () and x.size == 1:
                     x = x.reshape(())
                 if x.shape != shapes.get(name, x.shape[:1]):

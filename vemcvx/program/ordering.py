@@ -12,8 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spilu
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from vemcvx.arrays import Floats, Ints
 
 LEAF = 48
 """Sets this small are ordered as they come; 32 to 128 made no measurable difference."""

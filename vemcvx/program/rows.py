@@ -10,10 +10,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from vemcvx.arrays import Floats, Ints
 
 
 class Rows:

@@ -30,14 +30,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import SceneError
 from vemcvx.linear import Scaled
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
-
-Floats = NDArray[np.float64]
 
 SMALLEST, LARGEST = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
@@ -75,9 +73,9 @@ def checked_norm(norm: float, t: float) -> float:
 
 @dataclass(frozen=True)
 class Scaling:
-    """The scales of a run, and the scaled form of its programs."""
+    """The scales of a run, and the scaled operators of its programs."""
 
-    form: Form
+    operators: Operators
     kappa: float
     D: Floats
     sigma: Floats
@@ -85,15 +83,15 @@ class Scaling:
 
     def scale(self, program: StepProgram, alpha: float, free: float = 0.0) -> StepProgram:
         """The scaled program of a step; `free` is the energy norm of its frictionless answer where alpha is less."""
-        sigma = np.repeat(self.sigma, self.form.block)
+        sigma = np.repeat(self.sigma, self.operators.block)
         force = self.kappa * alpha
         with np.errstate(over="ignore"):
             w = np.minimum(program.w * self.sigma / force, MOST)
             e = np.clip(program.e / (alpha * self.tau), -MOST, MOST)
         b = program.b / (alpha * sigma)
-        if self.form.rows.columns is not None and self.form.kernel is None and len(self.tau) == 0:
-            w = np.minimum(w, WALL * np.sqrt(self.form.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
-        return StepProgram(self.form, self.D * program.g / force, w, b, e)
+        if self.operators.rows.columns is not None and self.operators.kernel is None and len(self.tau) == 0:
+            w = np.minimum(w, WALL * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
+        return StepProgram(self.operators, self.D * program.g / force, w, b, e)
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:
         """The weights (m,) of a scaled program in unscaled units."""
@@ -127,39 +125,55 @@ class Scaling:
         size = float(power_of_two(inward)) if inward > 0 else 0.0
         if top > 0:
             unit = scaled / power_of_two(top)
-            answer = power_of_two(np.sqrt(abs(unit @ self.form.factor.solve(unit))))
+            answer = power_of_two(np.sqrt(abs(unit @ self.operators.factor.solve(unit))))
             size = max(size, float(power_of_two(top) * answer))
         else:
-            pushed = float(program.w @ np.linalg.norm(self.form.blocks(program.b), axis=1)) / self.kappa
+            pushed = float(program.w @ np.linalg.norm(self.operators.blocks(program.b), axis=1)) / self.kappa
             size = max(size, float(power_of_two(np.sqrt(pushed))) if pushed > 0 else 0.0)
         return size
 
 
-def scaling(form: Form) -> Scaling:
+def scaling(operators: Operators) -> Scaling:
     """Choose the scales of a run from K, B and the limits."""
-    diagonal = _diagonal(form)
+    diagonal = _diagonal(operators)
     kappa = float(power_of_two(diagonal.max(initial=0.0)))
     exponent = np.frexp(diagonal / kappa)[1]
     D = np.ldexp(1.0, -(exponent // 2))
-    sigma = power_of_two(form.blocks(_size(form.B, D)).max(axis=1)) if form.count else np.zeros(0)
-    tau = power_of_two(_size(form.D, D))
-    B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, form.block)) @ form.B @ sp.diags_array(D))
-    E = sp.csr_matrix(sp.diags_array(1.0 / tau) @ form.D @ sp.diags_array(D))
-    limits = {"D": E, "softness": form.softness * kappa / tau**2}
-    kernel, anchor = form.kernel, form.anchor
+    sigma = power_of_two(operators.blocks(_size(operators.B, D)).max(axis=1)) if operators.count else np.zeros(0)
+    tau = power_of_two(_size(operators.D, D))
+    B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, operators.block)) @ operators.B @ sp.diags_array(D))
+    E = sp.csr_matrix(sp.diags_array(1.0 / tau) @ operators.D @ sp.diags_array(D))
+    limits = {"D": E, "compliance": operators.compliance * kappa / tau**2}
+    kernel, anchor = operators.kernel, operators.anchor
     if kernel is not None:
         kernel, anchor = np.linalg.qr(kernel / D[:, None])[0], D * anchor * D / kappa
-    if sp.issparse(form.K):
-        K = sp.csr_matrix(sp.diags_array(D) @ form.K @ sp.diags_array(D / kappa))
-        scaled = Form(K, B, form.block, Scaled(form.factor, D, kappa), kernel, anchor, **limits)
+    if sp.issparse(operators.K):
+        K = sp.csr_matrix(sp.diags_array(D) @ operators.K @ sp.diags_array(D / kappa))
+        scaled = Operators(
+            K=K,
+            B=B,
+            block=operators.block,
+            factor=Scaled(operators.factor, D, kappa),
+            kernel=kernel,
+            anchor=anchor,
+            **limits,
+        )
     else:
-        scaled = Form(D[:, None] * form.K * (D / kappa), B, form.block, None, kernel, anchor, **limits)
+        scaled = Operators(
+            K=D[:, None] * operators.K * (D / kappa),
+            B=B,
+            block=operators.block,
+            factor=None,
+            kernel=kernel,
+            anchor=anchor,
+            **limits,
+        )
     return Scaling(scaled, kappa, D, sigma, tau)
 
 
-def _diagonal(form: Form) -> Floats:
+def _diagonal(operators: Operators) -> Floats:
     """The diagonal of K; theirs where anchors alone hold an unknown, and rounding is all that K has of it."""
-    own, anchored = form.K.diagonal(), form.regular.K.diagonal()
+    own, anchored = operators.K.diagonal(), operators.regular.K.diagonal()
     return np.where(own > NOTHING * anchored, own, anchored)
 
 

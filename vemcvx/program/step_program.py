@@ -5,7 +5,7 @@
               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
 
 with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
-of d when steps are tiny beside y. Where the softness c_j of a *limit* vanishes, the last sum stands for the bound D_j
+of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishes, the last sum stands for the bound D_j
 d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
 """
 
@@ -14,11 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.program.form import Form
+from vemcvx.arrays import Floats
+from vemcvx.program.operators import Operators
 
-Floats = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 
 
@@ -28,18 +27,18 @@ def _none() -> Floats:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """One step's data, for :class:`vemcvx.program.form.Form`'s K, B and D.
+    """One step's data, for :class:`vemcvx.program.operators.Operators`'s K, B and D.
 
     Parameters
     ----------
-    form : Form
+    operators : Form
     g : (n,) array, forces out of balance
     w : (m,) array, weights >= 0 (forces)
     b : (m * block,) array, motion of the supports against the norm terms
     e : (r,) array, what the limits leave free
     """
 
-    form: Form
+    operators: Operators
     g: Floats
     w: Floats
     b: Floats
@@ -47,39 +46,39 @@ class StepProgram:
 
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
-        return self.form.blocks(self.form.rows.read(d) - self.b)
+        return self.operators.blocks(self.operators.rows.read(d) - self.b)
 
     def excess(self, d: Floats) -> Floats:
         """z = D d - e, (r,)."""
-        return self.form.limits.read(d) - self.e
+        return self.operators.limits.read(d) - self.e
 
     def excess_blur(self, d: Floats) -> Floats:
         """(r,) the rounding of z; a bound d_i = e_i is exact."""
-        limits = self.form.limits
+        limits = self.operators.limits
         return np.where(limits.exact, 0.0, EPS * (limits.absolute.read(np.abs(d)) + np.abs(self.e)))
 
     def held(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return self.form.rows.pull(lam.ravel()) + self.form.limits.pull(p)
+        return self.operators.rows.pull(lam.ravel()) + self.operators.limits.pull(p)
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return self.g - self.held(lam, p) - self.form.K @ d
+        return self.g - self.held(lam, p) - self.operators.K @ d
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""
         norms = np.linalg.norm(self.slip(d), axis=1)
         over = np.maximum(self.excess(d), 0.0)
         over[over <= self.excess_blur(d)] = 0.0
-        soft = self.form.softness > 0
-        pressed = 0.5 * float(over[soft] @ (over[soft] / self.form.softness[soft]))
+        soft = self.operators.compliance > 0
+        pressed = 0.5 * float(over[soft] @ (over[soft] / self.operators.compliance[soft]))
         if (over[~soft] > 0).any():
             return np.inf
-        return float(0.5 * d @ (self.form.K @ d) - self.g @ d + self.w @ norms) + pressed
+        return float(0.5 * d @ (self.operators.K @ d) - self.g @ d + self.w @ norms) + pressed
 
     def project(self, lam: Floats) -> Floats:
         """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
-        if self.form.block == 1:
+        if self.operators.block == 1:
             # The projection onto an interval is exact; scaling would leave one rounding error.
             return np.clip(lam, -self.w[:, None], self.w[:, None])
         size = np.linalg.norm(lam, axis=1)
@@ -93,38 +92,42 @@ class StepProgram:
 
         For the balance those are changed that cost little gap at the increments `d`: where d sticks or touches.
         """
-        if self.form.kernel is not None:
-            s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.form.softness * p)
+        if self.operators.kernel is not None:
+            s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.operators.compliance * p)
             level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
             ease = level / (level + s), level / (level + z)
-            lam, p, _ = self.form.hold.nearest(lam, p, self.w, self.form.kernel.T @ self.g, ease)
+            lam, p, _ = self.operators.hold.nearest(lam, p, self.w, self.operators.kernel.T @ self.g, ease)
         return self.project(lam), np.maximum(p, 0.0)
 
     def proximal(self, centre: Floats) -> StepProgram:
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
-        form = self.form
-        return self if form.anchor is None else replace(self, form=form.regular, g=self.g + form.anchor * centre)
+        operators = self.operators
+        return (
+            self
+            if operators.anchor is None
+            else replace(self, operators=operators.regular, g=self.g + operators.anchor * centre)
+        )
 
     def at_rest(self) -> Floats | None:
         """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""
-        rows = self.form.rows
+        rows = self.operators.rows
         if rows.columns is None or self.b.any() or (self.e < 0).any():
             return None
-        lam = self.g[rows.columns] / self.form.B.data
-        if (np.linalg.norm(self.form.blocks(lam), axis=1) > self.w).any() or (self.g != rows.pull(lam)).any():
+        lam = self.g[rows.columns] / self.operators.B.data
+        if (np.linalg.norm(self.operators.blocks(lam), axis=1) > self.w).any() or (self.g != rows.pull(lam)).any():
             return None
-        return self.form.blocks(lam)
+        return self.operators.blocks(lam)
 
     def feasible(self, d: Floats) -> Floats:
         """The increments d, moved as little as need be to obey the bounds."""
-        form = self.form
-        rigid = np.flatnonzero(form.softness == 0)
+        operators = self.operators
+        rigid = np.flatnonzero(operators.compliance == 0)
         if len(rigid) == 0 or not (self.excess(d)[rigid] > 0).any():
             return d
-        if form.limits.single[rigid].all():
+        if operators.limits.single[rigid].all():
             # Rows that give way may read the same unknowns, and several bounds as well.
-            entry = form.D.indptr[rigid]
-            column, coefficient, moved = form.D.indices[entry], form.D.data[entry], d.copy()
+            entry = operators.D.indptr[rigid]
+            column, coefficient, moved = operators.D.indices[entry], operators.D.data[entry], d.copy()
             edge, upper = self.e[rigid] / coefficient, coefficient > 0
             np.minimum.at(moved, column[upper], edge[upper])
             np.maximum.at(moved, column[~upper], edge[~upper])
@@ -133,8 +136,8 @@ class StepProgram:
             over = rigid[self.excess(d)[rigid] > 0]
             if len(over) == 0:
                 break
-            rows = form.D[over].toarray()
-            spread = form.factor.solve(np.ascontiguousarray(rows.T))
+            rows = operators.D[over].toarray()
+            spread = operators.factor.solve(np.ascontiguousarray(rows.T))
             d = d - spread @ np.linalg.lstsq(rows @ spread, self.excess(d)[over], rcond=None)[0]
         return d
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import called, function, instance, is_whole
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.kinds import called, function, instance, is_whole
 from vemcvx.program.checks import (
     SAY,
     SYMMETRIC,
@@ -29,13 +30,9 @@ from vemcvx.program.checks import (
 from vemcvx.program.kernel import Kernel, felt
 from vemcvx.program.limits import Limits
 from vemcvx.program.motion import Motion
-from vemcvx.real import brief, real, shape_in_words
 
 # Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
 ROUNDED = 8 * float(np.finfo(float).eps)
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -123,7 +120,7 @@ class Norms:
             return np.zeros(rows)
         wanted = f"({rows},) forces, one a row of B"
         raw = at_instant(self.bias, t, "Norms: bias") if callable(self.bias) else self.bias
-        c = real(raw, "Norms: bias", wanted)
+        c = as_real_array(raw, "Norms: bias", wanted)
         if c.shape != (rows,):
             raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
         finite(c, "Norms: bias")
@@ -138,7 +135,7 @@ class Norms:
 
     def _checked(self, raw: ArrayLike) -> Floats:
         wanted = f"a weight, or ({self.count},) of them, one a term"
-        w = real(raw, "Norms: w", wanted)
+        w = as_real_array(raw, "Norms: w", wanted)
         if w.shape not in ((), (self.count,)):
             raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
         finite(w, "Norms: w")
@@ -187,7 +184,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class System:
-    """K, the load, and the norm terms; the load already includes minus the stretch of moving supports.
+    """K, the load, and the norm terms; the load already includes minus the dirichlet_force of moving supports.
 
     Parameters
     ----------
@@ -273,12 +270,12 @@ class System:
                 "nothing holds it. Add stiffness, norm terms or limits that do."
             )
 
-    def reach(self, t: float) -> Floats:
+    def remaining_gap(self, t: float) -> Floats:
         """What the limits (r,) leave free at the instant `t`, moving supports accounted for."""
         if self.limits is None:
             return np.zeros(0)
-        e = self.limits.reach(t)
-        return e if self.motion is None or self.motion.reach is None else e - self.motion.reach(t)
+        e = self.limits.remaining_gap(t)
+        return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
     @property
     def n(self) -> int:
@@ -293,7 +290,7 @@ class System:
     def push(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
         wanted = f"({self.n},) forces, one an unknown"
-        f = real(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted)
+        f = as_real_array(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted)
         if f.shape != (self.n,):
             raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
         finite(f, f"System: load({t:.6g})")

@@ -15,15 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.program.certificate import EPS
-from vemcvx.scene.pose import Posed
+from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -95,7 +91,7 @@ class Contact:
         return (~self.closed).sum(axis=1)
 
 
-def contact_history(posed: Posed, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
+def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
     """The contact boundary at the stored instants.
 
     Parameters
@@ -124,7 +120,7 @@ def contact_history(posed: Posed, trajectory: Trajectory, u: Floats, forces: Flo
     return Contact(nodes, points[nodes], normals, *fields, wear, closed, surface.lengths, length)
 
 
-def _pull(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> Floats:
+def _pull(posed: PosedScene, trajectory: Trajectory, at: Ints, m: int) -> Floats:
     """The forces B'lam (S, m, dim) of the terms."""
     terms, lam, dim = posed.terms, trajectory.multipliers, posed.space.mesh.points.shape[1]
     force = np.zeros((len(lam), m, dim))
@@ -134,7 +130,7 @@ def _pull(posed: Posed, trajectory: Trajectory, at: Ints, m: int) -> Floats:
     return force
 
 
-def _pressure(posed: Posed, trajectory: Trajectory, forces: Floats, place: Ints) -> Floats:
+def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats, place: Ints) -> Floats:
     """Normal forces of contact per length (S, m), from nodal forces (S, m, dim) without those of friction."""
     surface, obstacles, p = posed.surface, posed.obstacles, trajectory.pressures
     normal, held = np.zeros(forces.shape[:2]), forces.copy()
@@ -152,7 +148,7 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 
-def _bounds(posed: Posed, trajectory: Trajectory, at: Ints, length: Floats) -> tuple[Floats, Floats]:
+def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> tuple[Floats, Floats]:
     """Bounds per length (S, m) of slip forward and backward."""
     terms, weights = posed.terms, trajectory.weights
     tilt = np.zeros_like(weights)
@@ -181,7 +177,7 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
     return sticking
 
 
-def _closed(posed: Posed, trajectory: Trajectory, u: Floats, place: Ints, m: int) -> Bools:
+def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats, place: Ints, m: int) -> Bools:
     """Whether each node touches its obstacle, (S, m); true where nothing can open."""
     closed, obstacles = np.ones((len(u), m), dtype=bool), posed.obstacles
     if obstacles is None:

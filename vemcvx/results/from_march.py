@@ -6,23 +6,20 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import SceneWarning
 from vemcvx.results.contact import contact_history
 from vemcvx.results.history import History
-from vemcvx.scene.pose import Posed
+from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
-
 
 CLOSED = 1e-6
 """Part of the largest pressure that counts as touch, and of friction's work that counts: answers are a solver's."""
 
 
-def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
+def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
     """The history of a posed scene."""
     _warn_of_rubbing_in_the_air(posed, trajectory)
     shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
@@ -43,14 +40,16 @@ def record(posed: Posed, trajectory: Trajectory, assembled: float, storage: Stor
         trajectory=trajectory,
         seconds={"assemble": assembled, **trajectory.seconds},
         prestress=_prestress(posed, trajectory, storage),
-        across=None if posed.material.across is None else np.ascontiguousarray(posed.material.across[:, :3]),
-        prestress_across=_prestress_across(posed, trajectory, storage),
-        void=posed.void + _untouched(posed, trajectory),
+        out_of_plane=None
+        if posed.material.out_of_plane is None
+        else np.ascontiguousarray(posed.material.out_of_plane[:, :3]),
+        out_of_plane_prestress=_out_of_plane_prestress(posed, trajectory, storage),
+        inactive=posed.inactive + _untouched(posed, trajectory),
         **_rubbing(posed, trajectory),
     )
 
 
-def _warn_of_rubbing_in_the_air(posed: Posed, trajectory: Trajectory) -> None:
+def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> None:
     """Say how much of friction's work is done where contact is open, if nobody has said that it is meant to be."""
     terms, obstacles = posed.terms, posed.obstacles
     asked = [friction for friction in terms.frictions if friction.in_the_air]
@@ -75,7 +74,7 @@ def _warn_of_rubbing_in_the_air(posed: Posed, trajectory: Trajectory) -> None:
         )
 
 
-def _rubbing(posed: Posed, trajectory: Trajectory) -> dict[str, Any]:
+def _rubbing(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
     """Friction on nodes that supports drag, edge by edge; nothing if there is none."""
     terms = posed.terms
     if terms.dragged is None or not terms.dragged.any():
@@ -88,7 +87,7 @@ def _rubbing(posed: Posed, trajectory: Trajectory) -> dict[str, Any]:
     return {"dragged_ends": terms.names[ends.col], "dragged_friction": force[:, ends.row] * share[:, None]}
 
 
-def _damped(posed: Posed, trajectory: Trajectory, row: int) -> Floats | float:
+def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
     """What dashpots exert on the nodes (n_u,), at the rates of the step that led to a row; 0 where there are none."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
@@ -100,7 +99,7 @@ def _damped(posed: Posed, trajectory: Trajectory, row: int) -> Floats | float:
     return posed.viscosity @ v
 
 
-def _untouched(posed: Posed, trajectory: Trajectory) -> tuple[str, ...]:
+def _untouched(posed: PosedScene, trajectory: Trajectory) -> tuple[str, ...]:
     """A sentence if there are obstacles, and none was ever felt at a stored instant."""
     if trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
         return ()
@@ -108,7 +107,7 @@ def _untouched(posed: Posed, trajectory: Trajectory) -> tuple[str, ...]:
     return (f"{subjects}: nothing pressed on it at the stored instants",)
 
 
-def _prestress(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:
+def _prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> Floats | None:
     """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
     if posed.prestress is None:
         return None
@@ -119,13 +118,13 @@ def _prestress(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats
     return stress
 
 
-def _prestress_across(posed: Posed, trajectory: Trajectory, storage: Storage) -> Floats | None:
+def _out_of_plane_prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> Floats | None:
     """What swellings add to the stress across the plane at the stored instants, (S, n_cells), if they do."""
-    across = posed.material.across
-    if posed.prestress is None or not posed.prestress.swellings or across is None or not across.any():
+    out_of_plane = posed.material.out_of_plane
+    if posed.prestress is None or not posed.prestress.eigenstrains or out_of_plane is None or not out_of_plane.any():
         return None
     times = trajectory.times[trajectory.stored]
-    stress = storage.array("prestress_across", (len(times), posed.space.mesh.n_cells))
+    stress = storage.array("out_of_plane_prestress", (len(times), posed.space.mesh.n_cells))
     for row, t in enumerate(times):
-        stress[row] = posed.prestress.across(float(t))
+        stress[row] = posed.prestress.out_of_plane(float(t))
     return stress

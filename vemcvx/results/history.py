@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arrays import Floats
 from vemcvx.results.io.folder import read_results, write_results
 from vemcvx.results.probe.places import places
 from vemcvx.results.probe.profile import Profile, profile
 from vemcvx.results.results import Results
 from vemcvx.results.words import in_words
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -46,12 +44,12 @@ class History(Results):
         "assemble", "prepare" and "solve".
     prestress : (S, n_cells, 3) or None
         Stresses at zero strain, of eigenstrains and prestress; None where the scene has none.
-    across : (n_cells, 3) or None
+    out_of_plane : (n_cells, 3) or None
         Stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does
         not say.
-    prestress_across : (S, n_cells) or None
+    out_of_plane_prestress : (S, n_cells) or None
         What eigenstrains add to it; None where there are none.
-    void : tuple of str
+    inactive : tuple of str
         What of the scene did nothing in this run, and was left out or never reached.
     dragged_ends : (q, 2) int or None
         Where supports drag nodes along against friction, edge by edge: the node, and the other one of the edge.
@@ -82,7 +80,7 @@ class History(Results):
             Of the body, as all points between them.
         count : int
             How many points, evenly spaced, the ends among them; at least 2.
-        field : {"displacement", "stress", "stress_across", "von_mises", "principal_stresses"}
+        field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
             Displacements are those of :meth:`probe`; stresses are constant on cells, and where several cells meet the
             mean of theirs is given.
 

@@ -6,21 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arguments import is_whole
+from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.errors import SceneError
-from vemcvx.kinds import is_whole
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.topology import edge_keys
-from vemcvx.real import brief
 from vemcvx.results.contact import Contact
 from vemcvx.scene import Scene
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -37,9 +32,9 @@ class Results:
     trajectory: Trajectory
     seconds: dict[str, float]
     prestress: Floats | None = None
-    across: Floats | None = None
-    prestress_across: Floats | None = None
-    void: tuple[str, ...] = ()
+    out_of_plane: Floats | None = None
+    out_of_plane_prestress: Floats | None = None
+    inactive: tuple[str, ...] = ()
     errors: dict[str, float] | None = None
     dragged_ends: Ints | None = None
     dragged_friction: Floats | None = None
@@ -154,7 +149,7 @@ class Results:
         sigma = stresses(self.moduli, strains(self._space, self.displacement[row]))
         return sigma if self.prestress is None else sigma + self.prestress[row]
 
-    def stress_across(self, step: int) -> Floats:
+    def out_of_plane_stress(self, step: int) -> Floats:
         """(n_cells,) stress zz across the plane at a stored step; tension positive.
 
         0 in plane stress. In plane strain lam (e_xx + e_yy) = nu (xx + yy), of an orthotropic material as its E3, nu13
@@ -167,20 +162,20 @@ class Results:
             That step was not stored, or the material does not say.
         """
         row = self.row(step)
-        if self.across is None:
+        if self.out_of_plane is None:
             raise SceneError(
                 "history: the stress across the plane is not determined, because a material gives its law in the plane "
                 "only (Material.across); principal_stresses(step) and stress(step) do not need it."
             )
-        zz = np.einsum("ck,ck->c", self.across, strains(self._space, self.displacement[row]))
-        return zz if self.prestress_across is None else zz + self.prestress_across[row]
+        zz = np.einsum("ck,ck->c", self.out_of_plane, strains(self._space, self.displacement[row]))
+        return zz if self.out_of_plane_prestress is None else zz + self.out_of_plane_prestress[row]
 
     def von_mises(self, step: int) -> Floats:
         """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
 
-        See :mod:`vemcvx.vem.invariants` for the formula and :meth:`stress_across` for that component, and its errors.
+        See :mod:`vemcvx.vem.invariants` for the formula, :meth:`out_of_plane_stress` for that component and its errors.
         """
-        return equivalent(self.stress(step), self.stress_across(step))
+        return equivalent(self.stress(step), self.out_of_plane_stress(step))
 
     def principal_stresses(self, step: int) -> Floats:
         """(n_cells, 2) principal stresses in the plane at a stored step, the larger one first; tension positive.

@@ -16,7 +16,7 @@ def in_words(history: Results) -> str:
     lines = [
         f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
         f"{len(touch.nodes)} contact nodes, {history.steps} steps",
-        *(f"left out    {words}" for words in history.void),
+        *(f"left out    {words}" for words in history.inactive),
         f"solver      {history.solver}",
         f"certified   {run.certificate.max():.1e} relative energy error a step "
         f"(floor {run.certificate_floor.max():.1e}), {run.certificate_total[-1]:.1e} accumulated",

@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from vemcvx.effects import Contribution, InitialStress, Material, Swelling
+from vemcvx.arrays import Floats
+from vemcvx.effects import Contribution, Eigenstrain, InitialStress, Material
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.vem import Space, elastic_matrix, stress_load, upper_triangle
-
-Floats = NDArray[np.float64]
 
 # A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a scale on
 # which nothing else happens, and so violate the condition on initial states.
@@ -47,11 +45,19 @@ def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
         )
     isotropic = all(len(m.moduli) == 2 for m in materials)
     moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli)) for m in materials]
-    swelling = np.sum([m.swelling for m in materials], axis=0)
-    known = [m.across for m in materials if m.across is not None]
-    across = np.sum(known, axis=0) if len(known) == len(materials) else None
+    thermal_stress_moduli = np.sum([m.thermal_stress_moduli for m in materials], axis=0)
+    known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
+    out_of_plane = np.sum(known, axis=0) if len(known) == len(materials) else None
     tau = np.sum([m.tau for m in materials], axis=0)
-    return Material("materials", np.sum(moduli, axis=0), swelling, materials[0].plane, None, across, tau)
+    return Material(
+        subject="materials",
+        moduli=np.sum(moduli, axis=0),
+        thermal_stress_moduli=thermal_stress_moduli,
+        plane=materials[0].plane,
+        cells=None,
+        out_of_plane=out_of_plane,
+        stabilisation=tau,
+    )
 
 
 def _check_cover(materials: Sequence[Material], mesh: PolygonMesh) -> None:
@@ -75,27 +81,27 @@ class InitialStresses:
     """sigma_0 of a body, and the load that it is."""
 
     material: Material
-    swellings: tuple[Swelling, ...]
+    eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
     matrix: sp.csr_matrix
     """(n_u, 3 n_cells) virtual work of stresses constant on cells"""
 
     def stress(self, t: float) -> Floats:
         """sigma_0 (n_cells, 3), (xx, yy, xy), at the instant `t`."""
-        total = np.zeros_like(self.material.swelling)
+        total = np.zeros_like(self.material.thermal_stress_moduli)
         for stress in self.stresses:
             total += stress.value(t)
-        for swelling in self.swellings:
-            total -= self.material.swelling * swelling.value(t)[:, None]
+        for thermal_stress_moduli in self.eigenstrains:
+            total -= self.material.thermal_stress_moduli * thermal_stress_moduli.value(t)[:, None]
         return total
 
-    def across(self, t: float) -> Floats | None:
+    def out_of_plane(self, t: float) -> Floats | None:
         """What swellings add to the stress zz across the plane, (n_cells,); None where the material does not say."""
-        if self.material.across is None:
+        if self.material.out_of_plane is None:
             return None
-        total = np.zeros(len(self.material.swelling))
-        for swelling in self.swellings:
-            total -= self.material.across[:, 3] * swelling.value(t)
+        total = np.zeros(len(self.material.thermal_stress_moduli))
+        for thermal_stress_moduli in self.eigenstrains:
+            total -= self.material.out_of_plane[:, 3] * thermal_stress_moduli.value(t)
         return total
 
     def vector(self, t: float) -> Floats:
@@ -108,6 +114,6 @@ class InitialStresses:
 
 def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
     """What the contributions say of sigma_0; None if nothing."""
-    swellings = tuple(s for part in parts for s in part.swellings)
+    eigenstrains = tuple(s for part in parts for s in part.eigenstrains)
     stresses = tuple(s for part in parts for s in part.initial_stresses)
-    return InitialStresses(material, swellings, stresses, stress_load(space)) if swellings or stresses else None
+    return InitialStresses(material, eigenstrains, stresses, stress_load(space)) if eigenstrains or stresses else None

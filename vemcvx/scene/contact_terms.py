@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.program.limits import Limits
 from vemcvx.program.system import DraggedTerms, Norms
 from vemcvx.scene.freedom import on_free
@@ -16,11 +16,9 @@ from vemcvx.scene.obstacles import Obstacles, pressing
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class Law:
+class FrictionLaw:
     """How the weights of all terms follow the forces of the limits."""
 
     weights: Callable[[float, Floats], Floats]
@@ -38,10 +36,10 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     def place(j: int) -> str:
         return f"node {nodes[j]} at {tuple(float(x) for x in np.round(points[nodes[j]], 12))}"
 
-    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.softness, place)
+    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.compliance, place)
 
 
-def norm_terms(terms: Terms, law: Law | None, supports: Supports) -> Norms | None:
+def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Norms | None:
     """The terms that some unknown moves."""
     m, nodes, points = terms.acting, terms.nodes, supports.points
     if m == 0:
@@ -54,17 +52,17 @@ def norm_terms(terms: Terms, law: Law | None, supports: Supports) -> Norms | Non
 
     block = terms.rows.shape[0] // len(nodes)
     return Norms(
-        on_free(acting_rows(terms), supports),
-        lambda t: terms.weights(t)[:m],
-        block,
-        place,
-        None if under is None else lambda t, p: under(t, p)[:m],
-        None if bias is None else lambda t: bias(t)[: m * block],
-        None if slope is None else lambda t, p: slope(t, p)[:m],
+        B=on_free(acting_rows(terms), supports),
+        w=lambda t: terms.weights(t)[:m],
+        block=block,
+        places=place,
+        law=None if under is None else lambda t, p: under(t, p)[:m],
+        bias=None if bias is None else lambda t: bias(t)[: m * block],
+        slope=None if slope is None else lambda t, p: slope(t, p)[:m],
     )
 
 
-def dragged_terms(terms: Terms, law: Law | None, supports: Supports) -> DraggedTerms | None:
+def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> DraggedTerms | None:
     """The terms that none does."""
     m, q = terms.acting, len(terms.nodes) - terms.acting
     if q == 0:
@@ -86,7 +84,7 @@ def acting_rows(terms: Terms) -> sp.csr_matrix:
     return terms.rows[: terms.acting * block]
 
 
-def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> Law | None:
+def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:
     """Weights under the forces of the limits, if some depend on them."""
     pressed = terms.pressed
     if pressed is None or len(terms.nodes) == 0:
@@ -105,4 +103,4 @@ def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, suppor
     def slope(t: float, p: Floats) -> sp.csr_matrix:
         return terms.slope(t, press, p)  # type: ignore[misc]
 
-    return Law(law, None if terms.slope is None else slope)
+    return FrictionLaw(law, None if terms.slope is None else slope)

@@ -16,14 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import VemcvxError
 from vemcvx.scene.supports import PARALLEL, Supports
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 STILL = 16 * float(np.finfo(float).eps)
 """Positions that differ by less, relative to the largest, are one: what rounding leaves of a datum drags nothing."""

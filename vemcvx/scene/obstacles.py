@@ -11,17 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.errors import SceneError
 from vemcvx.scene.edges import borne, lengths_of, united
 from vemcvx.scene.freedom import normal_rows, on_free
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import merged
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Obstacles:
     normals: Floats
     lengths: Floats
     """(r,) integrals of the nodal basis functions over the edges of each limit"""
-    softness: Floats
+    compliance: Floats
     gap: Callable[[float], Floats]
     """t -> (r,)"""
     ends: sp.csr_matrix
@@ -55,11 +52,19 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
     if not obstacles:
         none = np.zeros(0)
         flat = np.zeros((0, points.shape[1]))
-        return Obstacles(sp.csr_matrix((0, points.size)), none.astype(np.int64), flat, none, none, lambda t: none, ends)
+        return Obstacles(
+            rows=sp.csr_matrix((0, points.size)),
+            nodes=none.astype(np.int64),
+            normals=flat,
+            lengths=none,
+            compliance=none,
+            gap=lambda t: none,
+            ends=ends,
+        )
     nodes = np.concatenate([o.nodes for o in obstacles])
     normals = np.concatenate([o.normals for o in obstacles])
-    softness = np.concatenate([o.softness for o in obstacles])
-    first, limit = _limits(nodes, normals, softness)
+    compliance = np.concatenate([o.compliance for o in obstacles])
+    first, limit = _limits(nodes, normals, compliance)
     rows = normal_rows(nodes[first], normals[first], points)
     moves = np.flatnonzero(np.diff(on_free(rows, supports).indptr) > 0)
 
@@ -69,13 +74,13 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
         return nearest[moves]
 
     ends, kept, subjects = united(ends, limit)[moves], first[moves], tuple(o.subject for o in obstacles)
-    each = sp.csr_matrix(rows[moves]), nodes[kept], normals[kept], lengths_of(ends), softness[kept]
+    each = sp.csr_matrix(rows[moves]), nodes[kept], normals[kept], lengths_of(ends), compliance[kept]
     return Obstacles(*each, gap, ends, subjects)
 
 
-def _limits(nodes: Ints, normals: Floats, softness: Floats) -> tuple[Ints, Ints]:
+def _limits(nodes: Ints, normals: Floats, compliance: Floats) -> tuple[Ints, Ints]:
     """The first row of every limit, in order, and the limit of every row."""
-    rigid = np.flatnonzero(softness == 0)
+    rigid = np.flatnonzero(compliance == 0)
     first, limit = np.arange(len(nodes)), np.arange(len(nodes))
     if len(rigid):
         leads, mine = merged(nodes[rigid], normals[rigid], signed=True)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import Contribution, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.meshes import PolygonMesh
@@ -26,21 +26,18 @@ from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.contact_terms import acting_rows, dragged_terms, friction_law, limits, norm_terms
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
+from vemcvx.scene.inactive import out_of_reach, without_inactive
 from vemcvx.scene.obstacles import Obstacles, gathered
 from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.surface import Surface, contact_surface
 from vemcvx.scene.terms import Terms, friction_terms, warn_of_loose_normals
-from vemcvx.scene.void import out_of_reach, without_void
 from vemcvx.vem import Space, rigid_modes
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Posed:
+class PosedScene:
     """A scene on a mesh, ready to march."""
 
     scene: Scene
@@ -59,7 +56,7 @@ class Posed:
     obstacles: Obstacles | None = None
     springs: sp.csr_matrix | None = None
     """stiffness of springs to the ground, also in A; None if there are none"""
-    void: tuple[str, ...] = ()
+    inactive: tuple[str, ...] = ()
     """sentences: effects that do nothing in this scene, and so were left out"""
     given: tuple[Given, ...] = ()
     """data that vary in space, those of what was left out among them: it may be zero where it was looked at only"""
@@ -77,8 +74,8 @@ class Posed:
         return u if self.supports.still else u + self.supports.motion(t)
 
 
-def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
-    """Assemble a scene on a mesh; what is zero at all of `times` is left out (:mod:`vemcvx.scene.void`).
+def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> PosedScene:
+    """Assemble a scene on a mesh; what is zero at all of `times` is left out (:mod:`vemcvx.scene.inactive`).
 
     Raises
     ------
@@ -86,8 +83,8 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
         The scene names what the mesh lacks, or leaves the body free to float.
     """
     space = Space(mesh)
-    void: list[str] = []
-    parts = [without_void(effect, effect.contribute(space), times, void) for effect in scene.canonical]
+    inactive: list[str] = []
+    parts = [without_inactive(effect, effect.contribute(space), times, inactive) for effect in scene.canonical]
     rates = [p.viscosity for p in parts if p.viscosity is not None]
     viscosity = _sum(rates) if rates else None
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
@@ -101,7 +98,7 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     rubbing = sum(len(friction.nodes) for friction in frictions)
     terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
     obstacles = gathered(stops, ends[rubbing:], supports)
-    void += out_of_reach(terms, stops, supports)
+    inactive += out_of_reach(terms, stops, supports)
     felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
     each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     springs = _sum(each) if each else None
@@ -114,22 +111,22 @@ def pose(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> Posed:
     seen = seen_from_bodies(space) if springs is None else _as_it_is
     law, sliding = friction_law(terms, obstacles, ends[:rubbing], supports), acting_rows(terms)
     system = System(
-        _restrict(A, supports),
-        _load(loads, A, supports),
-        norm_terms(terms, law, supports),
-        None if supports.still else _motion(A, supports, sliding, obstacles.rows, seen),
-        _order(A, supports, mesh.points),
-        supports.P.T @ rigid_modes(mesh.points),
-        kernel,
-        limits(obstacles, supports),
-        _damping(viscosity, supports, seen),
-        dragged_terms(terms, law, supports),
+        K=_restrict(A, supports),
+        load=_load(loads, A, supports),
+        norms=norm_terms(terms, law, supports),
+        motion=None if supports.still else _motion(A, supports, sliding, obstacles.rows, seen),
+        order=_order(A, supports, mesh.points),
+        near_kernel=supports.P.T @ rigid_modes(mesh.points),
+        kernel=kernel,
+        limits=limits(obstacles, supports),
+        damping=_damping(viscosity, supports, seen),
+        dragged=dragged_terms(terms, law, supports),
     )
     shown = (*_chain(p.surfaces for p in parts), *frictions, *stops)
     surface = contact_surface(shown, terms, supports, times)
-    return Posed(
+    return PosedScene(
         *(scene, space, system, supports, A, loads, terms, surface, material, prestress, obstacles, springs),
-        *(tuple(void), _chain(p.given for p in parts), viscosity),
+        *(tuple(inactive), _chain(p.given for p in parts), viscosity),
     )
 
 
@@ -196,16 +193,16 @@ def _motion(
     normal: sp.csr_matrix,
     seen: Callable[[Floats], Floats],
 ) -> Motion:
-    def stretch(t: float) -> Floats:
+    def dirichlet_force(t: float) -> Floats:
         return supports.gather(A @ supports.motion(t))
 
-    def drag(t: float) -> Floats:
+    def prescribed_slip(t: float) -> Floats:
         return tangential @ supports.motion(t)
 
     def stored(s: float, t: float) -> float:
         return float(supports.motion(s) @ (A @ supports.motion(t)))
 
-    def reach(t: float) -> Floats:
+    def remaining_gap(t: float) -> Floats:
         return normal @ supports.motion(t)
 
     def frame(t: float, y: Floats) -> Floats:
@@ -214,7 +211,14 @@ def _motion(
     def pair(v: Floats, w: Floats) -> float:
         return float(v @ (A @ w))
 
-    return Motion(stretch, drag, stored, frame, pair, reach)
+    return Motion(
+        dirichlet_force=dirichlet_force,
+        prescribed_slip=prescribed_slip,
+        stored=stored,
+        frame=frame,
+        pair=pair,
+        remaining_gap=remaining_gap,
+    )
 
 
 def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:

@@ -17,16 +17,13 @@ from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
 # a million leaves 1e-6 of the translations and of the rotation, far above it.

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from vemcvx.arrays import brief
 from vemcvx.effects import Effect, MaterialLaw
 from vemcvx.errors import SceneError
-from vemcvx.real import brief
 
 
 class Scene:

@@ -15,11 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.errors import SceneError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Two directions closer than this are one: unit normals of straight sides agree to about 1e-15 h / |e|,
 # and no mesh is meant to resolve corners of 1e-9 rad.

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle
 from vemcvx.scene.edges import lengths_of, owned, united
 from vemcvx.scene.freedom import freedom
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms, merged
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

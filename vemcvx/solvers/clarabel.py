@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vemcvx.program.form import SECOND_ORDER_CONES
+from vemcvx.program.operators import SECOND_ORDER_CONES
 from vemcvx.solvers.conic import LINEAR, ThroughCvxpy
 
 

@@ -20,28 +20,26 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arguments import flag
+from vemcvx.arrays import Floats, brief
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.kinds import flag
 from vemcvx.program.certificate import certify, duality_gap
-from vemcvx.program.form import (
+from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
     QUADRATIC,
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
-    Form,
+    Operators,
 )
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.real import brief
-from vemcvx.solvers.sets import Point, Shifts, answer_on, sets_at
+from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy
 
 if TYPE_CHECKING:
     import cvxpy as cp
 
-Floats = NDArray[np.float64]
 
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
@@ -51,7 +49,7 @@ LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
 
 
 @dataclass(frozen=True)
-class Posed:
+class CvxpyStep:
     """The program as cvxpy sees it, and how to read the multipliers lam and p off its solution."""
 
     problem: cp.Problem
@@ -60,47 +58,51 @@ class Posed:
     p: Callable[[], Floats]
 
 
-def pose(form: Form, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> Posed:
+def to_cvxpy(operators: Operators, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> CvxpyStep:
     """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
     import cvxpy as cp
 
-    d = cp.Variable(len(form.K.diagonal()))
+    d = cp.Variable(len(operators.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    energy = 0.5 * cp.quad_form(d, form.K, assume_PSD=True) - g @ d
-    cones_or_rows, lengths, lam = _norms(form, d, w, b, cones)
-    bounds, yielding, p = _limits(form, d, e)
+    energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
+    cones_or_rows, lengths, lam = _norms(operators, d, w, b, cones)
+    bounds, yielding, p = _limits(operators, d, e)
     # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is.
     idle = 0.0 if cones else cp.Variable(nonneg=True)
-    return Posed(cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds), d, lam, p)
+    return CvxpyStep(cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds), d, lam, p)
 
 
-def _norms(form: Form, d: cp.Variable, w: Any, b: Any, cones: bool) -> tuple[list[Any], Any, Callable[[], Floats]]:
+def _norms(
+    operators: Operators, d: cp.Variable, w: Any, b: Any, cones: bool
+) -> tuple[list[Any], Any, Callable[[], Floats]]:
     import cvxpy as cp
 
-    if form.count == 0:
-        return [], 0.0, lambda: np.zeros((0, form.block))
-    t, s = cp.Variable(form.count), form.B @ d - b
+    if operators.count == 0:
+        return [], 0.0, lambda: np.zeros((0, operators.block))
+    t, s = cp.Variable(operators.count), operators.B @ d - b
     if cones:
-        cone = cp.SOC(t, cp.reshape(s, (form.block, form.count), order="F"), axis=0)
-        return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (form.block, form.count), order="F").T
+        cone = cp.SOC(t, cp.reshape(s, (operators.block, operators.count), order="F"), axis=0)
+        return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (operators.block, operators.count), order="F").T
     upper, lower = s <= t, -s <= t
     return [upper, lower], w @ t, lambda: (upper.dual_value - lower.dual_value)[:, None]
 
 
-def _limits(form: Form, d: cp.Variable, e: Any) -> tuple[list[Any], Any, Callable[[], Floats]]:
+def _limits(operators: Operators, d: cp.Variable, e: Any) -> tuple[list[Any], Any, Callable[[], Floats]]:
     import cvxpy as cp
 
-    soft = np.flatnonzero(form.softness > 0)
-    if len(form.softness) == 0:
+    soft = np.flatnonzero(operators.compliance > 0)
+    if len(operators.compliance) == 0:
         return [], 0.0, lambda: np.zeros(0)
-    z = form.D @ d - e
+    z = operators.D @ d - e
     if len(soft) == 0:
         bound = z <= 0
         return [bound], 0.0, lambda: bound.dual_value
     v = cp.Variable(len(soft))
-    give = sp.csr_matrix((np.ones(len(soft)), (soft, np.arange(len(soft)))), shape=(len(form.softness), len(soft)))
+    give = sp.csr_matrix(
+        (np.ones(len(soft)), (soft, np.arange(len(soft)))), shape=(len(operators.compliance), len(soft))
+    )
     bound = z - give @ v <= 0
-    return [bound], 0.5 * cp.sum_squares(cp.multiply(form.softness[soft] ** -0.5, v)), lambda: bound.dual_value
+    return [bound], 0.5 * cp.sum_squares(cp.multiply(operators.compliance[soft] ** -0.5, v)), lambda: bound.dual_value
 
 
 def installed() -> tuple[str, ...]:
@@ -162,7 +164,7 @@ class ThroughCvxpy(Solver):
         linear_only = self.solver in SOLVER_MAP_CONIC and self.solver not in SOLVER_MAP_QP and not self.cones
         return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
-    def prepare(self, form: Form) -> _PreparedConic:
+    def prepare(self, operators: Operators) -> _PreparedConic:
         import cvxpy as cp
 
         if self.solver not in cp.installed_solvers():
@@ -171,7 +173,7 @@ class ThroughCvxpy(Solver):
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {known}. "
                 "Install it, or choose one of those."
             )
-        return _PreparedConic(self, form)
+        return _PreparedConic(self, operators)
 
     def careful(self) -> dict[str, Any]:
         """Options to add when the answer misses; empty where there is nothing slower to try."""
@@ -194,9 +196,9 @@ class _PreparedConic:
     A parameter of load length compiles for 26 s at 33k unknowns, one of the length of the terms in milliseconds.
     """
 
-    def __init__(self, settings: ThroughCvxpy, form: Form):
-        self._settings, self._form = settings, form
-        self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], Posed]] = {}
+    def __init__(self, settings: ThroughCvxpy, operators: Operators):
+        self._settings, self._form = settings, operators
+        self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], CvxpyStep]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         if len(program.g) == 0:
@@ -213,21 +215,21 @@ class _PreparedConic:
         posed = self._posed(program, cones)
         status, iterations = _run(posed, self._settings, {**self._settings.tolerances(target), **more})
         if posed.d.value is None:
-            still = np.zeros((program.form.count, program.form.block))
+            still = np.zeros((program.operators.count, program.operators.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
         # Interior points stop a rounding error short of their bounds, or beyond them.
         return Answer(program.feasible(posed.d.value), posed.lam(), iterations, status, p=posed.p())
 
-    def _posed(self, program: StepProgram, cones: bool) -> Posed:
+    def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
         import cvxpy as cp
 
-        form, data = self._form, (program.g, program.w, program.b, program.e)
+        operators, data = self._form, (program.g, program.w, program.b, program.e)
         with COMPILING:
-            if sp.issparse(form.K):
-                return pose(form, *data, cones)
+            if sp.issparse(operators.K):
+                return to_cvxpy(operators, *data, cones)
             if cones not in self._compiled:
                 parameters = tuple(cp.Parameter(len(x), nonneg=x is program.w) for x in data)
-                self._compiled[cones] = parameters, pose(form, *parameters, cones)
+                self._compiled[cones] = parameters, to_cvxpy(operators, *parameters, cones)
         parameters, posed = self._compiled[cones]
         for parameter, value in zip(parameters, data, strict=True):
             parameter.value = value
@@ -238,7 +240,7 @@ def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
     lam, p = program.admissible(answer.lam, answer.p, answer.d)
     near = program.proximal(answer.d)
-    sharper = answer_on(near, sets_at(near, Point(answer.d, lam, p), Shifts.of(program.form)))
+    sharper = answer_on(near, sets_at(near, Iterate(answer.d, lam, p), Shifts.of(program.operators)))
     d = program.feasible(sharper.d)
     pair = program.admissible(sharper.lam, sharper.p, d)
     before, after = certify(program, answer.d, lam, p), certify(program, d, *pair)
@@ -247,7 +249,7 @@ def polished(program: StepProgram, answer: Answer) -> Answer:
     return Answer(d, pair[0], answer.iterations + 1, answer.status + ", polished", p=pair[1])
 
 
-def _run(posed: Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
+def _run(posed: CvxpyStep, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
     """Solve in cvxpy's own steps: its `solve` would warn of what the certificate measures. Status and iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from vemcvx.errors import NotAccepted
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.solvers.clarabel import Clarabel
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
@@ -18,8 +18,8 @@ BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
 log = logging.getLogger("vemcvx")
 
 
-def choose(form: Form, asked: Solver | None) -> Solver:
-    """The solver for programs of `form`.
+def choose(operators: Operators, asked: Solver | None) -> Solver:
+    """The solver for programs of `operators`.
 
     Raises
     ------
@@ -27,12 +27,12 @@ def choose(form: Form, asked: Solver | None) -> Solver:
         The solver asked for cannot take a feature of the program.
     """
     if asked is None:
-        solver = next(s for s in BY_SIZE if form.features <= s.accepts)
-        log.info("solver: %s, the smallest that accepts %s", solver.name, words(form.features))
+        solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
+        log.info("solver: %s, the smallest that accepts %s", solver.name, words(operators.features))
         return solver
-    missing = form.features - asked.accepts
+    missing = operators.features - asked.accepts
     if missing:
-        able = ", ".join(s.name for s in BY_SIZE if form.features <= s.accepts)
+        able = ", ".join(s.name for s in BY_SIZE if operators.features <= s.accepts)
         raise NotAccepted(
             f"solver {asked.name}: the program has {words(missing)}, which it does not accept; "
             f"it accepts {words(asked.accepts)}. These accept the program: {able}."

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.program.form import QUADRATIC, Form
+from vemcvx.arrays import Floats
+from vemcvx.program.operators import QUADRATIC, Operators
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.solver import Solver, checked_accuracy
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,10 +24,12 @@ class Direct(Solver):
     def __post_init__(self) -> None:
         checked_accuracy(self.accuracy, "Direct")
 
-    def prepare(self, form: Form) -> _PreparedDirect:
+    def prepare(self, operators: Operators) -> _PreparedDirect:
         return _PreparedDirect()
 
 
 class _PreparedDirect:
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        return Answer(program.form.factor.solve(program.g), np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
+        return Answer(
+            program.operators.factor.solve(program.g), np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e)
+        )

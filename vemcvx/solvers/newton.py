@@ -20,24 +20,22 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.kinds import whole
+from vemcvx.arguments import whole
+from vemcvx.arrays import Floats
 from vemcvx.program.certificate import duality_gap, rounding_floor
-from vemcvx.program.form import (
+from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
     QUADRATIC,
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
-    Form,
+    Operators,
 )
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.proximal import proximal_points
-from vemcvx.solvers.sets import Point, Sets, Shifts, answer_on, sets_at
+from vemcvx.solvers.sets import Iterate, Sets, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver, checked_accuracy
-
-Floats = NDArray[np.float64]
 
 PROXIMAL = 100.0
 """First shifts of the proximal point method, in those of the active sets."""
@@ -70,7 +68,7 @@ class Newton(Solver):
         checked_accuracy(self.accuracy, "Newton")
         whole(self.max_iterations, "Newton", "max_iterations", "linear solves")
 
-    def prepare(self, form: Form) -> _PreparedNewton:
+    def prepare(self, operators: Operators) -> _PreparedNewton:
         return _PreparedNewton(self.max_iterations)
 
 
@@ -79,10 +77,10 @@ class _PreparedNewton:
         self._max_iterations = max_iterations
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        run = _Run(program, target, self._max_iterations)
-        shift = Shifts.of(program.form)
+        run = _Search(program, target, self._max_iterations)
+        shift = Shifts.of(program.operators)
         pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
-        start = Point(np.zeros(len(program.g)), program.project(lam), pressed)
+        start = Iterate(np.zeros(len(program.g)), program.project(lam), pressed)
         run.newton(start, shift)
         if not run.done:
             for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL):
@@ -93,11 +91,13 @@ class _PreparedNewton:
                 if run.done:
                     break
         best = run.best
-        return Answer(best.d, best.lam, run.iterations, run.words, run.safeguards, best.p)
+        return Answer(
+            d=best.d, lam=best.lam, iterations=run.iterations, status=run.words, safeguards=run.safeguards, p=best.p
+        )
 
 
 @dataclass
-class _Run:
+class _Search:
     """The best point of one step, and how many linear solves it took."""
 
     program: StepProgram
@@ -105,12 +105,12 @@ class _Run:
     max_iterations: int
     iterations: int = 0
     safeguards: int = 0
-    best: Point = field(init=False)
+    best: Iterate = field(init=False)
     gap: float = np.inf
     floor: float = 0.0
     stationary: bool = False
 
-    def offer(self, point: Point, kind: str) -> None:
+    def offer(self, point: Iterate, kind: str) -> None:
         """Count a linear solve, and keep its point, moved within the bounds, if it is the best."""
         self.iterations += 1
         self.safeguards += kind == "proximal"
@@ -122,7 +122,7 @@ class _Run:
             self.floor = rounding_floor(program, d, lam, p)
         gap = duality_gap(program, d, lam, p)
         if self.iterations == 1 or gap < self.gap:
-            self.best, self.gap = Point(d, lam, p), gap
+            self.best, self.gap = Iterate(d, lam, p), gap
 
     @property
     def done(self) -> bool:
@@ -134,7 +134,7 @@ class _Run:
     def words(self) -> str:
         return "converged" if self.gap <= max(self.target, self.floor) else "iteration limit"
 
-    def newton(self, point: Point, shift: Shifts, patience: int = PATIENCE) -> None:
+    def newton(self, point: Iterate, shift: Shifts, patience: int = PATIENCE) -> None:
         """Active-set steps while one in `patience` halves the best gap and the sets change."""
         seen: Sets | None = None
         waited = 0

@@ -18,12 +18,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.sets import Point, Shifts
-
-Floats = NDArray[np.float64]
+from vemcvx.solvers.sets import Iterate, Shifts
 
 ARMIJO = 1e-4
 GROWTH = 4.0
@@ -33,36 +31,36 @@ MOST_GROWTH = 1e8
 MOST_INNER = 60
 
 
-def proximal_points(program: StepProgram, start: Point, shift: Shifts) -> Iterator[tuple[Point, Shifts]]:
+def proximal_points(program: StepProgram, start: Iterate, shift: Shifts) -> Iterator[tuple[Iterate, Shifts]]:
     """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops."""
     grown = 1.0
-    centre = Point(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
+    centre = Iterate(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
     while True:
         d = centre.d
         for _ in range(MOST_INNER):
             d, moved = _newton_step(program, d, centre, shift)
-            yield Point(d, *_multipliers(program, d, centre, shift)), shift
+            yield Iterate(d, *_multipliers(program, d, centre, shift)), shift
             if not moved:
                 break
-        centre = Point(d, *_multipliers(program, d, centre, shift))
+        centre = Iterate(d, *_multipliers(program, d, centre, shift))
         if grown < MOST_GROWTH:
             grown, shift = GROWTH * grown, shift * GROWTH
 
 
-def _pulls(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, Floats]:
+def _pulls(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
     return centre.lam + shift.norms[:, None] * program.slip(d), centre.p + shift.limits * program.excess(d)
 
 
-def _multipliers(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, Floats]:
+def _multipliers(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
     q, x = _pulls(program, d, centre, shift)
-    return program.project(q), np.maximum(x, 0.0) / (1.0 + shift.limits * program.form.softness)
+    return program.project(q), np.maximum(x, 0.0) / (1.0 + shift.limits * program.operators.compliance)
 
 
-def _newton_step(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> tuple[Floats, bool]:
+def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, bool]:
     """One damped Newton step on psi; also whether it moved by more than rounding."""
     gradient = -program.residual(d, *_multipliers(program, d, centre, shift))
     hessian = _hessian(program, *_pulls(program, d, centre, shift), shift)
-    step = program.form.factor.within(hessian, np.arange(len(d))).solve(-gradient)
+    step = program.operators.factor.within(hessian, np.arange(len(d))).solve(-gradient)
     slope = float(gradient @ step)
     start = _psi(program, d, centre, shift)
     if -slope <= 4 * np.finfo(float).eps * abs(start):
@@ -75,22 +73,22 @@ def _newton_step(program: StepProgram, d: Floats, centre: Point, shift: Shifts) 
 
 def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Floats | sp.csr_matrix:
     """K + B'HB + D'diag D with H_i = a on sticking blocks, a (w/|q|)(I - qq'/|q|^2) on slipping ones."""
-    form = program.form
+    operators = program.operators
     size = np.linalg.norm(q, axis=1)
     slip = size > program.w
     share = np.ones_like(size)
     share[slip] = program.w[slip] / size[slip]
     unit = np.zeros_like(q)
     unit[slip] = q[slip] / size[slip, None]
-    across = np.eye(form.block) - np.einsum("ij,ik->ijk", unit, unit)
-    pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * form.softness), 0.0)
-    return form.stiffened((shift.norms * share)[:, None, None] * across, pressed)
+    across = np.eye(operators.block) - np.einsum("ij,ik->ijk", unit, unit)
+    pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * operators.compliance), 0.0)
+    return operators.stiffened((shift.norms * share)[:, None, None] * across, pressed)
 
 
-def _psi(program: StepProgram, d: Floats, centre: Point, shift: Shifts) -> float:
+def _psi(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> float:
     q, x = _pulls(program, d, centre, shift)
     size = np.linalg.norm(q, axis=1)
     norms = size * size - np.maximum(size - program.w, 0.0) ** 2 - np.einsum("ij,ij->i", centre.lam, centre.lam)
-    limits = np.maximum(x, 0.0) ** 2 / (1.0 + shift.limits * program.form.softness) - centre.p * centre.p
+    limits = np.maximum(x, 0.0) ** 2 / (1.0 + shift.limits * program.operators.compliance) - centre.p * centre.p
     envelopes = (norms / (2 * shift.norms)).sum() + (limits / (2 * shift.limits)).sum()
-    return float(0.5 * d @ (program.form.K @ d) - program.g @ d + envelopes)
+    return float(0.5 * d @ (program.operators.K @ d) - program.g @ d + envelopes)

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from vemcvx.program.form import Form
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
 SHIFT = 0.1
@@ -28,10 +28,6 @@ rounding error of s_i: the gap is linear in that slip."""
 
 FOLLOWS = 1e-6
 """Part of a row's length that others leave of it, below which it follows from them."""
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,7 @@ class Sets:
 
 
 @dataclass(frozen=True)
-class Point:
+class Iterate:
     """Increments d (n,) with multipliers lam (m, block) and p (r,)."""
 
     d: Floats
@@ -72,13 +68,13 @@ class Shifts:
         return Shifts(factor * self.norms, factor * self.limits)
 
     @staticmethod
-    def of(form: Form) -> Shifts:
+    def of(operators: Operators) -> Shifts:
         """SHIFT over the compliances B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j; SHIFT for rows that read nothing."""
-        norms, limits = form.compliance, form.limit_compliance + form.softness
+        norms, limits = operators.norm_flexibility, operators.limit_flexibility + operators.compliance
         return Shifts(SHIFT / np.where(norms > 0, norms, 1.0), SHIFT / np.where(limits > 0, limits, 1.0))
 
 
-def sets_at(program: StepProgram, at: Point, shift: Shifts) -> Sets:
+def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     """The sets at a point: q = lam + shift s sticks where |q| <= w, else slips along q; p + shift (z - c p) > 0 acts.
 
     The curvature shift w / (|q| - w) is that of Newton's method on lam = P_w(lam + shift s) after lam is
@@ -90,20 +86,22 @@ def sets_at(program: StepProgram, at: Point, shift: Shifts) -> Sets:
     slip = ~stick
     direction, curvature = np.zeros_like(q), np.zeros_like(size)
     direction[slip] = q[slip] / size[slip, None]
-    if program.form.block > 1:
+    if program.operators.block > 1:
         curvature[slip] = shift.norms[slip] * program.w[slip] / (size[slip] - program.w[slip])
-    act = at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p) > 0
+    act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)
 
 
-def said_once(form: Form, sets: Sets, lam: Floats, w: Floats) -> Sets:
+def said_once(operators: Operators, sets: Sets, lam: Floats, w: Floats) -> Sets:
     """The sets without equations for those bounds and sticking terms (these last) whose rows follow from others'.
 
     Where bounds or other terms hold a node already, how much of its force a sticking term carries is not determined:
     it keeps its share lam_i / w_i of what it can, as if it slipped that way. Such a bound carries nothing.
     """
-    stops, sticks = np.flatnonzero(sets.act & (form.softness == 0)), np.flatnonzero(sets.stick)
-    rows = sp.csr_matrix(sp.vstack([form.D[stops], form.B[np.flatnonzero(np.repeat(sets.stick, form.block))]]))
+    stops, sticks = np.flatnonzero(sets.act & (operators.compliance == 0)), np.flatnonzero(sets.stick)
+    rows = sp.csr_matrix(
+        sp.vstack([operators.D[stops], operators.B[np.flatnonzero(np.repeat(sets.stick, operators.block))]])
+    )
     # What reads an unknown of its own follows from no other.
     shared = np.bincount(rows.indices, minlength=rows.shape[1]) > 1
     some = np.flatnonzero(abs(rows) @ shared)
@@ -111,7 +109,7 @@ def said_once(form: Form, sets: Sets, lam: Floats, w: Floats) -> Sets:
     free[some] = independent(rows[some].toarray())
     act, stick = sets.act.copy(), sets.stick.copy()
     act[stops] = free[: len(stops)]
-    stick[sticks] = free[len(stops) :].reshape(len(sticks), form.block).any(axis=1)
+    stick[sticks] = free[len(stops) :].reshape(len(sticks), operators.block).any(axis=1)
     most = np.maximum(w, np.linalg.norm(lam, axis=1))[:, None]
     share = np.divide(lam, most, out=np.zeros_like(lam), where=most > 0)
     direction = np.where((sets.stick & ~stick)[:, None], share, sets.direction)
@@ -130,39 +128,39 @@ def independent(rows: Floats) -> Bools:
     return found
 
 
-def answer_on(program: StepProgram, sets: Sets) -> Point:
+def answer_on(program: StepProgram, sets: Sets) -> Iterate:
     """The point that the sets lead to; its multipliers are not yet projected."""
-    form = program.form
-    soft = sets.act & (form.softness > 0)
-    spring = np.zeros(len(form.softness))
-    spring[soft] = 1.0 / form.softness[soft]
+    operators = program.operators
+    soft = sets.act & (operators.compliance > 0)
+    spring = np.zeros(len(operators.compliance))
+    spring[soft] = 1.0 / operators.compliance[soft]
     pull = program.w[:, None] * sets.direction
-    M, load = form.K, program.g - program.held(pull, -spring * program.e)
+    M, load = operators.K, program.g - program.held(pull, -spring * program.e)
     bends = sets.curvature.any()
     if bends or soft.any():
-        across = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
+        across = np.eye(operators.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
         H = sets.curvature[:, None, None] * across
-        M = form.stiffened(H, spring)
-        load = load + form.rows.pull(np.einsum("ijk,ik->ij", H, form.blocks(program.b)).ravel())
-    stick = np.flatnonzero(np.repeat(sets.stick, form.block))
+        M = operators.stiffened(H, spring)
+        load = load + operators.rows.pull(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
+    stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
     stop = np.flatnonzero(sets.act & ~soft)
-    solve = _held_coordinates if form.separate else _held
+    solve = _held_coordinates if operators.separate else _held
     d, reaction, stopped = solve(M, load, program, stick, stop)
     lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else pull).ravel()
     lam[stick] = reaction
     p = spring * program.excess(d)
     p[stop] = stopped
-    return Point(d, form.blocks(lam), p)
+    return Iterate(d, operators.blocks(lam), p)
 
 
 def _held(
     M: Floats | sp.csr_matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
 ) -> tuple[Floats, Floats, Floats]:
     """Minimise 1/2 d'Md - load'd subject to B_i d = b_i and D_j d = e_j on the rows given; d and the reactions."""
-    form = program.form
-    A = sp.vstack([form.B[stick], form.D[stop]], format="csr")
+    operators = program.operators
+    A = sp.vstack([operators.B[stick], operators.D[stop]], format="csr")
     value = np.concatenate([program.b[stick], program.e[stop]])
-    factor = form.factor.within(M, np.arange(len(load)))
+    factor = operators.factor.within(M, np.arange(len(load)))
     spread = factor.solve(A.T.toarray())
     small = A @ spread
 
@@ -183,9 +181,9 @@ def _held_coordinates(
     M: Floats | sp.csr_matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
 ) -> tuple[Floats, Floats, Floats]:
     """The same where every row reads its own unknown: the held unknowns are known."""
-    form = program.form
-    columns = np.concatenate([form.rows.columns[stick], form.limits.columns[stop]])  # type: ignore[index]
-    coefficient = np.concatenate([form.B.data[stick], form.D.data[stop]])
+    operators = program.operators
+    columns = np.concatenate([operators.rows.columns[stick], operators.limits.columns[stop]])  # type: ignore[index]
+    coefficient = np.concatenate([operators.B.data[stick], operators.D.data[stop]])
     value = np.concatenate([program.b[stick], program.e[stop]])
     d = np.zeros(len(load))
     d[columns] = value / coefficient
@@ -193,6 +191,6 @@ def _held_coordinates(
     free[columns] = False
     F = np.flatnonzero(free)
     rows = M[F]
-    d[F] = form.factor.within(rows[:, F], F).solve(load[F] - rows @ d if value.any() else load[F])
+    d[F] = operators.factor.within(rows[:, F], F).solve(load[F] - rows @ d if value.any() else load[F])
     reaction = (load[columns] - M[columns] @ d) / coefficient
     return d, reaction[: len(stick)], reaction[len(stick) :]

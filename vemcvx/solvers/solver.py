@@ -1,4 +1,4 @@
-"""What every solver is: settings, prepared once for a form, then asked step by step.
+"""What every solver is: settings, prepared once for the operators of a run, then asked step by step.
 
 A solver sees scaled programs only (:mod:`vemcvx.program.scaling`), knows nothing of what they are about, and is
 believed in nothing: the caller certifies every answer.
@@ -11,8 +11,8 @@ from typing import ClassVar, Protocol
 
 from numpy.typing import NDArray
 
-from vemcvx.kinds import part
-from vemcvx.program.form import Form
+from vemcvx.arguments import part
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
 Floats = NDArray
@@ -27,7 +27,7 @@ class Prepared(Protocol):
         Parameters
         ----------
         program : StepProgram
-            Scaled, on the form that was prepared.
+            Scaled, with the operators that were prepared.
         target : float
             The duality gap asked for, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
@@ -53,7 +53,7 @@ class Solver(ABC):
         return type(self).__name__
 
     @abstractmethod
-    def prepare(self, form: Form) -> Prepared:
+    def prepare(self, operators: Operators) -> Prepared:
         """Do what all steps share.
 
         Raises

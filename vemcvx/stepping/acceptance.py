@@ -2,8 +2,8 @@
 
 Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
 completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause then
-takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, stretch of the supports
-included (and so x with the rigid motion in it), friction in no way,
+takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, Dirichlet force included
+(and so x with the rigid motion in it), friction in no way,
 
     size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
 
@@ -18,22 +18,17 @@ zero at the accuracy asked.
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import NotCertified
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import Norms
 from vemcvx.solvers import Newton, Solver
-
-if TYPE_CHECKING:
-    from vemcvx.stepping.ledger import Drive
-
-Floats = NDArray[np.float64]
+from vemcvx.stepping.ledger import StepData
 
 log = logging.getLogger("vemcvx")
 
@@ -53,7 +48,7 @@ def caused(condensation: Condensation, force: Reduced) -> float:
 
 
 def caused_beside(
-    condensation: Condensation, now: Drive, norm: float, floor: float, accuracy: float
+    condensation: Condensation, now: StepData, norm: float, floor: float, accuracy: float
 ) -> tuple[float, float]:
     """What the data can cause, and what friction's own forces can, if the state is nothing but rounding, of that floor.
 
@@ -68,7 +63,7 @@ def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accu
     return 0.0 if most == 0.0 or not norm <= accuracy * most else caused(condensation, force)
 
 
-def insist(
+def require_certified(
     solver: Solver, norms: Norms | None, certificate: Certificate, unit: float, status: str, n: int, t: float
 ) -> None:
     """Raise NotCertified when step `n` misses the solver's accuracy.

@@ -18,24 +18,22 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError
 from vemcvx.program.system import System
 from vemcvx.stepping.ledger import drive
-from vemcvx.stepping.state import Run, State
+from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.stepping.storage import Arrays
 from vemcvx.version import __version__
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-DRIVE = "drive"
+DRIVE = "data"
 """The one field of a state that is not kept."""
 ABSENT, SEAL = "absent", "seal"
 PRESSURES = (0.0, 1e-150, 1.0, 1e150)
 """At which laws of friction are looked at: one nodal force of each size shows cohesion, coefficient and cap."""
 
 
-def fixed_marks(run: Run, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
+def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
     """Marks of what two runs must share if one is to go on where the other stopped, by what users call it."""
     condensation = run.condensation
     return {
@@ -44,7 +42,7 @@ def fixed_marks(run: Run, times: Floats, kept: Ints, initial: ArrayLike | str | 
         "times": _mark(times),
         "store": _mark(kept),
         "solver": _mark(repr(_plain(run.solver))),
-        "condense or linear": _mark(condensation.touched, repr(_plain(condensation.linear))),
+        "condense or linear": _mark(condensation.retained, repr(_plain(condensation.linear))),
         "initial": _mark(initial),
     }
 
@@ -53,7 +51,7 @@ def mark_of_data(system: System, t: float) -> int:
     """A number that stands for all that drives the system at an instant."""
     norms, dragged, damping = system.norms, system.dragged, system.damping
     pressures = [p * np.ones(0 if system.limits is None else system.limits.count) for p in PRESSURES]
-    parts = [system.force(t), system.reach(t)]
+    parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
         parts += [norms.tilt(t), norms.weights(t)]
         parts += [] if norms.law is None else [norms.weights_under(t, p) for p in pressures]
@@ -62,8 +60,11 @@ def mark_of_data(system: System, t: float) -> int:
         parts += [] if dragged.bias is None else [dragged.bias(t)]
     for motion in (system.motion, None if damping is None else damping.motion):
         if motion is not None:
-            parts += [motion.stretch(t), motion.drag(t), np.array(motion.stored(t, t))]
-            parts += [motion.frame(t, np.zeros(system.n)), *([] if motion.reach is None else [motion.reach(t)])]
+            parts += [motion.dirichlet_force(t), motion.prescribed_slip(t), np.array(motion.stored(t, t))]
+            parts += [
+                motion.frame(t, np.zeros(system.n)),
+                *([] if motion.remaining_gap is None else [motion.remaining_gap(t)]),
+            ]
     return int(_mark(*parts)[0])
 
 
@@ -148,7 +149,7 @@ def arrays_of(record: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]
             yield name, np.asarray(value)
 
 
-def from_arrays(run: Run, times: Floats, arrays: Arrays) -> tuple[int, State]:
+def from_arrays(run: PreparedRun, times: Floats, arrays: Arrays) -> tuple[int, State]:
     """The step number and the state.
 
     What drove the steps so far is evaluated again in their order: the responses to forces that a condensation remembers

@@ -13,12 +13,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.program.system import System
 from vemcvx.stepping.state import Dragged, State
-
-Floats = NDArray[np.float64]
 
 STILL = 16 * float(np.finfo(float).eps)
 """Slips below this part of the positions that they are differences of are zero but for rounding."""

@@ -7,8 +7,8 @@ With T(w) the answer of the step's convex program for the weights w, and p(T(w))
 Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
 Jarusek 1998); but whether an iteration contracts is not seen from its increments. So an answer d_k = T(w_k) is judged
 by a solution of the step: what sticks, slips, touches at d_k makes one linear system, which
-:mod:`vemcvx.solvers.quasi` solves, and whose solution d_s solves the step where it obeys the inequalities of its sets
-(theorem there). Then
+:mod:`vemcvx.solvers.coulomb_sets` solves, and whose solution d_s solves the step where it obeys the inequalities of
+its sets (theorem there). Then
 
     |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
 
@@ -37,20 +37,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import length_hint
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting
+from vemcvx.program.certificate import Certificate
 from vemcvx.solvers import Newton
-
-if TYPE_CHECKING:
-    from vemcvx.program.certificate import Certificate
-    from vemcvx.stepping.backward_euler import Trial
-    from vemcvx.stepping.state import Run, State
-
-Floats = NDArray[np.float64]
+from vemcvx.stepping.posed_step import PosedStep
+from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
@@ -71,13 +66,13 @@ PATIENCE = 3
 class Dependent:
     """A step whose weights depend on the forces of its limits."""
 
-    run: Run
+    run: PreparedRun
     t: float
     n: int
     """the step, for messages"""
-    pose: Callable[[Run, Floats], Trial]
+    pose: Callable[[PreparedRun, Floats], PosedStep]
     """(run, weights) -> the step with these weights"""
-    check: Callable[[Trial], None]
+    check: Callable[[PosedStep], None]
     """raises an error where a program has no solution"""
 
     @property
@@ -107,7 +102,7 @@ class Dependent:
 
     def certified(self, state: State, certificate: Certificate) -> State:
         """The state under the weights of its own pressures, with that certificate."""
-        return self.pose(self.run, self.law(state.p)).reconsidered(state, certificate)
+        return self.pose(self.run, self.law(state.p)).under_own_weights(state, certificate)
 
     def beside(self, state: State, near: State) -> State:
         """The motion of the state under the forces of a solution near it, and its distance to that."""
@@ -121,7 +116,7 @@ class Dependent:
     def distance(self, one: State, other: State) -> float:
         """Energy norm of the difference."""
         apart = one.y - other.y
-        return float(np.sqrt(max(apart @ (self.run.form.K @ apart), 0.0)))
+        return float(np.sqrt(max(apart @ (self.run.operators.K @ apart), 0.0)))
 
     def work_apart(self, one: State, other: State) -> float:
         """The work of the difference of their weights on the larger of their slips, over the norm of states."""

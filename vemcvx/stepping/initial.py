@@ -11,23 +11,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arrays import Floats, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
-from vemcvx.real import real, shape_in_words
 from vemcvx.stepping.acceptance import caused_beside
-from vemcvx.stepping.backward_euler import completed, sharpened, solved, trial
-from vemcvx.stepping.ledger import Drive, Ledger, drive, energy, strain_energy
-from vemcvx.stepping.state import Run, State
-
-Floats = NDArray[np.float64]
+from vemcvx.stepping.backward_euler import solved
+from vemcvx.stepping.certified_in_full import certified_in_full, refined_state
+from vemcvx.stepping.ledger import Ledger, StepData, drive, energy, strain_energy
+from vemcvx.stepping.posed_step import pose_step
+from vemcvx.stepping.state import PreparedRun, State
 
 JUMP = 1e-6
 """Initial states whose first step jumps by more, relative to the energy norm, violate (2.1)."""
 
 
-def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
+def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -> State:
     """The state at the initial instant `t`.
 
     Raises
@@ -39,13 +39,13 @@ def initial_state(run: Run, t: float, initial: ArrayLike | str | None) -> State:
     if isinstance(initial, str) and initial == "settled":
         settled = _settle(run, _state(run, now, np.zeros(run.system.n)))
         if run.check:
-            run.insist(settled, 0)
+            run.require_certified(settled, 0)
         return _at_rest(run, settled)
     y = _given(run, now, initial)
     state = _state(run, now, y)
     if run.system.damping is not None:
         # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
-        ledger = Ledger.opening(strain_energy(run.system, y, t), run.form.count)
+        ledger = Ledger.opening(strain_energy(run.system, y, t), run.operators.count)
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
     jump = _norm(run, settled.full - y)  # type: ignore[operator]
@@ -62,12 +62,12 @@ def _off(settled: State, jump: float) -> Certificate:
     return settled.certificate.away(jump + settled.certificate.error)
 
 
-def settled_from(run: Run, t: float, y: Floats) -> State:
+def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
     """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
     return _at_rest(run, _settle(run, _state(run, drive(run.system, run.condensation, t), y)))
 
 
-def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
+def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:
     n = run.system.n
     if initial is None:
         return np.zeros(n)
@@ -84,7 +84,7 @@ def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
             "'settled' (one step from zero)."
         )
     wanted = f"{n} finite values, one an unknown"
-    y = real(initial, "initial", wanted)
+    y = as_real_array(initial, "initial", wanted)
     if y.shape != (n,):
         raise SceneError(f"initial: found {shape_in_words(y)}; wanted {wanted}.")
     if not np.isfinite(y).all():
@@ -94,60 +94,60 @@ def _given(run: Run, now: Drive, initial: ArrayLike | str | None) -> Floats:
     return y
 
 
-def _state(run: Run, now: Drive, y: Floats) -> State:
-    norms, form = run.system.norms, run.form
+def _state(run: PreparedRun, now: StepData, y: Floats) -> State:
+    norms, operators = run.system.norms, run.operators
     weights = np.zeros(0) if norms is None else norms.weights(now.t)
-    y_c = y[run.condensation.touched]
-    still = np.zeros((form.count, form.block))
-    none = np.zeros(len(form.softness))
-    ledger = Ledger.opening(energy(run.condensation, y_c, now, none), form.count)
+    y_c = y[run.condensation.retained]
+    still = np.zeros((operators.count, operators.block))
+    none = np.zeros(len(operators.compliance))
+    ledger = Ledger.opening(energy(run.condensation, y_c, now, none), operators.count)
     return State(
-        now.t,
-        y_c,
-        now.force.touched - form.force(y_c),
-        now,
-        weights,
-        weights,
-        still,
-        none,
-        still,
-        Certificate(0.0, np.zeros(form.count), 0.0, none),
-        ledger,
-        ledger.norm,
-        0,
+        t=now.t,
+        y=y_c,
+        unbalanced=now.force.retained - operators.force(y_c),
+        data=now,
+        weights=weights,
+        capped_weights=weights,
+        lam=still,
+        p=none,
+        slip=still,
+        certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
+        ledger=ledger,
+        scale=ledger.norm,
+        iterations=0,
         full=y,
     )
 
 
-def _settle(run: Run, state: State) -> State:
+def _settle(run: PreparedRun, state: State) -> State:
     """One step at the same instant, all unknowns and the certificate of the full system included."""
-    settled = solved(run, state, state.drive, state.weights, 0)
+    settled = solved(run, state, state.data, state.weights, 0)
     if run.refines:
-        settled = sharpened(trial(run, state, state.drive, state.weights), settled)
-    return completed(run, settled)
+        settled = refined_state(pose_step(run, state, state.data, state.weights), settled)
+    return certified_in_full(run, settled)
 
 
-def _at_rest(run: Run, state: State) -> State:
+def _at_rest(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
-    start = energy(run.condensation, state.y, state.drive, state.p)
+    start = energy(run.condensation, state.y, state.data, state.p)
     if run.refines:
         start = strain_energy(run.system, state.full, state.t)  # type: ignore[arg-type]
-    ledger = Ledger.opening(start, run.form.count)
+    ledger = Ledger.opening(start, run.operators.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
-    size, noise = caused_beside(run.condensation, state.drive, ledger.norm, floor, accuracy)
+    size, noise = caused_beside(run.condensation, state.data, ledger.norm, floor, accuracy)
     return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size, noise=noise)
 
 
-def _norm(run: Run, y: Floats) -> float:
+def _norm(run: PreparedRun, y: Floats) -> float:
     return float(np.sqrt(max(y @ (run.system.K @ y), 0.0)))
 
 
-def _violation(run: Run, state: State, jump: float) -> str:
-    form, norms = run.form, run.system.norms
+def _violation(run: PreparedRun, state: State, jump: float) -> str:
+    operators, norms = run.operators, run.system.norms
     where = ""
-    if norms is not None and form.count:
-        needed = np.linalg.lstsq(form.B.T.toarray(), state.unbalanced, rcond=None)[0]
-        excess = np.linalg.norm(form.blocks(needed), axis=1) - state.weights
+    if norms is not None and operators.count:
+        needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
+        excess = np.linalg.norm(operators.blocks(needed), axis=1) - state.weights
         worst = int(np.argmax(excess))
         if excess[worst] > 0:
             where = (

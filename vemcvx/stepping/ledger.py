@@ -1,9 +1,9 @@
-"""The energy ledger of backward Euler, kept on the touched unknowns.
+"""The energy ledger of backward Euler, kept on the retained unknowns.
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dc + p . (dD^u_D - de)
-           (forces and reactions at the end of the step; this load is without the stretch of the supports; the last is
-           of supports that move towards limits, and of limits e that move themselves: obstacles push)
+           (forces and reactions at the end of the step; this load is without the Dirichlet force; the last is of
+           supports that move towards limits, and of limits e that move themselves: obstacles push)
 loss     = lam . s = sum_i w_i |s_i| + c_i . s_i, kept term by term, too: friction work, which wears what rubs
            (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
@@ -23,50 +23,44 @@ a kernel x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.extended import residual
-from vemcvx.program.refinement import pulled
+from vemcvx.program.iterative_refinement import pulled
 from vemcvx.program.scaling import LARGEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 
-if TYPE_CHECKING:
-    from vemcvx.stepping.state import State
-
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class Drive:
+class StepData:
     """What drives the system at an instant: its force, and the motion of its supports."""
 
     t: float
     force: Reduced
-    """load minus stretch"""
-    stretch: Reduced | None
-    drag: Floats
+    """load minus dirichlet_force"""
+    dirichlet_force: Reduced | None
+    prescribed_slip: Floats
     carried: Floats | None
     """(n_u,) u_m, what the supports alone bring about, seen from the body"""
-    reach: Floats
+    remaining_gap: Floats
     """(r,) what the limits leave free"""
     bias: Floats
     """(m * block,) of the norm terms, minus B' of which is part of the force"""
     pushed: Reduced
     """the force without that part: what there is to hold"""
 
-    def still_as(self, other: Drive) -> bool:
+    def still_as(self, other: StepData) -> bool:
         """Whether nothing differs between the two instants."""
         return (
             np.array_equal(self.force.phi, other.force.phi)
-            and np.array_equal(self.drag, other.drag)
-            and np.array_equal(self.reach, other.reach)
+            and np.array_equal(self.prescribed_slip, other.prescribed_slip)
+            and np.array_equal(self.remaining_gap, other.remaining_gap)
             and (
-                self.stretch is None or np.array_equal(self.stretch.phi, other.stretch.phi)  # type: ignore[union-attr]
+                self.dirichlet_force is None or np.array_equal(self.dirichlet_force.phi, other.dirichlet_force.phi)  # type: ignore[union-attr]
             )
         )
 
@@ -92,17 +86,35 @@ class Ledger:
         return float(np.sqrt(2.0 * np.maximum(self.energy, 0.0)))
 
 
-def drive(system: System, condensation: Condensation, t: float) -> Drive:
+def drive(system: System, condensation: Condensation, t: float) -> StepData:
     """Evaluate load and supports at `t`."""
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
     pushed = in_range(condensation.reduce(system.push(t)), t)
     force = condensation.less(pushed, bias)
-    reach = system.reach(t)
+    remaining_gap = system.remaining_gap(t)
     if system.motion is None:
-        return Drive(t, force, None, np.zeros_like(bias), None, reach, bias, pushed)
+        return StepData(
+            t=t,
+            force=force,
+            dirichlet_force=None,
+            prescribed_slip=np.zeros_like(bias),
+            carried=None,
+            remaining_gap=remaining_gap,
+            bias=bias,
+            pushed=pushed,
+        )
     motion = system.motion
-    stretch = condensation.reduce(motion.stretch(t))
-    return Drive(t, force, stretch, motion.drag(t), motion.frame(t, -stretch.x), reach, bias, pushed)
+    dirichlet_force = condensation.reduce(motion.dirichlet_force(t))
+    return StepData(
+        t=t,
+        force=force,
+        dirichlet_force=dirichlet_force,
+        prescribed_slip=motion.prescribed_slip(t),
+        carried=motion.frame(t, -dirichlet_force.x),
+        remaining_gap=remaining_gap,
+        bias=bias,
+        pushed=pushed,
+    )
 
 
 def in_range(force: Reduced, t: float) -> Reduced:
@@ -114,15 +126,15 @@ def in_range(force: Reduced, t: float) -> Reduced:
     return force
 
 
-def energy(condensation: Condensation, y: Floats, now: Drive, p: Floats) -> float:
+def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:
     """1/2 a(u, u), and what soft limits store."""
-    pressed = float(p @ (condensation.form.softness * p))
-    if now.stretch is None:
+    pressed = float(p @ (condensation.operators.compliance * p))
+    if now.dirichlet_force is None:
         return 0.5 * (condensation.square(y, now.force) + pressed)
-    c = condensation.touched
-    z, load = y + now.stretch.x[c], now.force + now.stretch
+    c = condensation.retained
+    z, load = y + now.dirichlet_force.x[c], now.force + now.dirichlet_force
     carried = condensation.system.motion.pair(now.carried, now.carried)  # type: ignore[union-attr]
-    crossed = _crossed(condensation, now.stretch, z)
+    crossed = _crossed(condensation, now.dirichlet_force, z)
     return 0.5 * (condensation.square(z, load) + carried + pressed) + crossed
 
 
@@ -135,56 +147,69 @@ def strain_energy(system: System, y: Floats, t: float) -> float:
     return 0.5 * system.motion.pair(seen, seen)
 
 
-def _crossed(condensation: Condensation, stretch: Reduced, z: Floats) -> float:
+def _crossed(condensation: Condensation, dirichlet_force: Reduced, z: Floats) -> float:
     """a(u_m, Pz), the anchors' work; zero without."""
-    anchor = condensation.form.anchor
-    return 0.0 if anchor is None else float(z @ (anchor * stretch.x[condensation.touched]))
+    anchor = condensation.operators.anchor
+    return 0.0 if anchor is None else float(z @ (anchor * dirichlet_force.x[condensation.retained]))
 
 
 def advance(
-    condensation: Condensation, before: State, now: Drive, y: Floats, answer: Answer, slip: Floats, w: Floats
+    condensation: Condensation,
+    past: Ledger,
+    between: tuple[StepData, StepData],
+    y: Floats,
+    answer: Answer,
+    slip: Floats,
+    w: Floats,
 ) -> Ledger:
     """The ledger after a step."""
-    last = before.drive
+    last, now = between
     change = now.force - last.force
-    work = -float(answer.p @ (now.reach - last.reach))
-    if now.stretch is None or last.stretch is None:
+    work = -float(answer.p @ (now.remaining_gap - last.remaining_gap))
+    if now.dirichlet_force is None or last.dirichlet_force is None:
         work += condensation.work(now.force, answer.d, change)
     else:
-        c, motion = condensation.touched, condensation.system.motion
-        moved = now.stretch - last.stretch
-        work += condensation.work(now.force + now.stretch, answer.d + moved.x[c], change + moved)
+        c, motion = condensation.retained, condensation.system.motion
+        moved = now.dirichlet_force - last.dirichlet_force
+        work += condensation.work(now.force + now.dirichlet_force, answer.d + moved.x[c], change + moved)
         work += motion.pair(now.carried, now.carried - last.carried)  # type: ignore[union-attr, operator, arg-type]
-        work += _crossed(condensation, moved, y + now.stretch.x[c])
-        held = condensation.form.rows.pull(answer.lam.ravel()) + condensation.form.limits.pull(answer.p)
+        work += _crossed(condensation, moved, y + now.dirichlet_force.x[c])
+        held = condensation.operators.rows.pull(answer.lam.ravel()) + condensation.operators.limits.pull(answer.p)
         work -= float(held @ moved.x[c])
-        work += float(answer.lam.ravel() @ (now.drag - last.drag))
-    return _entered(before, now, energy(condensation, y, now, answer.p), work, slip, w)
+        work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
+    return _entered(past, now, stored=energy(condensation, y, now, answer.p), work=work, slip=slip, w=w)
 
 
 def advance_in_full(
-    system: System, before: State, now: Drive, y: Floats, answer: Answer, slip: Floats, w: Floats
+    system: System,
+    past: Ledger,
+    between: tuple[StepData, StepData],
+    y: tuple[Floats, Floats],
+    answer: Answer,
+    slip: Floats,
+    w: Floats,
 ) -> Ledger:
-    """The ledger after a step of which all unknowns y (n,) are known, before and after; no soft limits.
+    """The ledger after a step of which all unknowns (n,) are known, `y` before and after; no soft limits.
 
     The factors and S, which may be too coarse for energies, take no part: products with K itself, in extended
     precision. With held = load - P'A u_n,  load . dy + a(u_n, du_D) = held . dy + a(u_n, du).
     """
-    last, motion, d = before.drive, system.motion, y - before.full  # type: ignore[operator]
-    work = -float(answer.p @ (now.reach - last.reach))
+    (last, now), (start, end), motion = between, y, system.motion
+    d = end - start
+    work = -float(answer.p @ (now.remaining_gap - last.remaining_gap))
     if motion is None:
         work += float(now.force.phi @ d)
     else:
-        seen, then = motion.frame(now.t, y), motion.frame(last.t, before.full)  # type: ignore[arg-type]
+        seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
         work += motion.pair(seen, seen - then) + float(pulled(system, answer.lam, answer.p) @ d)
-        work += float(answer.lam.ravel() @ (now.drag - last.drag))
-    return _entered(before, now, strain_energy(system, y, now.t), work, slip, w)
+        work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
+    return _entered(past, now, stored=strain_energy(system, end, now.t), work=work, slip=slip, w=w)
 
 
-def _entered(before: State, now: Drive, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
+def _entered(past: Ledger, now: StepData, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
     """The ledger with a step's energy, its work but for the bias, and its slips."""
     # The bias is a force in the balance, and friction in the ledger.
     tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
-    rubbed, past = w * np.linalg.norm(slip, axis=1) + tilt, before.ledger
+    rubbed = w * np.linalg.norm(slip, axis=1) + tilt
     done = work + float(tilt.sum())
     return Ledger(stored, past.dissipated + float(rubbed.sum()), past.work + done, past.worn + rubbed)

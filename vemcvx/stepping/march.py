@@ -11,15 +11,16 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import flag
+from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
-from vemcvx.kinds import flag
 from vemcvx.linear import LinearSolver
 from vemcvx.program.system import System
-from vemcvx.real import brief, real
 from vemcvx.solvers import Solver
-from vemcvx.stepping.backward_euler import completed, step
+from vemcvx.stepping.backward_euler import step
+from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import at_rest, drag
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import Recorder, stored_steps
@@ -27,8 +28,6 @@ from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory, Storage
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.stepping.viscous import ViscousSteps
-
-Floats = NDArray[np.float64]
 
 
 def march(
@@ -95,7 +94,7 @@ def march(
     begin, state = earlier
     advance = partial(step, run)
     if system.damping is not None:
-        state = completed(run, state)
+        state = certified_in_full(run, state)
         advance = ViscousSteps(run, instants, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
     for n in range(begin + 1, steps + 1):
         state = drag(system, state, advance(state, n, instants[n]))
@@ -123,7 +122,7 @@ def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | N
 def checked_times(times: ArrayLike) -> Floats:
     """The instants as an increasing array of at least one."""
     wanted = "an increasing sequence of finite instants, such as np.linspace(0, 1, 65)"
-    t = real(times, "times", wanted)
+    t = as_real_array(times, "times", wanted)
     if t.ndim != 1 or len(t) == 0 or not np.isfinite(t).all():
         raise SceneError(f"times: found {brief(times)}; wanted {wanted}.")
     back = np.flatnonzero(np.diff(t) <= 0)

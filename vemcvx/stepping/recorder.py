@@ -8,19 +8,17 @@ import zlib
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import is_whole
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.kinds import is_whole
 from vemcvx.stepping.acceptance import say_floor
-from vemcvx.stepping.backward_euler import completed
+from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
-from vemcvx.stepping.state import Run, State, sticking
+from vemcvx.stepping.state import PreparedRun, State, sticking
 from vemcvx.stepping.storage import Arrays, Storage
 from vemcvx.stepping.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 log = logging.getLogger("vemcvx")
 
@@ -72,7 +70,7 @@ class Recorder:
         A run goes on only where it began.
     """
 
-    def __init__(self, run: Run, times: Floats, kept: Ints, storage: Storage, initial: ArrayLike | str | None):
+    def __init__(self, run: PreparedRun, times: Floats, kept: Ints, storage: Storage, initial: ArrayLike | str | None):
         self._run, self._times, self._kept, self._storage = run, times, kept, storage
         self._row = {int(n): row for row, n in enumerate(kept)}
         self._marks = fixed_marks(run, times, kept, initial) if storage.lasting else {}
@@ -81,13 +79,13 @@ class Recorder:
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
-        form, rows, dragged = self._run.form, len(self._kept), self._run.system.dragged
-        terms = form.count + (0 if dragged is None else dragged.count)
-        block = form.block if dragged is None else dragged.block
+        operators, rows, dragged = self._run.operators, len(self._kept), self._run.system.dragged
+        terms = operators.count + (0 if dragged is None else dragged.count)
+        block = operators.block if dragged is None else dragged.block
         return {
             "state": ((rows, self._run.system.n), float),
             "multipliers": ((rows, terms, block), float),
-            "pressures": ((rows, len(form.softness)), float),
+            "pressures": ((rows, len(operators.compliance)), float),
             "weights": ((rows, terms), float),
             "sticking": ((rows, terms), bool),
             "worn": ((rows, terms), float),
@@ -143,9 +141,9 @@ class Recorder:
             self._rows = {name: self._storage.array(name, *shape) for name, shape in self._shapes.items()}
         left, stored = state, n in self._row
         if stored or n == 0:
-            state = completed(self._run, state)
+            state = certified_in_full(self._run, state)
             if n > 0 and self._run.check:
-                self._run.insist(state, n)
+                self._run.require_certified(state, n)
         c, ledger = state.certificate, state.ledger
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
         dragged = state.dragged
@@ -161,7 +159,7 @@ class Recorder:
         if stored:
             row = self._row[n]
             self._enter(row, "state", state.full)
-            lam = state.lam + state.drive.bias.reshape(state.lam.shape)
+            lam = state.lam + state.data.bias.reshape(state.lam.shape)
             self._enter(row, "multipliers", np.concatenate([lam, dragged.lam]))
             self._enter(row, "pressures", state.p)
             self._enter(row, "weights", np.concatenate([state.weights, dragged.weights]))

@@ -10,14 +10,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.program.certificate import duality_gap
 from vemcvx.program.kernel import Kernel, refuse_unheld
 from vemcvx.program.step_program import Answer, StepProgram
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_POINTS = 200
 PATIENCE = 6
@@ -48,35 +45,35 @@ def answered(ask: Ask, program: StepProgram, target: float, lam: Floats, p: Floa
     return replace(answer, d=d, lam=lam, p=p)
 
 
-def refuse_unbalanced(program: StepProgram, kernel: Kernel, touched: Ints, n: int, t: float) -> None:
+def refuse_unbalanced(program: StepProgram, kernel: Kernel, retained: Ints, n: int, t: float) -> None:
     """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel.
 
     Parameters
     ----------
-    touched : (m,) array
+    retained : (m,) array
         The unknowns of `kernel` that the program has.
     """
-    form = program.form
-    motion = form.hold.unheld(program.w, form.kernel.T @ program.g)  # type: ignore[union-attr]
+    operators = program.operators
+    motion = operators.hold.unheld(program.w, operators.kernel.T @ program.g)  # type: ignore[union-attr]
     if motion is None:
         return
-    field = form.kernel @ motion  # type: ignore[operator]
+    field = operators.kernel @ motion  # type: ignore[operator]
     field /= np.abs(field).max()
-    felt = np.linalg.norm(form.blocks(form.rows.read(field)), axis=1)
-    parts = np.linalg.lstsq(kernel.modes[touched], field, rcond=None)[0]
-    refuse_unheld(kernel, parts, float(field @ program.g), float(program.w @ felt), n, t)
+    felt = np.linalg.norm(operators.blocks(operators.rows.read(field)), axis=1)
+    parts = np.linalg.lstsq(kernel.modes[retained], field, rcond=None)[0]
+    refuse_unheld(kernel, parts, push=float(field @ program.g), holds=float(program.w @ felt), n=n, t=t)
 
 
 def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
     """The same where K has a kernel and the solver takes none, in no more than `most` iterations and the last point's.
 
-    Here `ask` answers programs of ``program.form.regular``.
+    Here `ask` answers programs of ``program.operators.regular``.
     """
-    form, d = program.form, np.zeros(len(program.g))
+    operators, d = program.operators, np.zeros(len(program.g))
     lam, p = program.admissible(lam, p, d)
     best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
     iterations = safeguards = 0
-    centres = _Centres(np.flatnonzero(form.anchor))  # type: ignore[arg-type]
+    centres = _Centres(np.flatnonzero(operators.anchor))  # type: ignore[arg-type]
     for _ in range(MOST_POINTS):
         answer = ask(program.proximal(d), target, lam, p, iterations)
         iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards

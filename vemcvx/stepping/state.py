@@ -8,23 +8,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.linear import LinearSolver
 from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.form import Form
-from vemcvx.program.refinement import needs_refinement
+from vemcvx.program.iterative_refinement import needs_refinement
+from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.system import System
 from vemcvx.solvers import Newton, Prepared, Solver, choose
 from vemcvx.solvers.response import Response
-from vemcvx.stepping.acceptance import insist
-from vemcvx.stepping.ledger import Drive, Ledger
-
-Floats = NDArray[np.float64]
+from vemcvx.stepping.acceptance import require_certified
+from vemcvx.stepping.ledger import Ledger, StepData
 
 
 @dataclass(frozen=True)
-class Run:
+class PreparedRun:
     """What all steps share."""
 
     system: System
@@ -44,16 +43,16 @@ class Run:
         """To which steps are solved."""
         return self.share * self.solver.accuracy
 
-    def insist(self, state: State, n: int) -> None:
+    def require_certified(self, state: State, n: int) -> None:
         """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
-        insist(
+        require_certified(
             self.solver,
             self.system.norms,
-            state.certificate,
-            state.unit(self.solver.accuracy),
-            state.status,
-            n,
-            state.t,
+            certificate=state.certificate,
+            unit=state.unit(self.solver.accuracy),
+            status=state.status,
+            n=n,
+            t=state.t,
         )
 
     @property
@@ -61,7 +60,7 @@ class Run:
         """Iterations that a step may take; no end of them where the solver's settings do not say."""
         return getattr(self.solver, "max_iterations", np.inf)
 
-    def after(self, iterations: int) -> Run:
+    def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
         if iterations == 0 or type(self.solver) is not Newton:
             return self
@@ -71,12 +70,12 @@ class Run:
     @cached_property
     def response(self) -> Response:
         """How norm terms and limits of the scaled form move under each other's forces."""
-        return Response(self.scaling.form)
+        return Response(self.scaling.operators)
 
     @property
-    def form(self) -> Form:
+    def operators(self) -> Operators:
         """The condensed form, in the units of the system."""
-        return self.condensation.form
+        return self.condensation.operators
 
 
 @dataclass(frozen=True)
@@ -95,17 +94,17 @@ class Dragged:
 
 @dataclass(frozen=True)
 class State:
-    """Everything known at an instant; touched unknowns only."""
+    """Everything known at an instant; retained unknowns only."""
 
     t: float
     y: Floats
     """(m,)"""
     unbalanced: Floats
     """(m,) load - K y, which the norm terms hold"""
-    drive: Drive
+    data: StepData
     weights: Floats
     """(m,) of the friction bounds"""
-    walls: Floats
+    capped_weights: Floats
     """(m,) the weights, those far above every multiplier lowered"""
     lam: Floats
     p: Floats
@@ -144,28 +143,36 @@ class State:
         return self.certificate.error <= accuracy * self.unit(accuracy)
 
 
-def sticking(run: Run, state: State) -> NDArray[np.bool_]:
+def sticking(run: PreparedRun, state: State) -> NDArray[np.bool_]:
     """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
-    form = run.form
-    if form.count == 0:
+    operators = run.operators
+    if operators.count == 0:
         return np.zeros(0, dtype=bool)
-    blur = EPS * np.abs(form.blocks(form.rows.absolute.read(np.abs(state.y)))).max(axis=1)
+    blur = EPS * np.abs(operators.blocks(operators.rows.absolute.read(np.abs(state.y)))).max(axis=1)
     error = state.certificate.error + state.certificate.error_floor
-    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(form.compliance) + blur
+    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(operators.norm_flexibility) + blur
 
 
-def asked_of(solver: Solver, scales: Scaling) -> Form:
+def asked_of(solver: Solver, scales: Scaling) -> Operators:
     """The scaled form that the solver is asked for: with a kernel only where it takes one."""
-    return scales.form if solver.semidefinite else scales.form.regular
+    return scales.operators if solver.semidefinite else scales.operators.regular
 
 
 def prepare(
     system: System, solver: Solver | None, check: bool, condense: bool, linear: LinearSolver | None = None
-) -> Run:
+) -> PreparedRun:
     """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)
-    chosen = choose(condensation.form, solver)
-    scales = scaling(condensation.form)
-    plain = condensation.form.separate and not condensation.form.softness.any()
+    chosen = choose(condensation.operators, solver)
+    scales = scaling(condensation.operators)
+    plain = condensation.operators.separate and not condensation.operators.compliance.any()
     refines = plain and needs_refinement(condensation, chosen.accuracy)
-    return Run(system, condensation, scales, chosen, chosen.prepare(asked_of(chosen, scales)), check, refines)
+    return PreparedRun(
+        system=system,
+        condensation=condensation,
+        scaling=scales,
+        solver=chosen,
+        prepared=chosen.prepare(asked_of(chosen, scales)),
+        check=check,
+        refines=refines,
+    )

@@ -3,7 +3,7 @@
 A folder holds one ``.npy`` file an array, mapped into memory, so that the size of a history is bounded by the
 disk and not by memory; and ``checkpoint.npz``, replaced in one move, from which a run that was interrupted goes on. The
 disk's space is claimed before the first step. All of it outlives the process; should the machine die, too, the check
-sums of the checkpoint tell whether the disk has it all. Which files are a run's says :mod:`vemcvx.owned`.
+sums of the checkpoint tell whether the disk has it all. Which files are a run's says :mod:`vemcvx.owned_files`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.errors import HistoryError
-from vemcvx.owned import Owned, path_of
+from vemcvx.owned_files import Owned, path_of
 
 Arrays = dict[str, NDArray[Any]]
 CHECKPOINT = "checkpoint.npz"

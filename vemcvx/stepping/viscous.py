@@ -23,18 +23,17 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.extended import residual
-from vemcvx.program.refinement import rounding
+from vemcvx.program.iterative_refinement import rounding
 from vemcvx.program.system import System
-from vemcvx.stepping.backward_euler import completed, solved
-from vemcvx.stepping.ledger import Drive, Ledger, in_range, strain_energy
-from vemcvx.stepping.state import Run, State
-
-Floats = NDArray[np.float64]
+from vemcvx.stepping.backward_euler import solved
+from vemcvx.stepping.certified_in_full import certified_in_full
+from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
+from vemcvx.stepping.state import PreparedRun, State
 
 KEPT = 4
 """Factorisations kept, the longest unused goes: two lengths of step that take turns need two."""
@@ -54,10 +53,10 @@ class ViscousSteps:
         For the system of one length of step.
     """
 
-    def __init__(self, run: Run, instants: Floats, prepare: Callable[[System], Run]):
+    def __init__(self, run: PreparedRun, instants: Floats, prepare: Callable[[System], PreparedRun]):
         self._run, self._prepare = run, prepare
         self._lengths = shared_lengths(instants)
-        self._runs: OrderedDict[float, tuple[Run, sp.csr_matrix]] = OrderedDict()
+        self._runs: OrderedDict[float, tuple[PreparedRun, sp.csr_matrix]] = OrderedDict()
 
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`, all its unknowns included."""
@@ -71,7 +70,7 @@ class ViscousSteps:
                 best = min(state, sharper, key=lambda found: found.certificate.gap)
                 state = replace(best, iterations=state.iterations + sharper.iterations)
         if self._run.check:
-            self._run.insist(state, n)
+            self._run.require_certified(state, n)
         return state
 
     def _stepped(self, before: State, n: int, t: float, share: float) -> tuple[State, float]:
@@ -82,14 +81,14 @@ class ViscousSteps:
         now = self._drive(run, y, before.t, t, k)
         norms = run.system.norms
         weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
-        stepped = completed(run, solved(run, _rest(run, before, now), now, weights, n), lost)
+        stepped = certified_in_full(run, solved(run, _rest(run, before, now), now, weights, n), lost)
         d = stepped.full
-        ledger = self._ledger(before, stepped, y, d, t, k)
+        ledger = self._ledger(before, stepped, y=y, d=d, t=t, k=k)
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))
         state = replace(
             stepped,
             certificate=replace(stepped.certificate, floor=floor),
-            y=(y + d)[run.condensation.touched],
+            y=(y + d)[run.condensation.retained],
             full=y + d,
             ledger=ledger,
             scale=float(np.maximum(before.scale, ledger.norm)),
@@ -97,7 +96,7 @@ class ViscousSteps:
         )
         return state, stepped.unit(run.accuracy)
 
-    def _at(self, k: float) -> tuple[Run, sp.csr_matrix]:
+    def _at(self, k: float) -> tuple[PreparedRun, sp.csr_matrix]:
         """The run for steps of length k, and what rounding takes off its stiffness."""
         if k not in self._runs:
             system = self._run.system
@@ -111,13 +110,13 @@ class ViscousSteps:
         self._runs.move_to_end(k)
         return self._runs[k]
 
-    def _floor(self, run: Run, stepped: State, y: Floats, s: float, off: float) -> float:
+    def _floor(self, run: PreparedRun, stepped: State, y: Floats, s: float, off: float) -> float:
         """The rounding floor of a step from y at the instant s; `off`: the relative change of a shared length."""
         system, d = self._run.system, stepped.full
         blur = np.abs(system.force(stepped.t)) + abs(system.K) @ np.abs(y)
         moved = system.damping.motion  # type: ignore[union-attr]
         if moved is not None:
-            blur += (np.abs(moved.stretch(stepped.t)) + np.abs(moved.stretch(s))) / (stepped.t - s)
+            blur += (np.abs(moved.dirichlet_force(stepped.t)) + np.abs(moved.dirichlet_force(s))) / (stepped.t - s)
         there = y + d
         cut = (y - (there - (there - y))) + (d - (there - y))
         roots = [
@@ -128,44 +127,53 @@ class ViscousSteps:
         ]
         return float(np.sqrt(roots).sum() ** 2)
 
-    def _drive(self, run: Run, y: Floats, s: float, t: float, k: float) -> Drive:
+    def _drive(self, run: PreparedRun, y: Floats, s: float, t: float, k: float) -> StepData:
         """What drives the increment from the instant s to t."""
         system = self._run.system
         motion, damping = system.motion, system.damping
         phi = residual(system.push(t), system.K, y, np.zeros(len(y)))
-        drag = np.zeros(0 if system.norms is None else system.norms.B.shape[0])
+        prescribed_slip = np.zeros(0 if system.norms is None else system.norms.B.shape[0])
         if motion is not None:
-            drag = motion.drag(t) - motion.drag(s)
+            prescribed_slip = motion.prescribed_slip(t) - motion.prescribed_slip(s)
         if damping.motion is not None:  # type: ignore[union-attr]
-            phi -= (damping.motion.stretch(t) - damping.motion.stretch(s)) / k  # type: ignore[union-attr]
-        reach = system.reach(t)
+            phi -= (damping.motion.dirichlet_force(t) - damping.motion.dirichlet_force(s)) / k  # type: ignore[union-attr]
+        remaining_gap = system.remaining_gap(t)
         if system.limits is not None:
-            reach = reach - system.limits.D @ y
-        bias = np.zeros_like(drag) if system.norms is None else system.norms.tilt(t)
+            remaining_gap = remaining_gap - system.limits.D @ y
+        bias = np.zeros_like(prescribed_slip) if system.norms is None else system.norms.tilt(t)
         # No two of these are alike, and a resumed run does not know those before it.
         pushed = in_range(run.condensation.reduce(phi, remembered=False), t)
         force = run.condensation.less(pushed, bias, remembered=False) if bias.any() else pushed
-        return Drive(t, force, None, drag, None, reach, bias, pushed)
+        return StepData(
+            t=t,
+            force=force,
+            dirichlet_force=None,
+            prescribed_slip=prescribed_slip,
+            carried=None,
+            remaining_gap=remaining_gap,
+            bias=bias,
+            pushed=pushed,
+        )
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t
         C, ahead = system.damping.C, y + d  # type: ignore[union-attr]
         lost = float(d @ (C @ d)) / k
-        work = float(system.force(t) @ d) - float(stepped.p @ (system.reach(t) - system.reach(s)))
+        work = float(system.force(t) @ d) - float(stepped.p @ (system.remaining_gap(t) - system.remaining_gap(s)))
         motion = system.motion
         if motion is not None:
-            change = motion.stretch(t) - motion.stretch(s)
-            work += float(motion.stretch(t) @ d + ahead @ change) + motion.stored(t, t) - motion.stored(s, t)
-            work += float(stepped.lam.ravel() @ (motion.drag(t) - motion.drag(s)))
+            change = motion.dirichlet_force(t) - motion.dirichlet_force(s)
+            work += float(motion.dirichlet_force(t) @ d + ahead @ change) + motion.stored(t, t) - motion.stored(s, t)
+            work += float(stepped.lam.ravel() @ (motion.prescribed_slip(t) - motion.prescribed_slip(s)))
         moved = system.damping.motion  # type: ignore[union-attr]
         if moved is not None:
-            across = float(d @ (moved.stretch(t) - moved.stretch(s))) / k
+            across = float(d @ (moved.dirichlet_force(t) - moved.dirichlet_force(s))) / k
             own = (moved.stored(t, t) - 2 * moved.stored(s, t) + moved.stored(s, s)) / k
             lost, work = lost + 2 * across + own, work + across + own
-        work += float(stepped.drive.bias @ stepped.slip.ravel())
+        work += float(stepped.data.bias @ stepped.slip.ravel())
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
-        energy = strain_energy(system, ahead, t) + 0.5 * float(stepped.p @ (self._run.form.softness * stepped.p))
+        energy = strain_energy(system, ahead, t) + 0.5 * float(stepped.p @ (self._run.operators.compliance * stepped.p))
         return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn)
 
 
@@ -180,12 +188,21 @@ def shared_lengths(instants: Floats) -> Floats:
     return shared
 
 
-def _rest(run: Run, before: State, now: Drive) -> State:
+def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     """Nothing has moved yet: where the increment begins."""
-    form = run.form
-    none, nothing = np.zeros(len(run.condensation.touched)), np.zeros((form.count, form.block))
+    operators = run.operators
+    none, nothing = np.zeros(len(run.condensation.retained)), np.zeros((operators.count, operators.block))
     zero = now.force - now.force
-    drive = Drive(before.t, zero, None, np.zeros_like(now.drag), None, np.zeros_like(now.reach), now.bias, zero)
-    certificate = Certificate(0.0, np.zeros(form.count), 0.0, np.zeros(len(form.softness)))
+    drive = StepData(
+        t=before.t,
+        force=zero,
+        dirichlet_force=None,
+        prescribed_slip=np.zeros_like(now.prescribed_slip),
+        carried=None,
+        remaining_gap=np.zeros_like(now.remaining_gap),
+        bias=now.bias,
+        pushed=zero,
+    )
+    certificate = Certificate(0.0, np.zeros(operators.count), 0.0, np.zeros(len(operators.compliance)))
     start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
-    return State(before.t, *start, certificate, Ledger.opening(0.0, form.count), before.scale, 0, size=before.size)
+    return State(before.t, *start, certificate, Ledger.opening(0.0, operators.count), before.scale, 0, size=before.size)

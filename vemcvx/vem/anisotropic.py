@@ -19,14 +19,12 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import assemble_cells
 from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.space import Space
 from vemcvx.vem.stiffness import missed_squares
-
-Floats = NDArray[np.float64]
 
 
 def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:

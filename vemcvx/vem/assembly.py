@@ -12,12 +12,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.vem.space import CellGroup, Space
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
 CHUNK = 2**16

@@ -14,8 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from vemcvx.arrays import Floats, Ints
 
 # Normals closer than this are one. Points that were rounded a few times turn an edge by a few EPS |x| / length
 # besides, and as much is granted: an edge of 1e-12 on a straight inclined side of length 1 is no corner.

@@ -8,9 +8,8 @@ xy is 2 e_xy.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vemcvx.arrays import Floats
 
 UPPER = np.triu_indices(3)
 

@@ -9,9 +9,8 @@ zz, across the plane, is the third principal stress: 0 in plane stress, lam (e_x
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vemcvx.arrays import Floats
 
 
 def principal(stress: Floats) -> Floats:
@@ -21,8 +20,8 @@ def principal(stress: Floats) -> Floats:
     return np.column_stack([centre + radius, centre - radius])
 
 
-def equivalent(stress: Floats, across: Floats) -> Floats:
+def equivalent(stress: Floats, out_of_plane: Floats) -> Floats:
     """Von Mises' stress (n,) of stresses (n, 3), (xx, yy, xy), in the plane and (n,), zz, across it."""
     xx, yy, xy = stress.T
-    apart = (xx - yy) ** 2 + (yy - across) ** 2 + (across - xx) ** 2
+    apart = (xx - yy) ** 2 + (yy - out_of_plane) ** 2 + (out_of_plane - xx) ** 2
     return np.sqrt(0.5 * apart + 3.0 * xy**2)

@@ -11,15 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.vem.boundary import BoundaryPart
 from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.space import Space
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Cells are taken in pieces of a few tens of megabytes.
 CHUNK = 2**22

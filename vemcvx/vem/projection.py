@@ -23,9 +23,8 @@ homogeneous in the coordinates, so that scaling these by a power of two changes 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vemcvx.arrays import Floats
 
 
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:

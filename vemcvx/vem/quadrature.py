@@ -15,11 +15,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem.space import CellGroup
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the
 # touching cases (triangles with hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.

@@ -16,14 +16,12 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import SceneError
 from vemcvx.vem.assembly import assemble_cells
 from vemcvx.vem.projection import area_gradients, vertex_values
 from vemcvx.vem.space import CellGroup, Space
-
-Floats = NDArray[np.float64]
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import CHUNK
 from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.space import Space
-
-Floats = NDArray[np.float64]
 
 
 def strains(space: Space, u: Floats) -> Floats:

@@ -16,28 +16,26 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arguments import LARGEST, is_real
+from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.errors import SceneError
 from vemcvx.estimate.adapt.marking import cells_to_refine
 from vemcvx.estimate.adapt.time_steps import split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
-from vemcvx.kinds import LARGEST, is_real
 from vemcvx.meshes import PolygonMesh
-from vemcvx.real import brief
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import pose
+from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import check_kinds
 from vemcvx.solvers import Solver
-from vemcvx.stepping.backward_euler import completed
+from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.march import checked_times, march
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Marks = tuple[NDArray[np.bool_], Floats]
 
 log = logging.getLogger("vemcvx")
@@ -163,7 +161,7 @@ def adapt(
         start = time.perf_counter()
         if not passes:
             instants, finer = _begin(scene, mesh, wanted, target, initial)
-        posed = pose(scene, mesh, instants)
+        posed = pose_scene(scene, mesh, instants)
         looked_at = _looked_at(instants, wanted)
         kept = np.searchsorted(instants, wanted)
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
@@ -229,10 +227,10 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
 
     Nothing is left out here: what is zero at the instants asked for need not be so between them.
     """
-    posed = pose(scene, mesh)
+    posed = pose_scene(scene, mesh)
     check_estimable(posed, "adapt")
     run = prepare(posed.system, None, False, True)
-    state = completed(run, initial_state(run, float(wanted[0]), initial))
+    state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
     known, times = course(posed.system, wanted), wanted
     while True:
         finer = beside_finer(run, times, state.full, known)

@@ -8,11 +8,8 @@ taken: the squared indicator of a cell drops to a quarter when it is split in fo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from vemcvx.arrays import Bools, Floats
 
 GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""

@@ -8,13 +8,11 @@ steps that together make up a given part of the loss are split at once: the smal
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.estimate.adapt.marking import largest
 from vemcvx.estimate.budget import Finer
 from vemcvx.estimate.budget.data_in_time import HAIR
-
-Floats = NDArray[np.float64]
 
 SPLIT = 0.8
 """Part of the squared loss that is split at once."""

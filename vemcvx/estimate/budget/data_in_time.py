@@ -20,9 +20,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.program.system import System
-
-Floats = NDArray[np.float64]
 
 SAMPLES = 256
 """Instants of the run at which data are looked at, at least."""
@@ -112,12 +111,12 @@ class _Sums:
 
     def _blocks(self, t: float) -> list[tuple[str, Floats]]:
         system = self._system
-        reach = system.reach(t)
+        reach = system.remaining_gap(t)
         blocks = [("load", system.force(t)), ("gap", reach)]
         if system.norms is not None:
             blocks.append(("bound of friction", system.norms.weights_under(t, np.ones(len(reach)))))
         if system.motion is not None:
-            blocks.append(("support", system.motion.drag(t)))
+            blocks.append(("support", system.motion.prescribed_slip(t)))
         return blocks
 
 

@@ -22,17 +22,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import Given
 from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, at_ends, normals_of, pressures_at_ends
-from vemcvx.scene.pose import Posed
+from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 AT_BOUND = 0.99
 """Friction of this part of its bound counts as being at it."""
@@ -42,7 +39,7 @@ AT_BOUND = 0.99
 class Closer:
     """Data of a posed scene, and the places where they are looked at."""
 
-    posed: Posed
+    posed: PosedScene
     edges: Skeleton
     on: tuple[tuple[Given, Places], ...] = field(init=False)
 
@@ -90,7 +87,7 @@ class Closer:
         """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
         places, material, mesh = self.inside, self.posed.material, self.posed.space.mesh
         owner = places.owner
-        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.swelling[owner]
+        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.thermal_stress_moduli[owner]
         C, blocked, apart = C_K.copy(), blocked_K.copy(), np.zeros((len(owner), 3))
         cells = np.arange(mesh.n_cells)
         for given in self.posed.given:

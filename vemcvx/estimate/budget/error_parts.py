@@ -14,23 +14,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints, brief, plain
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.budget.data_oscillation import Closer
 from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
 from vemcvx.estimate.budget.residual import indicators
 from vemcvx.estimate.budget.skeleton import skeleton
 from vemcvx.estimate.budget.surface_forces import instant
-from vemcvx.real import brief, plain
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
-from vemcvx.scene.pose import Posed, pose
+from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +96,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
         raise HistoryError(
             "error_budget: this history was read from files, and its scene is not among them; simulate the scene."
         )
-    posed = pose(history.scene, history.mesh, history.trajectory.times)
+    posed = pose_scene(history.scene, history.mesh, history.trajectory.times)
     after = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     wanted = after
     if steps is not None:
@@ -112,7 +108,7 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
     return budget_of(posed, history, rows)
 
 
-def budget_of(posed: Posed, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
+def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
     """The budget of a run whose posed scene is at hand, at rows of its arrays; `finer` if that is known."""
     check_estimable(posed, "error_budget")
     run, edges = history.trajectory, skeleton(posed)
@@ -126,33 +122,33 @@ def budget_of(posed: Posed, history: History, rows: Sequence[int], finer: Finer 
     scale = float(run.norm.max())
     unit = scale or float((space + time).max()) or 1.0
     return ErrorBudget(
-        steps,
-        run.certificate_total[steps] * run.scale[steps] / unit,
-        space / unit,
-        time / unit,
-        {name: share / unit for name, share in parts.items()},
-        np.sqrt(np.max([sum(part.values()) for part in squares], axis=0)) / unit,
-        finer.added / unit,
-        finer.jumps,
-        scale,
+        steps=steps,
+        algebra=run.certificate_total[steps] * run.scale[steps] / unit,
+        space=space / unit,
+        time=time / unit,
+        parts={name: share / unit for name, share in parts.items()},
+        cells=np.sqrt(np.max([sum(part.values()) for part in squares], axis=0)) / unit,
+        added=finer.added / unit,
+        jumps=finer.jumps,
+        scale=scale,
     )
 
 
-def in_time(posed: Posed, run: Trajectory) -> Finer:
+def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     """A run of a posed scene beside one in finer steps.
 
     What was left out because it is zero at the run's instants may act between them: nothing is left out here.
     """
     if run.initial is None:
         raise HistoryError("error_budget: this run does not say where it began; simulate the scene again.")
-    whole = pose(posed.scene, posed.space.mesh) if posed.void else posed
+    whole = pose_scene(posed.scene, posed.space.mesh) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:
         y = whole.supports.gather(posed.displacement(y, start) - whole.supports.motion(start))
     return beside_finer(prepare(whole.system, None, False, True), run.times, y)
 
 
-def check_estimable(posed: Posed, subject: str) -> None:
+def check_estimable(posed: PosedScene, subject: str) -> None:
     """Raise SceneError where there is no estimate."""
     if posed.system.damping is not None:
         raise SceneError(

@@ -5,7 +5,7 @@ ones: PARTS in every step, more where data turn faster than that, and wherever t
 (:mod:`.data_in_time`). At the instants of the run both are driven by the same data, so that they differ by what
 their contact forces do, and with S the condensed stiffness
 
-    |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns that friction and limits touch.
+    |u_n - u_n'|_a^2 = (y_n - y_n')' S (y_n - y_n')     on the unknowns that friction and limits read.
 
 Finer steps have an error, too. Where it is of first order it is 1/PARTS of what is looked for, and
 
@@ -20,15 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.estimate.budget.data_in_time import Course, course, divided
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.initial import settled_from
-from vemcvx.stepping.state import Run
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from vemcvx.stepping.state import PreparedRun
 
 PARTS = 4
 AT_LEAST = 32
@@ -65,7 +62,7 @@ class Finer:
     jumps: tuple[str, ...]
 
 
-def beside_finer(run: Run, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
+def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
     """Compare a run with one in finer steps.
 
     Parameters
@@ -78,20 +75,20 @@ def beside_finer(run: Run, times: Floats, initial: Floats, known: Course | None 
         Of the data, if it has been looked at.
     """
     known = course(run.system, times) if known is None else known
-    if run.form.count == 0 or len(times) == 1:
+    if run.operators.count == 0 or len(times) == 1:
         none = np.zeros(len(times))
-        return Finer(none, none[1:], times, 0.0, known.bends, known.jumps)
+        return Finer(errors=none, added=none[1:], times=times, norm=0.0, bends=known.bends, jumps=known.jumps)
     finer = finer_instants(times, known)
     run = replace(run, check=False)
     own, _ = _followed(run, times, initial)
     other, norm = _followed(run, finer, initial)
     apart = own - other[np.searchsorted(finer, times)]
-    K = run.form.K
+    K = run.operators.K
     errors, added = (
         MARGIN * np.sqrt(np.maximum(np.einsum("ni,ni->n", d, (K @ d.T).T), 0.0))
         for d in (apart, np.diff(apart, axis=0))
     )
-    return Finer(errors, added, finer, norm, known.bends, known.jumps)
+    return Finer(errors=errors, added=added, times=finer, norm=norm, bends=known.bends, jumps=known.jumps)
 
 
 def finer_instants(times: Floats, known: Course) -> Floats:
@@ -117,8 +114,8 @@ def _worst_between(chosen: Floats, known: Course) -> Floats:
     return known.times[new]
 
 
-def _followed(run: Run, times: Floats, initial: Floats) -> tuple[Floats, float]:
-    """Touched unknowns (N + 1, m) at the instants, and the largest energy norm."""
+def _followed(run: PreparedRun, times: Floats, initial: Floats) -> tuple[Floats, float]:
+    """Retained unknowns (N + 1, m) at the instants, and the largest energy norm."""
     state = settled_from(run, float(times[0]), initial)
     found = np.empty((len(times), len(state.y)))
     found[0] = state.y

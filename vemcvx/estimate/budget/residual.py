@@ -16,17 +16,15 @@ Poincare inequality on a cell; c, one for all, is declared below.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.estimate.budget.data_oscillation import Closer
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, surface_forces
 from vemcvx.scene.composition import InitialStresses
-from vemcvx.scene.pose import Posed
+from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import strains, stresses
 from vemcvx.vem.projection import vertex_values
-
-Floats = NDArray[np.float64]
 
 CONSTANT = 0.72
 """c: with c = 1 the sum is 1.8 to 2.2 times the true error on the paper's scene and 2.4 to 2.9 times on manufactured
@@ -34,7 +32,7 @@ full slip, on all families and for Poisson's ratios up to .4999995, and 1.4 time
 VOLUME = 0.1
 
 
-def indicators(posed: Posed, edges: Skeleton, closer: Closer, now: Instant) -> dict[str, Floats]:
+def indicators(posed: PosedScene, edges: Skeleton, closer: Closer, now: Instant) -> dict[str, Floats]:
     """Squares (n_cells,) of the parts "volume", "jumps", "boundary", "stabilisation" and "data" of eta_K."""
     strain = strains(posed.space, now.u)
     sigma = stresses(posed.material.moduli, strain)
@@ -51,7 +49,7 @@ def indicators(posed: Posed, edges: Skeleton, closer: Closer, now: Instant) -> d
     return {name: CONSTANT**2 * squares for name, squares in parts.items()}
 
 
-def _volume(posed: Posed, edges: Skeleton, t: float) -> Floats:
+def _volume(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     """h^2 / mu |f|^2_K with the mean force: F = |K| f, so it is |F|^2 / mu with h^2 = |K|."""
     force = np.zeros((len(edges.sizes), 2))
     for load in posed.loads:
@@ -85,7 +83,7 @@ def _traction(sigma: Floats, normals: Floats) -> Floats:
     return np.column_stack([xx * x + xy * y, xy * x + yy * y])
 
 
-def stabilised(posed: Posed, u: Floats) -> Floats:
+def stabilised(posed: PosedScene, u: Floats) -> Floats:
     """tau |(I - Pi) u|^2 (n_cells,), which the energy u'A u includes."""
     tau = posed.material.tau
     result = np.empty(len(tau))

@@ -9,15 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.measures.convex_parts import convex_pieces, doubled_areas, fans
 from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.vem import Space
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ON_BOUNDARY, INSIDE = 512, 128
 LEAST = 4

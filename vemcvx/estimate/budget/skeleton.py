@@ -6,14 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, shared_edges
-from vemcvx.scene.pose import Posed
+from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, mean_shear
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FREE = 1e-9
 """A direction in which both ends of an edge move by less than this part of their freedom is held."""
@@ -53,7 +50,7 @@ class Skeleton:
     free: Floats
 
 
-def skeleton(posed: Posed) -> Skeleton:
+def skeleton(posed: PosedScene) -> Skeleton:
     """The edges of a posed scene's mesh."""
     mesh = posed.space.mesh
     shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
@@ -64,14 +61,14 @@ def skeleton(posed: Posed) -> Skeleton:
     pairs = np.column_stack([owner[inner], owner[shared.corners[shared.first[two] + 1]]])
     edges = np.column_stack([mesh.vertices[outer], ends[outer]])
     return Skeleton(
-        np.sqrt(mesh.areas),
-        0.5 * mean_shear(elastic_matrix(posed.material.moduli)),
-        pairs,
-        _normals(mesh.points, mesh.vertices[inner], ends[inner]),
-        owner[outer],
-        edges,
-        _normals(mesh.points, *edges.T),
-        _free(posed.supports.P, edges),
+        sizes=np.sqrt(mesh.areas),
+        shear=0.5 * mean_shear(elastic_matrix(posed.material.moduli)),
+        inside=pairs,
+        inside_normals=_normals(mesh.points, mesh.vertices[inner], ends[inner]),
+        outer=owner[outer],
+        outer_edges=edges,
+        outer_normals=_normals(mesh.points, *edges.T),
+        free=_free(posed.supports.P, edges),
     )
 
 

@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.meshes.polygons.topology import edge_keys
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
-from vemcvx.scene.pose import Posed
+from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.terms import Terms
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ALONG = 1e-6
 """Normals of an edge and of a term at one of its ends that agree to this are those of one side."""
@@ -50,7 +47,7 @@ def instant(history: History, row: int) -> Instant:
     return Instant(float(history.times[row]), history.displacement[row], *parts)
 
 
-def surface_forces(posed: Posed, edges: Skeleton, now: Instant) -> Floats:
+def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Force (b, 2) on each boundary edge of the skeleton."""
     total = _loads(posed, edges, now.t)
     terms, obstacles = posed.terms, posed.obstacles
@@ -72,7 +69,7 @@ def normals_of(terms: Terms) -> Floats:
     return np.column_stack([tangents[:, 0, 1], -tangents[:, 0, 0]])
 
 
-def pressures_at_ends(posed: Posed, edges: Skeleton, now: Instant) -> Floats:
+def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Pressure of obstacles (b, 2) at the two ends of each boundary edge, force per length."""
     obstacles = posed.obstacles
     if obstacles is None or len(obstacles.nodes) == 0:
@@ -80,7 +77,7 @@ def pressures_at_ends(posed: Posed, edges: Skeleton, now: Instant) -> Floats:
     return at_ends(edges, obstacles.nodes, obstacles.normals, (now.p / obstacles.lengths)[:, None])[..., 0]
 
 
-def _loads(posed: Posed, edges: Skeleton, t: float) -> Floats:
+def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     n = posed.space.mesh.n_nodes
     keys = edge_keys(*edges.outer_edges.T, n)
     order = np.argsort(keys)
@@ -119,7 +116,7 @@ def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Fl
     return found
 
 
-def _springs(posed: Posed, edges: Skeleton, u: Floats) -> Floats:
+def _springs(posed: PosedScene, edges: Skeleton, u: Floats) -> Floats:
     """Springs pull where both ends of an edge have some."""
     stiff = posed.springs.diagonal().reshape(-1, 2).max(axis=1) > 0
     sprung = stiff[edges.outer_edges].all(axis=1)

@@ -9,13 +9,10 @@ with weight 9/40, and with a = (6 -+ sqrt 15) / 21 the points of barycentric coo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.measures.convex_parts import convex_pieces, doubled_areas, fans
 from vemcvx.vem import Space
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def _radon() -> tuple[Floats, Floats]:

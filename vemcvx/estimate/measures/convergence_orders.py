@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arrays import Floats, as_real_array
 from vemcvx.errors import HistoryError
-from vemcvx.real import real
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
     HistoryError
         There are fewer than two runs, the lengths differ, or a number is not positive.
     """
-    sizes, values = (real(raw, "orders", "a sequence of numbers") for raw in (h, errors))
+    sizes, values = (as_real_array(raw, "orders", "a sequence of numbers") for raw in (h, errors))
     if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
         raise HistoryError(
             f"orders: found {sizes.shape} sizes and {values.shape} errors; give equally many, two or more."

@@ -11,14 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem import CellGroup, Space
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 CONVEX = 1e-12
 # All pieces share one array as wide as the widest; few cells have more vertices than this, and those are cut.

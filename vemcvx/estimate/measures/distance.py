@@ -14,19 +14,17 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arguments import choice, flag
+from vemcvx.arrays import Floats
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.field import Field, field_of, step_at
 from vemcvx.estimate.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
 from vemcvx.estimate.measures.measured import Measured, measured
 from vemcvx.estimate.measures.nodal import nodal_distance
 from vemcvx.estimate.measures.overlap import CommonRule, check_covered, common_rule
-from vemcvx.kinds import choice, flag
 from vemcvx.results.results import Results
 from vemcvx.vem import elastic_matrix, stresses, upper_triangle
-
-Floats = NDArray[np.float64]
 
 KINDS = ("projected", "exact", "nodal")
 # Points at which strains and stresses are taken at once.

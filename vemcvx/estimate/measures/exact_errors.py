@@ -9,7 +9,6 @@ by quadrature of degree 5; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) o
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vemcvx.effects import data
 from vemcvx.estimate.measures.cell_rule import cell_rule
@@ -18,8 +17,6 @@ from vemcvx.estimate.measures.measured import Measured, measured
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.results.results import Results
 from vemcvx.vem import stresses
-
-Floats = NDArray[np.float64]
 
 
 def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:

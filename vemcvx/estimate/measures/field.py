@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arguments import number
+from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import HistoryError
-from vemcvx.kinds import number
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.checks import finite
-from vemcvx.real import brief, real
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, strains
-
-Floats = NDArray[np.float64]
 
 # Two runs share an instant if theirs differ by no more than this part of the time they span: linspace rounds.
 SAME_INSTANT = 1e-9
@@ -52,7 +49,7 @@ class Field:
             raise HistoryError(f"Field: found mesh = {brief(self.mesh)}; wanted a PolygonMesh.")
         number(self.time, "Field: found time", "the instant, a finite number")
         for name in ("displacement", "moduli"):
-            values = real(getattr(self, name), f"Field: {name}", "numbers, as many as fit the mesh")
+            values = as_real_array(getattr(self, name), f"Field: {name}", "numbers, as many as fit the mesh")
             finite(values, f"Field: {name}")
             object.__setattr__(self, name, values)
         nodes, cells = (self.mesh.n_nodes, 2), self.mesh.n_cells

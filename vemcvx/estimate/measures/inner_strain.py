@@ -16,12 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.estimate.measures.field import Field
 from vemcvx.vem import CellGroup
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # How far, in parts of its size, a cell may be from a rectangle: coordinates of a box rounded to twelve digits.
 RECTANGLE = 1e-10

@@ -10,8 +10,8 @@ It misses what v does between the coarse nodes, and so reads less than the dista
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.estimate.measures.field import Field
 from vemcvx.estimate.measures.measured import Measured, measured
@@ -20,9 +20,6 @@ from vemcvx.meshes.polygons.search import search_tree
 from vemcvx.vem import elastic_matrix, strains, stresses
 from vemcvx.vem.anisotropic import softest_shear
 from vemcvx.vem.projection import vertex_values
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Nodes are the same if they are closer than this part of the smallest cell's diameter.
 SAME_NODE = 1e-6

@@ -13,15 +13,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.estimate.measures.convex_parts import Pieces, convex_pieces, doubled_areas, fans, inside
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.clipping import clip
 from vemcvx.meshes.polygons.segments import overlapping_boxes
 from vemcvx.vem import Space
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Pairs of pieces in one go: temporaries of a few tens of megabytes.
 CHUNK = 2**14

@@ -10,10 +10,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.segments import TOLERANCE, Bools, beside, cross, crossing, rounding
-from vemcvx.meshes.polygons.shapes import Floats, areas_and_centroids, diameters
-from vemcvx.meshes.polygons.topology import Ints, next_vertex, previous_corner
+from vemcvx.meshes.polygons.segments import TOLERANCE, beside, cross, crossing, rounding
+from vemcvx.meshes.polygons.shapes import areas_and_centroids, diameters
+from vemcvx.meshes.polygons.topology import next_vertex, previous_corner
 
 PAIRS_AT_ONCE = 500_000  # about 100 MB of temporaries
 

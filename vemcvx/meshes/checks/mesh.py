@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arrays import Floats, Ints, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST
 from vemcvx.meshes.checks.cells import check_cells, turned
 from vemcvx.meshes.checks.tiling import check_coincident, check_tiling
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, cell_of_corner
-from vemcvx.real import plain
+from vemcvx.meshes.polygons.topology import cell_of_corner
 
 
 @dataclass(frozen=True, eq=False)

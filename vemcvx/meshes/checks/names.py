@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arguments import called
+from vemcvx.arrays import Floats, Ints, plain
 from vemcvx.errors import MeshError
-from vemcvx.kinds import called
 from vemcvx.meshes.box import Box
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, edge_keys
-from vemcvx.real import plain
+from vemcvx.meshes.polygons.topology import edge_keys
 
 WHOLE = "boundary"
 

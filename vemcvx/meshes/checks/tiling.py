@@ -12,11 +12,11 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.search import search_tree
 from vemcvx.meshes.polygons.segments import TOLERANCE, beside, cross, crossing, overlapping_boxes, rounding
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, cell_of_corner, next_vertex, shared_edges
+from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, shared_edges
 
 # A slit below this part of the edges beside it is a mistake (single precision, printed digits), not a geometry.
 NARROW = 1e-6

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Ints
 from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
 from vemcvx.meshes.families.padded import padded_mesh
 from vemcvx.meshes.families.squares import square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.topology import Ints
 
 # Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.
 AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])

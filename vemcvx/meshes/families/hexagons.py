@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
 from vemcvx.meshes.families.padded import padded_mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
 
 # Width of a regular hexagon of area 1, so that n means n * n cells a unit area: a^2 sqrt(3)/2 = 1.
 WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))

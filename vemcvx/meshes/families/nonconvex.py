@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction
 from vemcvx.meshes.families.padded import padded_mesh
 from vemcvx.meshes.families.squares import square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
 
 
 def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float = 0.15) -> PolygonMesh:

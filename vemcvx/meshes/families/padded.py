@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
 
 
 def padded_mesh(points: Floats, present: NDArray[np.bool_], rows: Ints, box: Box) -> PolygonMesh:

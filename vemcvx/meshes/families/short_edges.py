@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.search import search_tree
-from vemcvx.meshes.polygons.shapes import Floats, areas_and_centroids
-from vemcvx.meshes.polygons.topology import Ints, cell_of_corner, next_corner, next_vertex
+from vemcvx.meshes.polygons.shapes import areas_and_centroids
+from vemcvx.meshes.polygons.topology import cell_of_corner, next_corner, next_vertex
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9

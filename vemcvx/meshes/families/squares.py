@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
 
 
 def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import (
     UNIT_BOX,
     Box,
@@ -25,8 +26,7 @@ from vemcvx.meshes.box import (
 from vemcvx.meshes.families.short_edges import collapse_short_edges, merge_coincident
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons.search import delaunay
-from vemcvx.meshes.polygons.shapes import Floats, areas_and_centroids
-from vemcvx.meshes.polygons.topology import Ints
+from vemcvx.meshes.polygons.shapes import areas_and_centroids
 
 
 def voronoi(
@@ -130,8 +130,8 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     triangles = triangles[(triangles < len(seeds)).any(axis=1)]
     centres = _circumcentres(sites[triangles])
     site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
-    real = site < len(seeds)
-    site, centre = site[real], centre[real]
+    as_real_array = site < len(seeds)
+    site, centre = site[as_real_array], centre[as_real_array]
     direction = centres[centre] - sites[site]
     order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
     offsets = np.concatenate([[0], np.cumsum(np.bincount(site, minlength=len(seeds)))])

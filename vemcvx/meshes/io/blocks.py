@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, boundary_corners, cell_of_corner, edge_keys
+from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, edge_keys
 from vemcvx.meshes.tessellation import Tessellation
 
 CELL, MARK, PHYSICAL = "vemcvx:cell", "boundary:", "gmsh:physical"

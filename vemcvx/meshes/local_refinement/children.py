@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.local_refinement.sides import Splitting
 from vemcvx.meshes.polygons.convex_pieces import convex_pieces
 from vemcvx.meshes.polygons.ragged import first_in_row, offsets_of, rotation, spans
-from vemcvx.meshes.polygons.segments import Bools
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, cell_of_corner
+from vemcvx.meshes.polygons.topology import cell_of_corner
 from vemcvx.meshes.tessellation import Tessellation
 
 Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins, and how long that is
@@ -88,7 +87,7 @@ def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: 
     last = np.append(owner[1:] != owner[:-1], True)
     after = np.append(marks[1:], 0)
     stop, follower = np.where(last, offsets[owner + 1], after), np.where(last, offsets[owner], after)
-    return Outlines(offsets, nodes[turned], marks, owner, stop, follower)
+    return Outlines(offsets=offsets, nodes=nodes[turned], marks=marks, cell=owner, stop=stop, follower=follower)
 
 
 def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: int) -> tuple[Ints, Ints, Ints]:

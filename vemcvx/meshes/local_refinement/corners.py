@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.ragged import first_in_row, rotation
-from vemcvx.meshes.polygons.segments import Bools, cross, rounding
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, next_vertex, previous_corner
+from vemcvx.meshes.polygons.segments import cross, rounding
+from vemcvx.meshes.polygons.topology import next_vertex, previous_corner
 from vemcvx.meshes.tessellation import Tessellation
 
 # Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.

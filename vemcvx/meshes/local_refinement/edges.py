@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.meshes.polygons.topology import Ints, edge_keys, next_vertex, shared_edges
+from vemcvx.arrays import Ints
+from vemcvx.meshes.polygons.topology import edge_keys, next_vertex, shared_edges
 from vemcvx.meshes.tessellation import Tessellation
 
 

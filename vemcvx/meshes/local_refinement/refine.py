@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, vstack
 
+from vemcvx.arguments import flag
+from vemcvx.arrays import Bools, Floats, Ints, brief, plain
 from vemcvx.errors import MeshError
-from vemcvx.kinds import flag
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.local_refinement.centres import centres_of
@@ -26,11 +27,9 @@ from vemcvx.meshes.local_refinement.children import children_of, kinds_of, outli
 from vemcvx.meshes.local_refinement.edges import Edges, edges_of
 from vemcvx.meshes.local_refinement.sides import Splitting, splitting_of
 from vemcvx.meshes.polygons.ragged import first_in_row, rotation
-from vemcvx.meshes.polygons.segments import Bools, rounding
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, cell_of_corner
+from vemcvx.meshes.polygons.segments import rounding
+from vemcvx.meshes.polygons.topology import cell_of_corner
 from vemcvx.meshes.tessellation import Tessellation
-from vemcvx.real import brief, plain
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.local_refinement.corners import SHARP, Outline, at_least_three, outline_of
 from vemcvx.meshes.polygons.ragged import first_in_row, offsets_of, rotation
-from vemcvx.meshes.polygons.segments import Bools
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints, cell_of_corner
+from vemcvx.meshes.polygons.topology import cell_of_corner
 from vemcvx.meshes.tessellation import Tessellation
 
 # Part of the diameter. The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to
@@ -108,7 +107,16 @@ def splitting_of(mesh: Tessellation) -> Splitting:
     convex = np.minimum.reduceat(outline.turn, mesh.offsets[:-1]) >= 0.0
     places = np.add.reduceat(vertex + edge.astype(np.int64), mesh.offsets[:-1])
     offsets = offsets_of(np.bincount(sides.cell, minlength=mesh.n_cells))
-    return Splitting(order[first], offsets, sides.long, outline.bend, convex, places, vertex, edge)
+    return Splitting(
+        start=order[first],
+        offsets=offsets,
+        long=sides.long,
+        bend=outline.bend,
+        convex=convex,
+        places=places,
+        vertex=vertex,
+        edge=edge,
+    )
 
 
 def _sides(mesh: Tessellation, outline: Outline, corner: Bools) -> Sides:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vemcvx.arrays import Floats
 
 
 def clip(subject: Floats, window: Floats) -> Floats:

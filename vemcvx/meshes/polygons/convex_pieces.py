@@ -7,7 +7,7 @@ flattest comes first, which joins it to what lies below.
 
 from __future__ import annotations
 
-from vemcvx.meshes.polygons.shapes import Floats
+from vemcvx.arrays import Floats
 from vemcvx.meshes.polygons.triangulation import clip_ears
 
 Edge = tuple[int, int]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.meshes.polygons.topology import Ints
+from vemcvx.arrays import Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:

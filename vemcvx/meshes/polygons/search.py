@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
+from vemcvx.arrays import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

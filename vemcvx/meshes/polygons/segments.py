@@ -8,12 +8,8 @@ coordinates mean nothing and count as zero.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.meshes.polygons.shapes import Floats
-from vemcvx.meshes.polygons.topology import Ints
-
-Bools = NDArray[np.bool_]
+from vemcvx.arrays import Bools, Floats, Ints
 
 # Four units in the last place: the middle and the thirds of an edge, computed in any order, stay below two.
 TOLERANCE = 4.0 * np.finfo(float).eps

@@ -12,11 +12,9 @@ of coordinates near 1e6 would leave four digits of the area of a cell of size 1e
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.meshes.polygons.topology import Ints, next_corner
-
-Floats = NDArray[np.float64]
+from vemcvx.arrays import Floats, Ints
+from vemcvx.meshes.polygons.topology import next_corner
 
 
 def local_coordinates(points: Floats, offsets: Ints, vertices: Ints) -> Floats:

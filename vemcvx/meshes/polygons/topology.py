@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
+from vemcvx.arrays import Ints
 
 
 def next_corner(offsets: Ints) -> Ints:

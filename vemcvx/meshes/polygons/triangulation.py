@@ -8,10 +8,8 @@ other vertices stay away from most, which needs no tolerance, and takes vertices
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from vemcvx.arrays import Floats, Ints
 
 
 def clip_ears(corners: Floats) -> Ints:

@@ -21,11 +21,16 @@ Arrays = dict[str, NDArray[Any]]
 NAME = "vemcvx history"
 FORMAT = f"{NAME} 1"
 # What not every scene has.
-MAYBE = ("prestress", "across", "prestress_across", "dragged_ends", "dragged_friction")
+MAYBE = ("prestress", "out_of_plane", "out_of_plane_prestress", "dragged_ends", "dragged_friction")
 SHAPES = {
     **dict.fromkeys(("displacement", "forces"), "S nodes dim"),
     **{"dragged_ends": "dragged 2", "dragged_friction": "S dragged dim"},
-    **{"moduli": "constants cells", "prestress": "S cells 3", "across": "cells 3", "prestress_across": "S cells"},
+    **{
+        "moduli": "constants cells",
+        "prestress": "S cells 3",
+        "out_of_plane": "cells 3",
+        "out_of_plane_prestress": "S cells",
+    },
     **dict.fromkeys(("contact.nodes", "contact.lengths", "contact.friction_lengths"), "m"),
     **dict.fromkeys(("contact.points", "contact.normals"), "m dim"),
     **dict.fromkeys(("contact.slip", "contact.traction"), "S m dim"),
@@ -47,7 +52,7 @@ def write_archive(history: Results, path: Path) -> None:
     about = {
         "format": FORMAT,
         "effects": history.effects,
-        "void": history.void,
+        "inactive": history.inactive,
         "errors": history.errors,
         "seconds": history.seconds,
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
@@ -117,7 +122,7 @@ def _history(arrays: Arrays, about: dict[str, Any]) -> Results:
         moduli=arrays["moduli"],
         trajectory=Trajectory(**_under("trajectory.", arrays), **about["trajectory"]),
         seconds=about["seconds"],
-        void=tuple(about.get("void", ())),
+        inactive=tuple(about.get("inactive", ())),
         errors=about.get("errors"),
         **{name: arrays.get(name) for name in MAYBE},
     )
@@ -143,7 +148,7 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
 
 def _check_words(about: dict[str, Any]) -> None:
     """Raise ValueError unless what is no array is of its kind."""
-    run, lists = about["trajectory"], (about["effects"], about.get("void", []))
+    run, lists = about["trajectory"], (about["effects"], about.get("inactive", []))
     numbers = [about["seconds"][name] for name in ("assemble", "prepare", "solve")]
     fits = all(isinstance(one, list) and all(isinstance(word, str) for word in one) for one in lists)
     fits = fits and isinstance(run["solver"], str) and isinstance(run["seconds"], dict)

@@ -17,9 +17,9 @@ import time
 from collections.abc import Set
 from pathlib import Path
 
+from vemcvx.arrays import brief
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.owned import Owned, path_of
-from vemcvx.real import brief
+from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.io.archive import is_archive, read_archive, write_archive
 from vemcvx.results.io.series import listed_steps, write_series
 from vemcvx.results.io.summary import Origin, is_summary, write_summary

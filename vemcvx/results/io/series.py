@@ -61,7 +61,7 @@ def on_cells(history: Results, row: int) -> Fields:
     energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
     stress = history.stress(int(history.stored[row]))
     fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
-    if history.across is not None:
-        across = history.stress_across(int(history.stored[row]))
-        fields |= {"stress_across": across, "von_mises": equivalent(stress, across)}
+    if history.out_of_plane is not None:
+        out_of_plane = history.out_of_plane_stress(int(history.stored[row]))
+        fields |= {"out_of_plane_stress": out_of_plane, "von_mises": equivalent(stress, out_of_plane)}
     return fields

@@ -54,7 +54,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "unknowns": run.state.shape[1],
         "steps": history.steps,
         "effects": list(history.effects),
-        "left_out": list(history.void),
+        "left_out": list(history.inactive),
         "solver": history.solver,
         "accuracy": _accuracy(history.solver),
         "certified_energy_error": _finite(run.certificate.max()),

@@ -10,16 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.ragged import spans
 from vemcvx.meshes.polygons.segments import overlapping_boxes
 from vemcvx.meshes.polygons.topology import next_vertex
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 # A point counts as on a side within this part of the cell's diameter,
 CLOSE = 1e-12
@@ -72,7 +68,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 
 class _Sides:
-    """The sides of candidates: pairs of a point i and a cell that may hold it, within `reach` of its sides."""
+    """The sides of candidates: pairs of a point i and a cell that may hold it, within `remaining_gap` of its sides."""
 
     def __init__(self, mesh: PolygonMesh, points: Floats, i: Ints, cells: Ints, reach: Floats):
         counts = np.diff(mesh.offsets)[cells]

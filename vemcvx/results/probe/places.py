@@ -13,13 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arrays import Floats, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.real import real, shape_in_words
 from vemcvx.results.probe.locate import Location, locate
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +78,7 @@ def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
 
 def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
     wanted = f"points (p, {dim}), one a row, such as {[[0.5] * dim]}"
-    x = real(points, subject, wanted)
+    x = as_real_array(points, subject, wanted)
     if x.ndim != 2 or x.shape[1] != dim:
         raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
     bad = ~np.isfinite(x).all(axis=1)

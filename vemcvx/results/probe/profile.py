@@ -5,19 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vemcvx.arguments import is_whole
+from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
-from vemcvx.kinds import is_whole
-from vemcvx.real import brief, real
 from vemcvx.results.probe.places import places
 from vemcvx.results.results import Results
 
-Floats = NDArray[np.float64]
-
 MOST = 10**7
 """Points on a line beyond which it is a slip of the keyboard."""
-ON_CELLS = ("stress", "stress_across", "von_mises", "principal_stresses")
+ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
 
 
 class Profile(NamedTuple):
@@ -58,7 +56,7 @@ def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, fiel
 
 def _end(point: ArrayLike, dim: int, name: str) -> Floats:
     wanted = f"a point of {dim} coordinates"
-    x = real(point, f"along: {name}", wanted)
+    x = as_real_array(point, f"along: {name}", wanted)
     if x.shape != (dim,) or not np.isfinite(x).all():
         raise SceneError(f"along: found {name} = {brief(point)}; wanted {wanted}, finite.")
     return x

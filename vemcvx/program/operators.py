@@ -7,13 +7,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.linear import DenseCholesky, Factor, SuperLU
-from vemcvx.program.kernel import Hold
+from vemcvx.program.kernel import KernelBalance
 from vemcvx.program.rows import Rows
-
-Floats = NDArray[np.float64]
 
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"
@@ -25,7 +23,7 @@ ROUNDED = 64 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
-class Form:
+class Operators:
     """The data of a step's program that do not change.
 
     Parameters
@@ -40,7 +38,7 @@ class Form:
     anchor : (n,) array, optional
         With a kernel: stiffness that makes K + diag(anchor) positive definite.
     D : (r, n) sparse matrix, optional
-    softness : (r,) array, optional
+    compliance : (r,) array, optional
         c_j >= 0 of the limits; zero makes them bounds.
     """
 
@@ -51,34 +49,34 @@ class Form:
     kernel: Floats | None = None
     anchor: Floats | None = None
     D: sp.csr_matrix = None  # type: ignore[assignment]
-    softness: Floats = None  # type: ignore[assignment]
+    compliance: Floats = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         if self.D is None:
             object.__setattr__(self, "D", sp.csr_matrix((0, self.B.shape[1])))
-            object.__setattr__(self, "softness", np.zeros(0))
+            object.__setattr__(self, "compliance", np.zeros(0))
         if self.factor is None:
             K = self.regular.K
             object.__setattr__(self, "factor", SuperLU().factorise(K) if sp.issparse(K) else DenseCholesky(K))
 
     @cached_property
-    def regular(self) -> Form:
-        """The form with K + diag(anchor), which is positive definite; itself where there is no kernel."""
+    def regular(self) -> Operators:
+        """The operators with K + diag(anchor), which is positive definite; itself where there is no kernel."""
         if self.anchor is None:
             return self
         added = sp.diags_array(self.anchor)
         K = sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + np.diag(self.anchor)
-        return Form(K, self.B, self.block, self.factor, D=self.D, softness=self.softness)
+        return Operators(K, self.B, self.block, self.factor, D=self.D, compliance=self.compliance)
 
     @cached_property
-    def hold(self) -> Hold:
+    def hold(self) -> KernelBalance:
         """What norm terms and limits feel of the kernel."""
         kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
         stop = self.D @ kernel
         # A motion along an obstacle does not run into it because of the rounding of its largest entries.
         rounding = ROUNDED * np.outer(np.asarray(abs(self.D).sum(axis=1)), np.abs(kernel).max(axis=0, initial=0.0))
         stop[np.abs(stop) <= rounding] = 0.0
-        return Hold((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
+        return KernelBalance((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
 
     def force(self, d: Floats) -> Floats:
         """K d, which does no work on K's kernel: what it rounds to does not either."""
@@ -120,19 +118,19 @@ class Form:
         found = {QUADRATIC}
         if self.count:
             found.add(ABSOLUTE_VALUES if self.block == 1 else SECOND_ORDER_CONES)
-        if (self.softness == 0).any():
+        if (self.compliance == 0).any():
             found.add(BOUNDS)
-        if (self.softness > 0).any():
+        if (self.compliance > 0).any():
             found.add(SQUARED_POSITIVE_PARTS)
         return frozenset(found)
 
     @cached_property
-    def compliance(self) -> Floats:
+    def norm_flexibility(self) -> Floats:
         """(m,) largest diagonal entry of B_i K^{-1} B_i': |s_i| <= compliance^{1/2} |d|_K."""
         return self.blocks(self._response(self.B)).max(axis=1)
 
     @cached_property
-    def limit_compliance(self) -> Floats:
+    def limit_flexibility(self) -> Floats:
         """(r,) D_j K^{-1} D_j'."""
         return self._response(self.D)
 

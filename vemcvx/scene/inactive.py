@@ -12,22 +12,21 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.effects import Contribution, Effect, Friction, Obstacle
 from vemcvx.errors import VemcvxError
 from vemcvx.scene.freedom import normal_rows, on_free
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms
 
-Floats = NDArray[np.float64]
 Said = list[str]
 
 # A force of contact under which friction that depends on pressure shows itself, whatever the units.
 PRESSED = 1e100
 
 
-def without_void(effect: Effect, part: Contribution, times: Sequence[float], said: Said) -> Contribution:
+def without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: Said) -> Contribution:
     """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing left out.
 
     Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
@@ -54,7 +53,7 @@ def without_void(effect: Effect, part: Contribution, times: Sequence[float], sai
         viscosity=strong(part.viscosity, "viscosity"),
         loads=alive(part.loads, lambda load: load.vector, "force"),
         frictions=alive(part.frictions, _bound, "bound"),
-        swellings=alive(part.swellings, lambda swelling: swelling.value, "strain"),
+        eigenstrains=alive(part.eigenstrains, lambda thermal_stress_moduli: thermal_stress_moduli.value, "strain"),
         initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
     )
 

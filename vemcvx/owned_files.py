@@ -14,8 +14,8 @@ import os
 import shutil
 from pathlib import Path
 
+from vemcvx.arrays import brief
 from vemcvx.errors import HistoryError
-from vemcvx.real import brief
 
 log = logging.getLogger("vemcvx")
 

@@ -11,18 +11,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from vemcvx.arrays import Bools, Floats
 from vemcvx.linear import SAMPLES
 from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
-from vemcvx.program.form import Form
+from vemcvx.program.operators import Operators
 from vemcvx.program.system import System
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""
@@ -34,21 +31,21 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     """Whether one solve with the factors, or with S, misses `accuracy` by less than a factor of a hundred.
 
     Residuals in double precision are good enough to tell. Tried on the response x to a force of one on every unknown,
-    which the softest motions answer, and on what S makes of it: S x_c is what K (x - xi) is on the touched unknowns.
+    which the softest motions answer, and on what S makes of it: S x_c is what K (x - xi) is on the retained unknowns.
     """
-    form, c, K = condensation.form, condensation.touched, condensation.system.K
+    operators, c, K = condensation.operators, condensation.retained, condensation.system.K
     force = np.ones(condensation.regular.shape[0])
     x = condensation.solve(force)
     r = force - condensation.regular @ x
     off = float(abs(r @ condensation.solve(r)))
     if 0 < len(c) < len(x):
-        left = (K @ (x - condensation.reduce(K @ x, remembered=False).inside))[c] - form.K @ x[c]
-        off = max(off, float(abs(left @ form.factor.solve(left))))
+        left = (K @ (x - condensation.reduce(K @ x, remembered=False).inside))[c] - operators.K @ x[c]
+        off = max(off, float(abs(left @ operators.factor.solve(left))))
     return off > (0.01 * accuracy) ** 2 * float(abs(force @ x))
 
 
 def refined(
-    condensation: Condensation, form: Form, force: Floats, y: Floats, lam: Floats, p: Floats, stick: Bools
+    condensation: Condensation, operators: Operators, force: Floats, y: Floats, lam: Floats, p: Floats, stick: Bools
 ) -> tuple[Floats, Floats, Floats]:
     """All unknowns y (n,) and multipliers, corrected until K y = force - B'lam - D'p to rounding.
 
@@ -60,29 +57,29 @@ def refined(
     stick : (m,) array of bool
         Terms whose increment stays as it is; needs rows that read one unknown each.
     """
-    held = np.zeros(len(condensation.touched), dtype=bool)
+    held = np.zeros(len(condensation.retained), dtype=bool)
     # Rows of B, then rows of D: each reads one unknown of its own.
-    columns = np.concatenate([form.rows.columns, form.limits.columns])  # type: ignore[list-item]
-    coefficient = np.concatenate([form.B.data, form.D.data])
-    act = np.concatenate([np.repeat(stick, form.block), p > 0])
+    columns = np.concatenate([operators.rows.columns, operators.limits.columns])  # type: ignore[list-item]
+    coefficient = np.concatenate([operators.B.data, operators.D.data])
+    act = np.concatenate([np.repeat(stick, operators.block), p > 0])
     held[columns[act]] = True
     F = np.flatnonzero(~held)
-    S_FF = form.factor.within(form.regular.K[F][:, F], F)
+    S_FF = operators.factor.within(operators.regular.K[F][:, F], F)
     best = np.inf
     for _ in range(ROUNDS):
         r = residual(force, condensation.system.K, y, pulled(condensation.system, lam, p))
         left = condensation.reduce(r, remembered=False)
         step = np.zeros(len(held))
-        step[F] = S_FF.solve(left.touched[F])
+        step[F] = S_FF.solve(left.retained[F])
         # The energy of the correction to y; what the held unknowns are pushed with is for the multipliers.
-        size = float(r @ left.inside + left.touched @ step)
+        size = float(r @ left.inside + left.retained @ step)
         if size >= 0.25 * best:
             break
         best = size
-        push = left.touched - form.K @ step
+        push = left.retained - operators.K @ step
         y = y + condensation.recover(step, left)
         change = np.where(act, push[columns] / coefficient, 0.0)
-        lam, p = lam + form.blocks(change[: lam.size]), p + change[lam.size :]
+        lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :]
     return y, lam, p
 
 
@@ -91,11 +88,11 @@ def full_certificate(
 ) -> Certificate:
     """The certificate of the full system: r = force - held - K y over all unknowns, in extended precision.
 
-    `held` (n,) is B'lam + D'p; or, where the condensed program's certificate knows the error of the touched unknowns
+    `held` (n,) is B'lam + D'p; or, where the condensed program's certificate knows the error of the retained unknowns
     without the multipliers, what holds those in place: r is then what condensing has lost.
 
     The floor is what the rounding of K's and the force's own entries brings about (:func:`rounding`).
-    Norm terms and limits see touched unknowns only; their parts are those of the condensed program's `own` certificate.
+    Norm terms and limits see retained unknowns only; their parts are of the condensed program's `own` certificate.
     """
     system = condensation.system
     r = residual(force, system.K, y, held)

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from vemcvx.errors import SceneError
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
-def real(raw: Any, subject: str, wanted: str) -> Floats:
+def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
     """A new array of the floats, finite or not, that `raw` holds.
 
     Numpy would read "1" as 1, None as NaN, time spans as numbers and what is masked as if it were not, and drop

@@ -1,6 +1,6 @@
 """What kind of thing a setting must be, and how a user's functions are called: one sentence for each kind of mistake.
 
-Numbers in arrays are read by :mod:`vemcvx.real`. Truth is asked of nothing but flags, equality of nothing but words:
+Numbers in arrays are read by :mod:`vemcvx.arrays`. Truth is asked of nothing but flags, equality of nothing but words:
 what a user hands in may answer both with an array, or with an error.
 """
 
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from vemcvx.arrays import brief
 from vemcvx.errors import SceneError, VemcvxError
-from vemcvx.real import brief
 
 LARGEST = float(np.finfo(float).max)
 

@@ -40,16 +40,13 @@ from itertools import islice
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lapack
 
-from vemcvx.program.form import Form
+from vemcvx.arrays import Floats
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import EPS, StepProgram
 from vemcvx.solvers.response import Response
-from vemcvx.solvers.sets import Point, Sets, Shifts, said_once, sets_at
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from vemcvx.solvers.sets import Iterate, Sets, Shifts, said_once, sets_at
 
 SHIFT = 0.1
 """As in :mod:`vemcvx.solvers.newton`."""
@@ -63,15 +60,15 @@ ROUNDED = 64.0
 
 
 @dataclass(frozen=True)
-class Law:
+class WeightLaw:
     """How weights (m,) follow the forces p (r,) of the limits, piecewise affinely, and the derivative (m, r)."""
 
     weights: Callable[[Floats], Floats]
     slope: Callable[[Floats], sp.csr_matrix]
 
-    def scaled(self, up: Floats, down: Floats) -> Law:
+    def scaled(self, up: Floats, down: Floats) -> WeightLaw:
         """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
-        return Law(
+        return WeightLaw(
             lambda p: up * self.weights(down * p),
             lambda p: sp.csr_matrix(self.slope(down * p).multiply(up[:, None]).multiply(down)),
         )
@@ -81,7 +78,7 @@ class Law:
 class Settled:
     """A point that solves (Q) to rounding."""
 
-    point: Point
+    point: Iterate
     weights: Floats
     error: float
     """|d - d'|_K to the solution d' of the sets' own system: of the solve"""
@@ -89,7 +86,9 @@ class Settled:
     """whether that solves (Q) by the theorem above; else it is the limit of Newton's method"""
 
 
-def settled(program: StepProgram, law: Law, start: Point, response: Response, rounds: Iterator[int]) -> Settled | None:
+def settled(
+    program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
+) -> Settled | None:
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
     A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope; the
@@ -107,28 +106,33 @@ def settled(program: StepProgram, law: Law, start: Point, response: Response, ro
         One is taken for the system of every sets; it gives up where there are no more.
     """
     found = _settled(program, law, start, response, rounds)
-    found = found or _settled(program, law, start, response, rounds, program.w)
+    found = found or _settled(program, law, start=start, response=response, rounds=rounds, w=program.w)
     if found is not None:
         return found
     softer = _settled(program, law.scaled(np.ones(1), np.full(len(start.p), SOFTER)), start, response, rounds)
     if softer is None:
         return None
     point = softer.point
-    return _settled(program, law, Point(point.d, point.lam, SOFTER * point.p), response, rounds)
+    return _settled(program, law, Iterate(point.d, point.lam, SOFTER * point.p), response, rounds)
 
 
 def _settled(
-    program: StepProgram, law: Law, start: Point, response: Response, rounds: Iterator[int], w: Floats | None = None
+    program: StepProgram,
+    law: WeightLaw,
+    start: Iterate,
+    response: Response,
+    rounds: Iterator[int],
+    w: Floats | None = None,
 ) -> Settled | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
-    shift, point, met = Shifts.of(program.form) * SHIFT, start, set()
+    shift, point, met = Shifts.of(program.operators) * SHIFT, start, set()
     for _ in islice(rounds, MOST_ROUNDS):
         sets, pressed = _sets(program, law, point, shift, None if met else w)
         mark = sets.stick.tobytes() + sets.direction.tobytes() + sets.act.tobytes()
-        if mark in met and program.form.block == 1:
+        if mark in met and program.operators.block == 1:
             return None
         met.add(mark)
-        found = _tried(program, law, sets, pressed, response, point.lam)
+        found = _tried(program, law, sets=sets, pressed=pressed, response=response, lam=point.lam)
         if found is None:
             return None
         point = found.point
@@ -137,34 +141,36 @@ def _settled(
             p = np.maximum(point.p, 0.0)
             w = law.weights(p)
             lam = replace(program, w=w).project(point.lam)
-            return Settled(Point(d, lam, p), w, found.error, program.form.block == 1)
+            return Settled(Iterate(d, lam, p), w, found.error, program.operators.block == 1)
     return None
 
 
 def _tried(
-    program: StepProgram, law: Law, sets: Sets, pressed: Floats, response: Response, lam: Floats
+    program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, response: Response, lam: Floats
 ) -> _Found | None:
     """The solution of the system of the sets near the multipliers `lam`; None if their system is singular."""
     with suppress(LinAlgError):
         return _on_sets(program, law, sets, pressed, response)
     with suppress(LinAlgError):
-        once = said_once(program.form, sets, lam, law.weights(pressed))
+        once = said_once(program.operators, sets, lam, law.weights(pressed))
         return _on_sets(program, law, once, pressed, response)
     return None
 
 
 def _at_rest(program: StepProgram, sets: Sets, d: Floats) -> Floats:
     """The increments with those that stick where they are, to the last bit: large weights make work of the rest."""
-    still = np.flatnonzero(np.repeat(sets.stick, program.form.block) & program.form.rows.single)
-    entry = program.form.B.indptr[still]
+    still = np.flatnonzero(np.repeat(sets.stick, program.operators.block) & program.operators.rows.single)
+    entry = program.operators.B.indptr[still]
     d = d.copy()
-    d[program.form.B.indices[entry]] = program.b[still] / program.form.B.data[entry]
+    d[program.operators.B.indices[entry]] = program.b[still] / program.operators.B.data[entry]
     return d
 
 
-def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts, w: Floats | None = None) -> tuple[Sets, Floats]:
+def _sets(
+    program: StepProgram, law: WeightLaw, at: Iterate, shift: Shifts, w: Floats | None = None
+) -> tuple[Sets, Floats]:
     """The sets at a point, and the forces (r,) at which the law is to be looked at there."""
-    pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.form.softness * at.p), 0.0)
+    pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p), 0.0)
     w = law.weights(pressed) if w is None else w
     sets = sets_at(replace(program, w=w), at, shift)
     # A weight of nothing holds nothing: as a row that sticks it may double another one, at a corner.
@@ -175,21 +181,21 @@ def _sets(program: StepProgram, law: Law, at: Point, shift: Shifts, w: Floats | 
 class _Found:
     """The solution of the system of some sets, its last correction, and the rounding of its rows."""
 
-    point: Point
+    point: Iterate
     error: float
     forces: float
     """what multipliers may be off by"""
     motions: Floats
     """(m * block + r,) what s and z may be off by"""
 
-    def holds(self, program: StepProgram, law: Law, sets: Sets) -> bool:
+    def holds(self, program: StepProgram, law: WeightLaw, sets: Sets) -> bool:
         """Whether the inequalities that the sets stand for hold, to rounding."""
-        point, form = self.point, program.form
+        point, operators = self.point, program.operators
         if not np.isfinite(self.error):
             return False
         w, size = law.weights(np.maximum(point.p, 0.0)), np.linalg.norm(point.lam, axis=1)
         s, z = program.slip(point.d), program.excess(point.d)
-        blur = form.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
+        blur = operators.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
         along = np.einsum("ij,ij->i", s, point.lam)
         within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
         forth = sets.stick | (along >= size * np.linalg.norm(s, axis=1) - 2 * (self.forces * _size(s) + size * blur[0]))
@@ -205,11 +211,11 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
     Where sets leave such a motion free, their system is singular but for rounding, and what solves it is so far away
     that nothing measured against it would tell.
     """
-    form = program.form
-    if form.kernel is None:
+    operators = program.operators
+    if operators.kernel is None:
         return True
-    pushed = np.abs(form.kernel).T @ np.abs(program.g)
-    left, blur = form.hold.imbalance(lam, p, form.kernel.T @ program.g, pushed)
+    pushed = np.abs(operators.kernel).T @ np.abs(program.g)
+    left, blur = operators.hold.imbalance(lam, p, operators.kernel.T @ program.g, pushed)
     return bool((np.abs(left) <= blur + SOLVED * pushed).all())
 
 
@@ -217,38 +223,38 @@ def _size(s: Floats) -> Floats:
     return np.linalg.norm(s, axis=1)
 
 
-def _on_sets(program: StepProgram, law: Law, sets: Sets, pressed: Floats, response: Response) -> _Found:
+def _on_sets(program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, response: Response) -> _Found:
     """Solve the system of the sets, with two corrections by its residual."""
-    form = program.form
+    operators = program.operators
     J, w = law.slope(pressed), law.weights(pressed)
-    solve = _factorised(form, sets, J, response)
-    d, x = np.zeros(len(program.g)), np.zeros(len(response.softness))
+    solve = _factorised(operators, sets, J, response)
+    d, x = np.zeros(len(program.g)), np.zeros(len(response.compliance))
     norms, limits = response.norms, response.limits
-    stick, act = np.repeat(sets.stick, form.block), sets.act
+    stick, act = np.repeat(sets.stick, operators.block), sets.act
     step, error = d, np.inf
     for _ in range(3):
         lam, p = x[norms], x[limits]
         bound = sets.direction * (w + J @ (p - pressed))[:, None] + _bend(sets, program.slip(d))
-        slip = form.rows.read(d) - program.b
+        slip = operators.rows.read(d) - program.b
         wanted = np.zeros_like(x)
         wanted[norms] = np.where(stick, -slip, bound.ravel() - lam)
-        wanted[limits] = np.where(act, form.softness * p - program.excess(d), -p)
-        step, more = solve(program.residual(d, form.blocks(lam), p), wanted)
+        wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
+        step, more = solve(program.residual(d, operators.blocks(lam), p), wanted)
         d, x = d + step, x + more
-        error = float(np.sqrt(max(step @ (form.K @ step), 0.0)))
+        error = float(np.sqrt(max(step @ (operators.K @ step), 0.0)))
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
-    force, free = np.abs(program.g).max(initial=0.0), program.g @ form.factor.solve(program.g)
+    force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
     # What anchors answer to a motion is no force of the step: it is as large as any error of that motion.
     held = x[: limits.stop]
     norm = np.sqrt(abs(free)) + np.sqrt(abs(held @ response.matrix[: limits.stop, : limits.stop] @ held))
     solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
-    if not solved or not _balances(program, form.blocks(x[norms]), x[limits]):
+    if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
         raise LinAlgError("singular")
     forces = 8 * last + ROUNDED * EPS * size.max(initial=0.0)
     reach = response.absolute @ np.abs(d)
     reach[: limits.stop] += np.abs(np.concatenate([program.b, program.e]))
     motions = 8 * np.abs(response.A @ step) + ROUNDED * EPS * reach
-    return _Found(Point(d, form.blocks(x[norms]), x[limits]), error, forces, motions[: limits.stop])
+    return _Found(Iterate(d, operators.blocks(x[norms]), x[limits]), error, forces, motions[: limits.stop])
 
 
 def _bend(sets: Sets, s: Floats) -> Floats:
@@ -258,24 +264,27 @@ def _bend(sets: Sets, s: Floats) -> Floats:
 
 
 def _factorised(
-    form: Form, sets: Sets, J: sp.csr_matrix, response: Response
+    operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response
 ) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
     """(force, wanted) -> (d, x): K d = force - A'x, and each row's equation missing by `wanted`."""
     norms, limits = response.norms, response.limits
     M = response.matrix.copy()
-    M[np.diag_indices_from(M)] += response.softness
-    slip = np.flatnonzero(np.repeat(~sets.stick, form.block))
-    across = np.eye(form.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
+    M[np.diag_indices_from(M)] += response.compliance
+    slip = np.flatnonzero(np.repeat(~sets.stick, operators.block))
+    across = np.eye(operators.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
     H = sp.bsr_matrix(
-        (sets.curvature[:, None, None] * across, np.arange(form.count), np.arange(form.count + 1)),
-        shape=(form.B.shape[0],) * 2,
+        (sets.curvature[:, None, None] * across, np.arange(operators.count), np.arange(operators.count + 1)),
+        shape=(operators.B.shape[0],) * 2,
     )
     bent = sp.csr_matrix(H)[slip]
     M[slip] = bent @ response.matrix[norms] if sets.curvature.any() else 0.0
     M[slip, slip] += 1.0
     spread = sp.csr_matrix(
-        (sets.direction.ravel(), (np.arange(form.B.shape[0]), np.repeat(np.arange(form.count), form.block))),
-        shape=(form.B.shape[0], form.count),
+        (
+            sets.direction.ravel(),
+            (np.arange(operators.B.shape[0]), np.repeat(np.arange(operators.count), operators.block)),
+        ),
+        shape=(operators.B.shape[0], operators.count),
     )
     M[slip, limits] -= (spread @ J)[slip].toarray()
     idle = limits.start + np.flatnonzero(~sets.act)
@@ -286,13 +295,13 @@ def _factorised(
         raise LinAlgError("singular")
 
     def solve(force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
-        free = response.A @ form.factor.solve(force)
+        free = response.A @ operators.factor.solve(force)
         rhs = wanted.copy()
         met = np.ones(len(rhs), dtype=bool)
         met[slip], met[idle] = False, False
         rhs[met] = free[met] - wanted[met]
         rhs[slip] += bent @ free[norms]
         x = lapack.dgetrs(lu, pivots, rhs)[0]
-        return form.factor.solve(force - response.act(x)), x
+        return operators.factor.solve(force - response.act(x)), x
 
     return solve

@@ -1,0 +1,99 @@
+"""A step certified on all unknowns: those inside recovered, refined where the factors have lost too many digits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats
+from vemcvx.program.certificate import EPS, limit_gaps, norm_gaps
+from vemcvx.program.extended import residual
+from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
+from vemcvx.program.step_program import Answer
+from vemcvx.solvers.sets import Shifts
+from vemcvx.stepping.ledger import advance_in_full
+from vemcvx.stepping.posed_step import PosedStep
+from vemcvx.stepping.state import PreparedRun, State
+
+REFINED = 0.1
+"""Inner unknowns of a kept step are refined once when the full certificate reaches this part of the accuracy."""
+
+
+def refined_state(attempt: PosedStep, state: State) -> State:
+    """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
+    run, before, operators = attempt.run, attempt.before, attempt.run.operators
+    force, remaining_gap, retained = state.data.force, state.data.remaining_gap, run.condensation.retained
+    stick = np.linalg.norm(state.lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.capped_weights
+    y = run.condensation.recover(state.y, force)
+    y, lam, p = refined(run.condensation, operators, force=force.phi, y=y, lam=state.lam, p=state.p, stick=stick)
+    size = np.linalg.norm(lam, axis=1)
+    share = np.divide(state.capped_weights, size, out=np.ones_like(size), where=size > state.capped_weights)
+    lam, p = lam * share[:, None], np.maximum(p, 0.0)
+    # What was free to move may have moved a rounding error beyond its bound.
+    y[retained[operators.limits.columns]] -= (
+        np.maximum(operators.limits.read(y[retained]) - remaining_gap, 0.0) / operators.D.data
+    )
+    # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
+    slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
+    lawful = np.where(stick[:, None], slip, along(lam, slip))
+    y[retained[operators.rows.columns]] += (lawful - slip).ravel() / operators.B.data
+    slip, moved, excess = lawful, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
+    over = limit_gaps(operators.compliance, p, excess, EPS * (np.abs(remaining_gap) + np.abs(excess)))
+    # Bounds that act are as far as they were; what their difference of two places says of that is rounding.
+    acts = state.p > 0
+    over[acts] = state.certificate.limits[acts] * (p[acts] / state.p[acts])
+    # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
+    depends = run.system.norms is not None and run.system.norms.law is not None
+    friction, away = norm_gaps(state.capped_weights, lam, slip), state.certificate.distance if depends else 0.0
+    own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away)
+    answer = Answer(
+        d=state.y - before.y + moved,
+        lam=lam,
+        iterations=state.iterations,
+        status=state.status,
+        safeguards=state.safeguards,
+        p=p,
+    )
+    between, ends = (before.data, state.data), (before.full, y)
+    ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip, w=state.capped_weights)
+    return replace(
+        state,
+        y=y[retained],
+        full=y,
+        unbalanced=operators.rows.pull(lam.ravel()) + operators.limits.pull(p),
+        lam=lam,
+        p=p,
+        slip=slip,
+        certificate=full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), own),
+        ledger=ledger,
+        scale=float(np.maximum(before.scale, ledger.norm)),
+    )
+
+
+def along(lam: Floats, slip: Floats) -> Floats:
+    """The slips (m, block) nearest to those given that point where their multipliers do; any where these vanish."""
+    square = np.einsum("ij,ij->i", lam, lam)
+    share = np.divide(np.einsum("ij,ij->i", lam, slip), square, out=np.zeros_like(square), where=square > 0)
+    return np.where(square[:, None] > 0, np.maximum(share, 0.0)[:, None] * lam, slip)
+
+
+def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:
+    """The state with all its unknowns and the certificate of the full system; `lost` is what rounding took off K."""
+    if state.full is not None:
+        return state
+    y = run.condensation.recover(state.y, state.data.force)
+    force = state.data.force.phi if lost is None else state.data.force.phi - lost @ y
+    own = state.certificate
+    held = pulled(run.system, state.lam, state.p)
+    if run.system.norms is not None and run.system.norms.law is not None:
+        held = np.zeros_like(y)
+        held[run.condensation.retained] = state.unbalanced
+    full = full_certificate(run.condensation, force, y, held, own)
+    if full.error > REFINED * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
+        r = residual(force, run.system.K, y, held)
+        y = run.condensation.refine_interior(y, r)
+        full = full_certificate(run.condensation, force, y, held, own)
+    equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
+    return replace(state, full=y, certificate=replace(own, equilibrium=equilibrium, floor=floor))

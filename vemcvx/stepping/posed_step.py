@@ -1,0 +1,193 @@
+"""One step posed and answered: scaled, asked of the solver, certified on the retained unknowns.
+
+With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
+g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from vemcvx.arrays import Floats
+from vemcvx.program.certificate import Certificate, certify, limit_gaps, norm_gaps, rounding_floor
+from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
+from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.solvers.coulomb_sets import WeightLaw, settled
+from vemcvx.solvers.sets import Iterate
+from vemcvx.stepping.acceptance import caused_beside
+from vemcvx.stepping.ledger import StepData, advance
+from vemcvx.stepping.seminorm import answered, proximal, refuse_unbalanced
+from vemcvx.stepping.state import PreparedRun, State
+
+ATTEMPTS = 3
+"""A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known, while that helps:
+one that is at the end of its digits gives the same answer again."""
+
+
+def pose_step(run: PreparedRun, before: State, now: StepData, weights: Floats) -> PosedStep:
+    """Pose the step that leads from `before` to what drives the system now."""
+    g = before.unbalanced + (now.force.retained - before.data.force.retained)
+    e = now.remaining_gap - run.operators.limits.read(before.y)
+    b = before.data.prescribed_slip - now.prescribed_slip
+    return PosedStep(run, before, StepProgram(run.operators, g, weights, b, e), now)
+
+
+@dataclass(frozen=True)
+class PosedStep:
+    """One step being solved."""
+
+    run: PreparedRun
+    before: State
+    program: StepProgram
+    data: StepData
+
+    def solve(self, share: float = 1.0, near: State | None = None) -> State:
+        """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
+
+        Parameters
+        ----------
+        share : float
+            Of the solver's accuracy: less is asked where the answer is but a part of something.
+        near : State, optional
+            Whose multipliers to begin with; by default those of the step before.
+        """
+        scales = self.run.scaling
+        alpha = scales.size(self.program)
+        if alpha == 0.0:
+            return self._still(np.zeros_like(self.before.lam), "nothing pushes")
+        if self.before.scale == 0.0 and (held := scales.scale(self.program, alpha).at_rest()) is not None:
+            at_rest = scales.restore(Answer(np.zeros_like(self.before.y), held, 0, p=self.before.p), alpha)
+            still = self._still(at_rest.lam, "nothing slips")
+            # While nothing has moved at all there is no size to which an accuracy could refer.
+            if still.scale == 0.0:
+                return still
+        accuracy = share * self.run.accuracy
+        norm = float(np.sqrt(scales.kappa)) * alpha
+        if norm < SMALLEST and norm <= accuracy * self.before.unit(accuracy):
+            return self._still(self.before.lam, "nothing pushes that counts")
+        checked_norm(norm, self.data.t)
+        size = max(self.before.unit(accuracy), norm)
+        best: State | None = None
+        free, spent = alpha, 0
+        for _ in range(ATTEMPTS):
+            state = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near or self.before, spent)
+            spent += state.iterations
+            if best is not None and state.certificate.gap >= best.certificate.gap:
+                break
+            best = state
+            if best.accepted(accuracy) or spent >= self.run.most:
+                break
+            size = 0.1 * min(size, best.unit(accuracy))
+            if best.unit(accuracy) > 0:
+                # Of a body that is carried far this is much less than the motion of its unknowns let expect.
+                alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
+        return replace(best, iterations=spent)  # type: ignore[type-var]
+
+    def _still(self, lam: Floats, status: str) -> State:
+        """The state where it was, exactly."""
+        nothing = np.zeros_like(self.before.y), np.zeros_like(self.before.p)
+        exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
+        return self.state_after(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
+
+    def _ask(self, alpha: float, free: float, target: float, near: State, spent: int) -> State:
+        scales = self.run.scaling
+        scaled = scales.scale(self.program, alpha, free)
+
+        def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
+            return self.run.after(spent + more).prepared.solve(program, target, lam, p)
+
+        asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)
+        step_by_step = scaled.operators.kernel is not None and not self.run.solver.semidefinite
+        answer = proximal(ask, self.run.most - spent, *asked) if step_by_step else answered(ask, *asked)
+        certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
+        return self.state_after(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
+
+    def settled(self, state: State, rounds: Iterator[int]) -> State | None:
+        """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
+        scales, norms, t = self.run.scaling, self.run.system.norms, self.data.t
+        alpha = scales.size(self.program)
+        if alpha == 0.0:
+            return replace(state, certificate=state.certificate.away(0.0))
+        up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
+        law = WeightLaw(partial(norms.weights_under, t), partial(norms.slope_under, t)).scaled(up, down)  # type: ignore
+        start = Iterate(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
+        scaled = scales.scale(self.program, alpha)
+        found = settled(scaled, law, start, self.run.response, rounds)
+        if found is None:
+            return None
+        at, w = found.point, found.weights
+        floor = rounding_floor(replace(scaled, w=w), at.d, at.lam, at.p)
+        own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
+        answer = Answer(
+            d=at.d, lam=at.lam, iterations=state.iterations, status=state.status, safeguards=state.safeguards, p=at.p
+        )
+        whole = replace(self, program=replace(self.program, w=w / up))
+        return whole.state_after(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
+
+    def under_own_weights(self, state: State, certificate: Certificate) -> State:
+        """A state that was found for other weights, under those of this program."""
+        d, lam = state.y - self.before.y, self.program.project(state.lam)
+        return self.state_after(
+            Answer(
+                d=d, lam=lam, iterations=state.iterations, status=state.status, safeguards=state.safeguards, p=state.p
+            ),
+            certificate,
+        )
+
+    def moved(self, state: State, under: State, certificate: Certificate) -> State:
+        """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
+        program, d = self.program, state.y - self.before.y
+        friction = norm_gaps(program.w, under.lam, program.slip(d))
+        limits = limit_gaps(program.operators.compliance, under.p, program.excess(d), program.excess_blur(d))
+        answer = Answer(
+            d=d, lam=under.lam, iterations=state.iterations, status=state.status, safeguards=state.safeguards, p=under.p
+        )
+        return self.state_after(answer, replace(certificate, friction=friction, limits=limits))
+
+    def state_after(self, answer: Answer, certificate: Certificate, capped_weights: Floats | None = None) -> State:
+        """The state that an answer leads to."""
+        capped_weights = self.program.w if capped_weights is None else capped_weights
+        before, y = self.before, self.before.y + answer.d
+        slip = self.program.slip(answer.d)
+        ledger = advance(
+            self.run.condensation,
+            before.ledger,
+            (before.data, self.data),
+            y,
+            answer=answer,
+            slip=slip,
+            w=capped_weights,
+        )
+        scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.accuracy
+        floor = certificate.error_floor
+        size, noise = caused_beside(self.run.condensation, self.data, scale, floor, accuracy)
+        return State(
+            t=self.data.t,
+            y=y,
+            unbalanced=self.program.g - self.run.operators.force(answer.d),
+            data=self.data,
+            weights=self.program.w,
+            capped_weights=capped_weights,
+            lam=answer.lam,
+            p=answer.p,
+            slip=slip,
+            certificate=certificate,
+            ledger=ledger,
+            scale=scale,
+            iterations=answer.iterations,
+            status=answer.status,
+            safeguards=answer.safeguards,
+            size=max(before.size, size),
+            noise=noise,
+        )
+
+
+def refuse_unheld(posed: PosedStep, n: int) -> None:
+    """Raise SceneError when nothing balances the load of step `n` on a motion that K does not feel."""
+    run = posed.run
+    if run.operators.kernel is not None:
+        refuse_unbalanced(posed.program, run.system.kernel, run.condensation.retained, n, posed.data.t)

@@ -86,7 +86,7 @@ class Row:
     """One solver's answer to one step; errors relative."""
 
     step: str
-    operators: str
+    form: str
     unknowns: int
     degenerate: int
     solver: str
@@ -115,7 +115,7 @@ class Reference:
     """Newton's states at all instants, the last with all its unknowns."""
 
     name: str
-    operators: str
+    form: str
     system: vx.System
     states: tuple
 
@@ -136,16 +136,16 @@ def solvers():
     return OURS | {name: partial(vx.ThroughCvxpy, name) for name in others}
 
 
-def reference(name, operators, n):
+def reference(name, form, n):
     """The step, posed on squares, and its answer."""
     system = pose_scene(feng_han_huang.scene(), feng_han_huang.mesh(n)).system
     full_load, levels = system.force(1.0), STEPS[name]
     system = replace(system, load=lambda t: levels[round(t)] * full_load)
-    run = prepare(system, vx.Newton(accuracy=FLOOR), check=False, condense=FORMS[operators])
+    run = prepare(system, vx.Newton(accuracy=FLOOR), check=False, condense=FORMS[form])
     states = [initial_state(run, 0.0, None)]
     for k in range(1, len(levels)):
         states.append(step(run, states[-1], k, float(k)))
-    return Reference(name, operators, system, (*states[:-1], certified_in_full(run, states[-1])))
+    return Reference(name, form, system, (*states[:-1], certified_in_full(run, states[-1])))
 
 
 def measured(exact, name, solver, repeats):
@@ -153,7 +153,7 @@ def measured(exact, name, solver, repeats):
     last, states = len(exact.states) - 1, exact.states
     start = time.process_time()
     try:
-        run = prepare(exact.system, solver, check=False, condense=FORMS[exact.operators])
+        run = prepare(exact.system, solver, check=False, condense=FORMS[exact.form])
     except vx.NotAccepted:
         return None
     setup, earlier, later = time.process_time() - start, [], []
@@ -165,7 +165,7 @@ def measured(exact, name, solver, repeats):
     apart = length(exact.system.K, found.full - exact.answer.full)
     errors = found.certificate.error, found.certificate.error_floor, bound(exact.answer), apart
     return Row(
-        *(exact.name, exact.operators, len(found.y), exact.degenerate, name, solver.accuracy),
+        *(exact.name, exact.form, len(found.y), exact.degenerate, name, solver.accuracy),
         *(float(error / exact.answer.scale) for error in errors),
         *(setup + earlier[0] - float(np.median(earlier[1:] or earlier)), float(np.median(later))),
         *(found.iterations, found.status),
@@ -190,8 +190,8 @@ def sweep(n, accuracies=ACCURACIES, repeats=5, names=None):
     """All rows; a solver goes on until it misses."""
     rows, made = [], solvers()
     for name in STEPS:
-        for operators in FORMS:
-            exact = reference(name, operators, n)
+        for form in FORMS:
+            exact = reference(name, form, n)
             for solver in names or made:
                 if len(exact.answer.y) > MOST_UNKNOWNS.get(solver, np.inf):
                     continue
@@ -207,10 +207,10 @@ def printed(rows):
     """The table."""
     lines, before = [], None
     for row in rows:
-        if (row.step, row.operators) != before:
-            before = row.step, row.operators
+        if (row.step, row.form) != before:
+            before = row.step, row.form
             size = f"{row.unknowns} unknowns, {row.degenerate} degenerate terms"
-            lines += ["", f"{row.step}, {row.operators}: {size}, u* certified to {row.reference:.0e}"]
+            lines += ["", f"{row.step}, {row.form}: {size}, u* certified to {row.reference:.0e}"]
             lines.append("solver              asked  certified  floor     true   seconds   set-up  iterations  said")
         said = row.said + ("; missed" if row.missed else "") + ("" if row.kept else "  WRONG: true error above bound")
         lines.append(
@@ -249,8 +249,8 @@ def draw(rows, path):
     panels = figure.subplots(1, len(STEPS), sharex=True, sharey=True)
     for axes, step_name in zip(panels, STEPS, strict=True):
         for k, solver in enumerate(names):
-            for operators, line in zip(FORMS, ("-", "--"), strict=True):
-                found = [row for row in rows if (row.step, row.operators, row.solver) == (step_name, operators, solver)]
+            for form, line in zip(FORMS, ("-", "--"), strict=True):
+                found = [row for row in rows if (row.step, row.form, row.solver) == (step_name, form, solver)]
                 draw_series(axes, found, f"C{k}", "osD^vh*X"[k % 8], line)
         count = max((row.degenerate for row in rows if row.step == step_name), default=0)
         axes.set(xscale="log", yscale="log", xlabel="seconds a step, after set-up")

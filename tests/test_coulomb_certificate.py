@@ -22,7 +22,7 @@ from vemcvx.solvers.sets import independent
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.ledger import drive
 
-march = sys.modules["vemcvx.stepping.march"]
+march = sys.modules["vemcvx.stepping.time_loop"]
 ROUNDING = 3e-11
 """Relative energy error of the reference: its programs are certified to 1e-11."""
 pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")

@@ -30,9 +30,7 @@ def rows():
 
 def test_no_answer_is_farther_off_than_certified(rows):
     assert [row for row in rows if not row.kept] == []
-    assert {(row.step, row.operators) for row in rows} == {
-        (step, operators) for step in study.STEPS for operators in study.FORMS
-    }
+    assert {(row.step, row.form) for row in rows} == {(step, form) for step in study.STEPS for form in study.FORMS}
     # The bounds are put to the test: some hold by less than a factor of two, some answers are far from the solution.
     assert max(row.true / row.certified for row in rows if row.certified > 1e-9) > 0.5
     assert max(row.true for row in rows) > 1e-4
@@ -54,10 +52,10 @@ def test_one_step_is_degenerate_and_the_other_is_not(rows):
 
 
 @pytest.mark.parametrize("form", study.FORMS)
-def test_refining_worsens_nothing(operators):
+def test_refining_worsens_nothing(form):
     """Terms that arrive at their bounds and do not slip: rounding, of first order in the gap, slips none back."""
-    exact = study.reference("return", operators, 32)
-    plain = prepare(exact.system, vx.Newton(accuracy=1e-10), check=False, condense=study.FORMS[operators])
+    exact = study.reference("return", form, 32)
+    plain = prepare(exact.system, vx.Newton(accuracy=1e-10), check=False, condense=study.FORMS[form])
     assert not plain.refines
     answer = certified_in_full(plain, study.step(plain, exact.states[-2], 3, 3.0))
     assert exact.answer.certificate.gap <= answer.certificate.gap
@@ -65,9 +63,9 @@ def test_refining_worsens_nothing(operators):
 
 def test_solvers_go_on_until_they_miss(rows):
     for step in study.STEPS:
-        for operators in study.FORMS:
+        for form in study.FORMS:
             for solver in study.OURS:
-                found = [row for row in rows if (row.step, row.operators, row.solver) == (step, operators, solver)]
+                found = [row for row in rows if (row.step, row.form, row.solver) == (step, form, solver)]
                 assert [row.asked for row in found] == [1e-2, 1e-6, 1e-10][: len(found)]
                 assert not any(row.missed for row in found[:-1])
                 assert len(found) == 3 or found[-1].missed
@@ -77,7 +75,7 @@ def test_solvers_go_on_until_they_miss(rows):
 
 def test_polish_mends_what_degenerate_terms_cost(rows):
     """Asked for 1e-10, Clarabel misses by itself and does not with one active-set step; the true error is rounding."""
-    returns = [row for row in rows if row.step == "return" and row.operators == "condensed" and row.asked == 1e-10]
+    returns = [row for row in rows if row.step == "return" and row.form == "condensed" and row.asked == 1e-10]
     plain, polished = ([row for row in returns if row.solver == name] for name in ("Clarabel", "Clarabel, polished"))
     assert [row.missed for row in plain + polished] == [True, False]
     assert polished[0].true < 1e-12 < plain[0].true

@@ -21,8 +21,8 @@ from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver
-from vemcvx.stepping.march import checked_times, march
 from vemcvx.stepping.storage import Folder, Memory, Storage
+from vemcvx.stepping.time_loop import checked_times, march
 
 # An initial displacement is refused when it misses what the supports hold by more than this part of it.
 OFF_SUPPORT = 1e-9

@@ -22,7 +22,7 @@ from vemcvx.cost.table import REFUSED, table
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
 from vemcvx.owned_files import Owned
-from vemcvx.stepping.march import checked_times
+from vemcvx.stepping.time_loop import checked_times
 from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")

@@ -9,7 +9,7 @@ direction (1, 1, 0) and turn the deviatoric plane, spanned by (1, -1, 0) / sqrt 
     tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
 
 It has the units of C, does not depend on the axes, and is 2 mu for an isotropic material, as in
-:mod:`vemcvx.vem.stiffness`. It does not lock: a volumetric modulus that grows leaves the deviatoric plane alone, and
+:mod:`vemcvx.vem.isotropic`. It does not lock: a volumetric modulus that grows leaves the deviatoric plane alone, and
 fibres whose modulus grows add a matrix of rank one to it, which leaves the smaller of its two eigenvalues bounded.
 (The trace or the mean would grow with the fibres: with E1 / G = 2e8 and 8 Voronoi cells a side, 1.04 of the energy of a
 sheared body is found; with either of them nothing.)
@@ -22,9 +22,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import assemble_cells
+from vemcvx.vem.isotropic import missed_squares
 from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.space import Space
-from vemcvx.vem.stiffness import missed_squares
 
 
 def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:

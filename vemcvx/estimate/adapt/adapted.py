@@ -32,9 +32,9 @@ from vemcvx.simulation import check_kinds
 from vemcvx.solvers import Solver
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
-from vemcvx.stepping.march import checked_times, march
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory
+from vemcvx.stepping.time_loop import checked_times, march
 
 Marks = tuple[NDArray[np.bool_], Floats]
 

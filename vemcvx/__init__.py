@@ -45,7 +45,7 @@ from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.meshes import PolygonMesh
-from vemcvx.program import Damping, Limits, Norms, System
+from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, StepProgram, System
 from vemcvx.results.contact import Contact
 from vemcvx.results.history import History, read_history
 from vemcvx.scene import Scene
@@ -57,8 +57,10 @@ from vemcvx.version import __version__
 __all__ = [
     "OSQP",
     "Adapted",
+    "Answer",
     "BilateralContact",
     "BodyForce",
+    "Certificate",
     "Clamp",
     "Clarabel",
     "Contact",
@@ -82,6 +84,7 @@ __all__ = [
     "NotAccepted",
     "NotCertified",
     "NotContracting",
+    "Operators",
     "Orthotropic",
     "PointLoad",
     "PolygonMesh",
@@ -93,6 +96,7 @@ __all__ = [
     "SceneError",
     "SceneWarning",
     "Solver",
+    "StepProgram",
     "SuperLU",
     "Symmetry",
     "System",

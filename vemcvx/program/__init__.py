@@ -1,6 +1,35 @@
-"""The convex program of a step: the variational inequality in coordinates, condensed, scaled, certified."""
+"""The convex program of a step: the variational inequality in coordinates, condensed, scaled, certified.
 
+A solver's author needs `Operators`, `StepProgram`, `Answer`, the names of features, and `duality_gap`.
+"""
+
+from vemcvx.program.certificate import Certificate, certify, duality_gap
 from vemcvx.program.limits import Limits
+from vemcvx.program.operators import (
+    ABSOLUTE_VALUES,
+    BOUNDS,
+    QUADRATIC,
+    SECOND_ORDER_CONES,
+    SQUARED_POSITIVE_PARTS,
+    Operators,
+)
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import Damping, Norms, System
 
-__all__ = ["Damping", "Limits", "Norms", "System"]
+__all__ = [
+    "ABSOLUTE_VALUES",
+    "BOUNDS",
+    "QUADRATIC",
+    "SECOND_ORDER_CONES",
+    "SQUARED_POSITIVE_PARTS",
+    "Answer",
+    "Certificate",
+    "Damping",
+    "Limits",
+    "Norms",
+    "Operators",
+    "StepProgram",
+    "System",
+    "certify",
+    "duality_gap",
+]

@@ -18,6 +18,9 @@ P(d) >= P(d*) + 1/2 |d - d*|_K^2, and weak duality P(d*) >= G ends it.  QED
 Where K has a kernel N (:mod:`vemcvx.program.kernel`) all this holds in the seminorm |.|_K, with K^{-1} any inverse of
 K on balanced forces; where N'r does not vanish, the gap is infinite.
 
+Signs: friction acts on the body with the forces -B'lam, limits with -D'p. Where friction is one-way its bias c is part
+of the load, g contains -B'c, and lam is what is left of the multipliers: a history's are lam + c, |lam_i - c_i| <= w_i.
+
 Every summand is >= 0 and belongs to one place of the boundary. The norm part is evaluated without
 cancellation, w|s| - lam.s = (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2, that of limits as
 (z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere. A multiplier within rounding of its bound, ROUNDED w, stands

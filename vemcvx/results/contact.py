@@ -24,12 +24,13 @@ from vemcvx.stepping.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Contact:
-    """The contact boundary over time: m nodes that are not held otherwise, S stored instants.
+    """The contact boundary over time: m contact nodes, S stored instants.
 
-    A node whose normal is free, or held by contact itself, belongs to it also where a support holds its tangent (the
-    axis of a half model), and so does every node that supports drag along against friction. What they exert is neither
-    traction nor pressure; what friction exerts against them is traction, and in a step in which they stand still, when
-    any traction up to the bound would do, 0.
+    Nodes of the boundary are contact nodes unless another support fixes their normal component. Among them are nodes
+    whose tangent a support fixes (on the axis of a half model). Nodes that a prescribed displacement moves along the
+    boundary against friction always are. The forces of such supports are neither traction nor pressure. Friction
+    against them is traction; it is taken to be 0 in a step in which the support stands still, when any value up to the
+    bound would be admissible.
 
     Attributes
     ----------
@@ -46,7 +47,7 @@ class Contact:
         Normal force of contact per length, compression positive; of either sign where contact is bilateral. A support
         that moves a node along the normal of its contact is an obstacle that moves: its force is pressure.
     sticking : (S, m) bool
-        Whether the increment of the step is zero to round-off; true in row 0.
+        Whether the increment of the step is zero, up to rounding; true in row 0.
     wear : (S, m)
         Friction work per length since the initial instant, of all steps, stored or not: over int phi_i of the edges
         with friction, so that ``wear @ friction_lengths`` is what friction has dissipated; 0 without friction.

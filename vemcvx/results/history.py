@@ -1,7 +1,7 @@
-"""What a simulation leaves, in the words of contact; results that sum up, write and probe themselves.
+"""The results of a simulation, which can be summed up, written and probed.
 
-Sign conventions: stresses are positive in tension; the pressure of contact is positive in compression;
-traction is the friction force per length that acts on the body; reactions act on the body.
+Sign conventions: stresses are positive in tension, contact pressures in compression; `contact.traction` is the friction
+force per length on the body, and reactions act on the body. Multipliers: :mod:`vemcvx.program.certificate`.
 """
 
 from __future__ import annotations
@@ -21,42 +21,42 @@ from vemcvx.results.words import in_words
 
 @dataclass(frozen=True)
 class History(Results):
-    """A simulated history; arrays over time have one row a stored step.
+    """The results of a simulation; arrays over time have one row per stored step.
 
     Attributes
     ----------
     mesh : PolygonMesh
     scene : Scene or None
-        None when the history was read from files: functions of a scene are not kept.
+        None if the history was read from files, which do not keep the functions of a scene.
     effects : tuple of str
-        The scene in words.
+        The effects of the scene in words.
     displacement : (S, n_nodes, dim)
     forces : (S, n_nodes, dim)
-        Nodal forces that supports, contact and friction exert on the body, A u - f, and with viscosity A u + A_1 u' - f
-        at the rates of the step; no step leads to row 0, whose forces are those of the elastic part.
+        Nodal forces of supports, contact and friction on the body: A u - f, or with viscosity A u + A_1 u' - f at the
+        rates of the step. Row 0 has no viscous part, because no step leads to it.
     contact : Contact
     moduli : (2, n_cells) or (6, n_cells)
         Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
         matrix row by row, see :mod:`vemcvx.vem.hooke`.
     trajectory : Trajectory
-        The march in free unknowns, with scalars of all N + 1 instants.
+        The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict
         "assemble", "prepare" and "solve".
     prestress : (S, n_cells, 3) or None
-        Stresses at zero strain, of eigenstrains and prestress; None where the scene has none.
+        Stresses at zero strain, of eigenstrains and prestress; None if the scene has none.
     out_of_plane : (n_cells, 3) or None
-        Stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does
-        not say.
+        Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does not
+        give it.
     out_of_plane_prestress : (S, n_cells) or None
-        What eigenstrains add to it; None where there are none.
+        The part of zz that eigenstrains cause; None if there are none.
     inactive : tuple of str
-        What of the scene did nothing in this run, and was left out or never reached.
+        Effects of the scene without influence on this run: dropped, or never active.
     dragged_ends : (q, 2) int or None
-        Where supports drag nodes along against friction, edge by edge: the node, and the other one of the edge.
+        Edges along which prescribed displacements move nodes against friction: the node and the other end of the edge.
     dragged_friction : (S, q, dim) or None
-        The friction on the body there, which `forces` include.
+        The friction on the body at these nodes, which `forces` include.
     errors : dict or None
-        Of an adaptive run: "algebra", "space", "time", their sum "total", and the "target", relative energy errors.
+        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
     """
 
     def probe(self, points: ArrayLike) -> Floats:

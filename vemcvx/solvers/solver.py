@@ -36,10 +36,12 @@ class Prepared(Protocol):
 
 
 class Solver(ABC):
-    """Settings of a solver; frozen, and free of state.
+    """Settings of a solver: a frozen dataclass without state.
 
-    Every solver has `accuracy`, the certified relative energy error asked of a step (the gap is its square),
-    and `accepts`, the features of programs it can take.
+    Its fields are what summaries name, what a resumed run compares, and what :func:`vemcvx.adapt` replaces. One of them
+    is `accuracy`, the certified relative energy error asked of a step (the gap is its square). The class attribute
+    `accepts` names the features of programs that it can solve, out of those in :mod:`vemcvx.program.operators`. A field
+    `max_iterations`, if there is one, limits the iterations of a step; `polish` is named in advice.
     """
 
     accuracy: float

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -112,6 +112,11 @@ def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | N
         raise SceneError(
             f"solver: found {brief(solver)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
             "for the smallest that accepts the program."
+        )
+    if solver is not None and not (is_dataclass(solver) and hasattr(solver, "accuracy") and hasattr(solver, "accepts")):
+        raise SceneError(
+            f"solver {solver.name}: found no dataclass with `accuracy` and `accepts`; a solver is a frozen dataclass "
+            "of its settings, `accuracy` among them, and says which features of programs it `accepts`."
         )
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Multigrid(), or None (chosen by size).")

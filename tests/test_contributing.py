@@ -24,6 +24,13 @@ LINES = dict(zip(FILES, BLOCKS[1::2], strict=True))
 """Each recipe is a file, whose path its first line says, and a line."""
 
 
+def test_the_page_names_every_package_and_its_links_lead_somewhere():
+    packages = {path.parent.name for path in (ROOT / "vemcvx").glob("*/__init__.py")}
+    assert set(re.findall(r"^\| `vemcvx/(\w+)` \|", TEXT, re.MULTILINE)) == packages
+    for target in re.findall(r"\]\(([^)#]+)\)", re.sub(r"```.*?```", "", TEXT, flags=re.DOTALL)):
+        assert (ROOT / target).exists(), target
+
+
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A function that puts the file of a recipe into the package, for one test, and returns what its line defines."""
@@ -117,6 +124,11 @@ def test_the_solver_is_asked_for_no_more_than_it_accepts(uzawa):
     scene = paper_scene().with_(vx.UnilateralContact(on="top"))
     with pytest.raises(vx.NotAccepted, match="solver Uzawa: the program has bounds, which it does not accept"):
         vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0], solver=uzawa)
+
+
+def test_the_solver_refuses_an_accuracy_that_means_nothing(uzawa):
+    with pytest.raises(vx.SceneError, match="^Uzawa: found accuracy = 2"):
+        type(uzawa)(accuracy=2)
 
 
 def test_a_solver_that_is_no_dataclass_is_refused_in_one_sentence(uzawa):

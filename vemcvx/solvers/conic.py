@@ -35,7 +35,7 @@ from vemcvx.program.operators import (
 )
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
-from vemcvx.solvers.solver import Solver, checked_accuracy
+from vemcvx.solvers.solver import Solver
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -138,7 +138,7 @@ class ThroughCvxpy(Solver):
     def __post_init__(self) -> None:
         if not isinstance(self.solver, str):
             raise SceneError(f"ThroughCvxpy: found solver = {brief(self.solver)}; wanted its name in cvxpy, as 'SCS'.")
-        checked_accuracy(self.accuracy, self.name)
+        super().__post_init__()
         flag(self.polish, f"{self.name}: polish")
         named = isinstance(self.options, Mapping) and all(isinstance(name, str) for name in self.options)
         if not named:

@@ -10,7 +10,7 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.program.operators import QUADRATIC, Operators
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.solver import Solver, checked_accuracy
+from vemcvx.solvers.solver import Solver
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,6 @@ class Direct(Solver):
     accuracy: float = 1e-8
 
     accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC})
-
-    def __post_init__(self) -> None:
-        checked_accuracy(self.accuracy, "Direct")
 
     def prepare(self, operators: Operators) -> _PreparedDirect:
         return _PreparedDirect()

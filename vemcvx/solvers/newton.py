@@ -35,7 +35,7 @@ from vemcvx.program.operators import (
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.proximal import proximal_points
 from vemcvx.solvers.sets import Iterate, Sets, Shifts, answer_on, sets_at
-from vemcvx.solvers.solver import Solver, checked_accuracy
+from vemcvx.solvers.solver import Solver
 
 PROXIMAL = 100.0
 """First shifts of the proximal point method, in those of the active sets."""
@@ -65,7 +65,7 @@ class Newton(Solver):
     )
 
     def __post_init__(self) -> None:
-        checked_accuracy(self.accuracy, "Newton")
+        super().__post_init__()
         whole(self.max_iterations, "Newton", "max_iterations", "linear solves")
 
     def prepare(self, operators: Operators) -> _PreparedNewton:

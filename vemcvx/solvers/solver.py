@@ -49,6 +49,10 @@ class Solver(ABC):
     semidefinite: ClassVar[bool] = False
     """whether it takes a K with a kernel; others are asked for proximal points (:mod:`vemcvx.program.kernel`)"""
 
+    def __post_init__(self) -> None:
+        """Refuse settings that mean nothing."""
+        part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
+
     @property
     def name(self) -> str:
         """The name that reports and files use."""
@@ -63,8 +67,3 @@ class Solver(ABC):
         NotAccepted
             The solver is not installed.
         """
-
-
-def checked_accuracy(accuracy: float, solver: str) -> None:
-    """Refuse accuracies that mean nothing."""
-    part(accuracy, solver, "accuracy", "a relative energy error", "1e-6")

@@ -6,10 +6,12 @@ import importlib.util
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from conftest import paper_scene
 
 import vemcvx as vx
@@ -137,3 +139,21 @@ def test_a_solver_that_is_no_dataclass_is_refused_in_one_sentence(uzawa):
 
     with pytest.raises(vx.SceneError, match="^solver Plain: found no dataclass .*; a solver is a frozen dataclass"):
         vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=Plain())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"lam": np.zeros(3)}, r"found lam = array.*; wanted an array of floats \(3, 1\)"),
+        ({"d": np.zeros((3, 1))}, r"found d = array.*; wanted an array of floats \(3,\)"),
+        ({"d": [0.0, 0.0, 0.0]}, r"found d = \[.*; wanted an array of floats \(3,\)"),
+        ({"p": None}, r"found p = None; wanted an array of floats \(0,\)"),
+        ({"iterations": None}, r"found the answer Answer.*; wanted Answer\(d, lam, iterations\)"),
+    ],
+)
+def test_an_answer_that_fits_no_program_is_refused_in_one_sentence(uzawa, monkeypatch, change, words):
+    prepared = type(uzawa.prepare(vx.Operators(np.eye(2), sp.csr_matrix(np.eye(2)))))
+    own = prepared.solve
+    monkeypatch.setattr(prepared, "solve", lambda *asked: replace(own(*asked), **change))
+    with pytest.raises(vx.SceneError, match=f"^solver Uzawa: {words}"):
+        vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=uzawa)

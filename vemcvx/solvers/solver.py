@@ -9,13 +9,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
-from numpy.typing import NDArray
+import numpy as np
 
-from vemcvx.arguments import part
+from vemcvx.arguments import is_whole, part
+from vemcvx.arrays import Floats, brief
+from vemcvx.errors import SceneError
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
-
-Floats = NDArray
 
 
 class Prepared(Protocol):
@@ -67,3 +67,22 @@ class Solver(ABC):
         NotAccepted
             The solver is not installed.
         """
+
+
+def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
+    """What a solver answered, if it is an answer to this program.
+
+    Raises
+    ------
+    SceneError
+        It is no Answer, or its arrays are none of the program's shapes.
+    """
+    if not isinstance(answer, Answer) or not is_whole(answer.iterations):
+        raise SceneError(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
+    operators = program.operators
+    shapes = {"d": program.g.shape, "lam": (operators.count, operators.block), "p": program.e.shape}
+    for name, shape in shapes.items():
+        found = getattr(answer, name)
+        if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
+            raise SceneError(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
+    return answer

@@ -18,6 +18,7 @@ from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
 from vemcvx.solvers.sets import Iterate
+from vemcvx.solvers.solver import fitting
 from vemcvx.stepping.acceptance import caused_beside
 from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.seminorm import answered, proximal, refuse_unbalanced
@@ -98,7 +99,8 @@ class PosedStep:
         scaled = scales.scale(self.program, alpha, free)
 
         def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
-            return self.run.after(spent + more).prepared.solve(program, target, lam, p)
+            answer = self.run.after(spent + more).prepared.solve(program, target, lam, p)
+            return fitting(answer, program, self.run.solver.name)
 
         asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)
         step_by_step = scaled.operators.kernel is not None and not self.run.solver.semidefinite

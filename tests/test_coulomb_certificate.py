@@ -143,8 +143,7 @@ def test_100_scenes_by_estimates(monkeypatch, accuracy, part):
 @pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6])
 def test_25_scenes_by_a_conic_solver(monkeypatch, accuracy):
-    seeds = [seed for seed in range(40) if pose_scene(*coulomb_scene(seed)).system.kernel is None][:25]
-    assert sum(check_scene(monkeypatch, seed, vx.Clarabel(accuracy=accuracy))[0] for seed in seeds) > 90
+    assert sum(check_scene(monkeypatch, seed, vx.Clarabel(accuracy=accuracy))[0] for seed in range(25)) > 80
 
 
 def wedge(coefficient, power=None):

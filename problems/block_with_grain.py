@@ -1,4 +1,4 @@
-"""A block with a grain, rubbed over a floor: it slides more easily one way than the other.
+"""An orthotropic block, rubbed over a floor: it slides more easily one way than the other.
 
 The block (0, 2) x (0, 1/2), plane stress, is wood: E1 along a grain that rises at the angle `grain` from x, E2 across
 it. Its top is pressed down by D and then moved by U(t), back and forth; Coulomb friction, coefficient mu, resists

@@ -74,7 +74,7 @@ class Support:
     value: Callable[[float], Floats] | None = None
     """t -> (m,) prescribed components; None means zero at all times."""
     contact: bool = False
-    """A contact's u.n = 0: it gives way, at shared nodes, to what is prescribed in the same direction."""
+    """Contact, u.n = 0, which at shared nodes yields to supports in the same direction."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Friction:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Limits n . u(node_i) <= gap_i(t), one row a node and distinct normal; soft where the obstacle gives way."""
+    """Limits n . u(node_i) <= gap_i(t), one row a node and distinct normal; squared penalties if compliant."""
 
     subject: str
     nodes: Ints

@@ -1,4 +1,4 @@
-"""Coulomb's law: the bound of friction is the coefficient times the pressure that contact finds."""
+"""Coulomb's law: the friction bound is the coefficient times the contact pressure."""
 
 from __future__ import annotations
 

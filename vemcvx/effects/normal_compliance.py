@@ -1,4 +1,4 @@
-"""Contact with an obstacle that gives way: pressure = stiffness times depth."""
+"""Contact with a compliant obstacle: pressure = stiffness times penetration."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Orthotropic(MaterialLaw):
         """C (k, 3, 3), and as in Material swelling (k, 3) and across (k, 4); zero where not `inside` (k,)."""
         S = self._compliance(at, inside > 0)
         G, angle = self._read(at, self.shear, "shear"), self._read(at, self.angle, "angle")
-        self._insist(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")
+        self._require(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")
         C = np.zeros_like(S)
         inverse = np.linalg.inv(S)
         C[:, :2, :2] = np.linalg.inv(S[:, :2, :2]) if self.plane == "stress" else inverse[:, :2, :2]
@@ -116,7 +116,7 @@ class Orthotropic(MaterialLaw):
         E, nu = self._several(at, "young", 2), self._several(at, "poisson", 1)
         E, nu = np.where(inside, E, 1.0), np.where(inside, nu, 0.0)
         for i, values in enumerate(E):
-            self._insist(values > 0, values, f"young ({i + 1})", "must be > 0")
+            self._require(values > 0, values, f"young ({i + 1})", "must be > 0")
         S = np.zeros((len(inside), 3, 3))
         S[:, 2, 2] = 1.0
         for i, values in enumerate(E):
@@ -127,7 +127,7 @@ class Orthotropic(MaterialLaw):
         scale = 1.0 / np.sqrt(np.einsum("cii->ci", S))
         positive = np.linalg.eigvalsh(scale[:, :, None] * S * scale[:, None, :]).min(axis=1) > 0
         rule = "nu12^2 < E1 / E2" if self.plane == "stress" else "such that S (see the module) is positive definite"
-        self._insist(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
+        self._require(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
         return S
 
     def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
@@ -142,7 +142,7 @@ class Orthotropic(MaterialLaw):
     def _read(self, at: data.InCells, value: Constant, name: str) -> Floats:
         return at.read(value, f"Orthotropic: {name}")
 
-    def _insist(self, holds: np.ndarray, values: Floats, name: str, rule: str) -> None:
+    def _require(self, holds: np.ndarray, values: Floats, name: str, rule: str) -> None:
         if not holds.all():
             cell = int(np.argmin(holds))
             raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")

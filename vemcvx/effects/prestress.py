@@ -1,4 +1,4 @@
-"""A stress that the undeformed body already bears: sigma = C eps(u) + sigma_0.
+"""Initial stress: sigma = C eps(u) + sigma_0.
 
 It enters the principle of virtual work as the load -int sigma_0 : eps(v), on cells -sum_K |K| sigma_0 : eps(Pi v).
 """

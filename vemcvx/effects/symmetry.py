@@ -1,7 +1,6 @@
 """A line of symmetry, or a row of rollers: u . n = 0 and sigma_tau = 0.
 
-A body that is loaded symmetrically about a straight side of its half moves along that side only and shears it not;
-the half then stands for the whole.
+Under symmetric loads a body moves along its line of symmetry, without shear stress on it: half of the body is enough.
 """
 
 from __future__ import annotations

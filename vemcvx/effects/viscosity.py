@@ -1,4 +1,4 @@
-"""Kelvin and Voigt's solid: a dashpot beside the spring, sigma = C eps + 2 eta eps' + zeta tr(eps') I."""
+"""Kelvin-Voigt viscosity, sigma = C eps + 2 eta eps' + zeta tr(eps') I."""
 
 from __future__ import annotations
 

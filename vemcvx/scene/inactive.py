@@ -1,4 +1,4 @@
-"""Effects that turn out to do nothing are left out before anything is assembled, and said.
+"""Effects without influence are dropped before assembly and reported.
 
 A load that is zero at every instant, friction whose bound is, springs and dashpots without strength: the scene
 without them has the same unknowns, terms and cones, and the same answer to the last bit. Supports and outputs of
@@ -27,7 +27,7 @@ PRESSED = 1e100
 
 
 def without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: Said) -> Contribution:
-    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing left out.
+    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing dropped.
 
     Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
     """

@@ -1,7 +1,7 @@
 """The limits of one-sided contact, over all nodal values: D^ with one normal a row, and what obstacles leave free.
 
 Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
-their edges; obstacles that give way each answer with a force of their own.
+their edges; compliant obstacles each act with a force of their own.
 """
 
 from __future__ import annotations

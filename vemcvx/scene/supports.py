@@ -126,7 +126,7 @@ def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle],
     Parameters
     ----------
     supports, normals
-        In canonical order; contact gives way to what is prescribed. Of the second, the normals become axes.
+        In canonical order; contact yields to prescribed displacements. Of the second, the normals become axes.
     points : (n_nodes, dim) array
     """
     dim = points.shape[1]

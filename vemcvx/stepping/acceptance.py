@@ -33,7 +33,7 @@ from vemcvx.stepping.ledger import StepData
 log = logging.getLogger("vemcvx")
 
 ROUNDED = 10.0
-"""Rounding floors that a state of nothing but rounding is at most as large as."""
+"""Rounding floors that the norm of a state at the rounding floor is at most as large as."""
 TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
 
@@ -50,7 +50,7 @@ def caused(condensation: Condensation, force: Reduced) -> float:
 def caused_beside(
     condensation: Condensation, now: StepData, norm: float, floor: float, accuracy: float
 ) -> tuple[float, float]:
-    """What the data can cause, and what friction's own forces can, if the state is nothing but rounding, of that floor.
+    """What the data can cause, and what friction's own forces can, if the state is at the rounding floor `floor`.
 
     Zero, unseen, where states of energy norm `norm` are not zero beside it.
     """

@@ -185,7 +185,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
 
 
 def test_a_summary_of_a_miss_is_still_json(history, tmp_path):
-    run = dataclasses.replace(history.trajectory, gap=np.full(9, np.inf), solver="SomebodyElses()")
+    run = dataclasses.replace(history.trajectory, gap=np.full(9, np.inf), solver="SomebodyElses()", accuracy=None)
     dataclasses.replace(history, trajectory=run).write(tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text(), parse_constant=pytest.fail)
     assert told["certified_energy_error"] is None

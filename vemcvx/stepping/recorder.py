@@ -195,6 +195,7 @@ class Recorder:
             **{name: column.astype(TYPES.get(name, float)) for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),
+            accuracy=float(self._run.solver.accuracy),
         )
         say_floor(trajectory.certificate_floor, self._run.solver.accuracy)
         return trajectory

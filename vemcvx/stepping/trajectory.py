@@ -57,6 +57,8 @@ class Trajectory:
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
         Name and settings of the solver that answered.
+    accuracy : float or None
+        The certified relative energy error that was asked of a step; None in files that were written without it.
     initial : (n,) array or None
         y at the initial instant, stored or not.
     velocity : (S, n) array or None
@@ -84,6 +86,7 @@ class Trajectory:
     estimated: Bools
     seconds: dict[str, float]
     solver: str
+    accuracy: float | None = None
     unit: Floats | None = None
     initial: Floats | None = None
     velocity: Floats | None = None

@@ -153,6 +153,7 @@ def _check_words(about: dict[str, Any]) -> None:
     fits = all(isinstance(one, list) and all(isinstance(word, str) for word in one) for one in lists)
     fits = fits and isinstance(run["solver"], str) and isinstance(run["seconds"], dict)
     fits = fits and all(isinstance(number, (int, float)) for number in numbers)
+    fits = fits and isinstance(run.get("accuracy"), (float, type(None)))
     if not (fits and isinstance(about.get("errors"), (dict, type(None)))):
         raise ValueError("found words and numbers of other kinds beside the arrays")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +55,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "effects": list(history.effects),
         "left_out": list(history.inactive),
         "solver": history.solver,
-        "accuracy": _accuracy(history.solver),
+        "accuracy": run.accuracy,
         "certified_energy_error": _finite(run.certificate.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
@@ -74,12 +73,6 @@ def _contact(history: Results) -> dict[str, int]:
     touch = history.contact
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
     return {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()}
-
-
-def _accuracy(solver: str) -> float | None:
-    """The certified relative energy error asked of each step, which every solver names among its settings."""
-    found = re.search(r"accuracy=([^,)]+)", solver)
-    return float(found.group(1)) if found else None
 
 
 def _finite(value: float) -> float | None:

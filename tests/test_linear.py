@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from conftest import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.linear import DenseCholesky, Multigrid, Scaled, SuperLU, choose_linear
+from vemcvx.program.condensation import Condensation
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.pose import pose_scene
 
@@ -157,6 +161,36 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
         chosen = choose_linear(3_000_000)
     assert "3000000 unknowns" in caplog.text
     assert isinstance(chosen, (Multigrid, SuperLU))
+
+
+@dataclass(frozen=True)
+class Another(vx.LinearSolver):
+    """None of ours, with what the base class asks for."""
+
+    def factorise(self, K, near_kernel=None):
+        return SuperLU().factorise(K)
+
+
+class Eliminating(Another):
+    eliminates = True
+
+    def eliminate(self, K, order, last):
+        return SuperLU().eliminate(K, order, last)
+
+
+def test_programs_are_condensed_by_whoever_eliminates():
+    system = pose_scene(paper_scene(), small("squares", 6)).system
+    ours, full, condensed = (Condensation(system, linear=linear) for linear in (None, Another(), Eliminating()))
+    assert full.whole
+    assert len(full.retained) == system.n
+    assert not condensed.whole
+    assert np.array_equal(condensed.retained, ours.retained)
+    assert np.array_equal(condensed.operators.K, ours.operators.K)
+
+
+def test_who_cannot_eliminate_says_so():
+    with pytest.raises(vx.NotAccepted, match=r"^linear solver Another: it gives no Schur complements, .*SuperLU\(\)"):
+        Another().eliminate(sp.eye_array(2, format="csr"), np.arange(2), np.arange(1))
 
 
 def test_singular_matrices_are_a_clear_error():

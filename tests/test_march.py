@@ -216,3 +216,13 @@ def test_store_keeps_the_steps_that_are_named():
     assert some.stored.tolist() == [3, 7, 12]
     assert np.array_equal(some.displacement, every.displacement[[3, 7, 12]])
     assert np.array_equal(some.trajectory.energy, every.trajectory.energy)
+
+
+def test_a_storage_without_all_methods_is_refused_in_one_sentence():
+    class Forgetful:
+        lasting = False
+        array = kept = save = load = vx.march
+
+    system = vx.System(np.eye(2), lambda t: [t, t])
+    with pytest.raises(vx.SceneError, match=r"^march: found storage = .*; wanted Memory\(\), Folder\(path\), or None"):
+        vx.march(system, [0.0, 1.0], storage=Forgetful())

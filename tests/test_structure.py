@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -151,3 +152,19 @@ def test_importing_the_package_imports_nothing_heavy():
 def test_everything_exported_exists():
     for name in vemcvx.__all__:
         assert getattr(vemcvx, name).__doc__ or name == "__version__", name
+
+
+def test_the_table_of_tolerances_has_a_line_for_each_and_each_is_used():
+    from vemcvx.program import tolerances
+
+    names = {name for name in vars(tolerances) if name.isupper()}
+    assert {line.split()[0] for line in tolerances.__doc__.splitlines() if re.match("[A-Z]+_?[A-Z]+ ", line)} == names
+    used = {name for path in modules().values() for name in names_imported(path, tolerances)}
+    assert used == names
+
+
+def names_imported(path, module):
+    """Names that a file imports from a module."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module == module.__name__:
+            yield from (alias.name for alias in node.names)

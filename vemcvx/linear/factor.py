@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.errors import SceneError
+from vemcvx.errors import NotAccepted, SceneError
 
 SAMPLES = 8
 """Random forces from which the energy of others is estimated."""
@@ -62,10 +62,47 @@ class Scaled(Factor):
 
 
 class LinearSolver(ABC):
-    """Settings of a linear solver; frozen."""
+    """Settings of a linear solver; frozen.
 
-    eliminates: ClassVar[bool]
+    A run factorises its K once; where there is viscosity, once for every length of step. A solver that eliminates is
+    asked by `eliminate`: programs are condensed to the unknowns that contact and friction read, and the cost of a step
+    depends on their number alone. Another one, or any with ``condense=False``, is asked by `factorise`: every step is
+    then solved on all unknowns. Where none is asked for, :func:`vemcvx.linear.choose_linear` chooses by size.
+    """
+
+    eliminates: ClassVar[bool] = False
     """Whether it can give Schur complements, so that programs are condensed."""
+
+    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[Factor, Floats]:
+        """Factorise K (n, n), symmetric positive definite, with the unknowns `last` last.
+
+        This should cost little more than to factorise. It is called only where the class says that it `eliminates`.
+
+        Parameters
+        ----------
+        order : (n,) permutation
+            An order of elimination with little fill; a solver may take another.
+        last : (m,) array
+            Numbers of the unknowns that are not eliminated.
+
+        Returns
+        -------
+        factor : Factor
+            Of all of K, as `factorise` gives it.
+        S : (m, m) array
+            Schur complement onto `last`, in their order, symmetric.
+
+        Raises
+        ------
+        NotAccepted
+            It cannot: see `eliminates`.
+        SceneError
+            The matrix is not positive definite.
+        """
+        raise NotAccepted(
+            f"linear solver {type(self).__name__}: it gives no Schur complements, so that nothing can be condensed; "
+            "SuperLU() does. With condense=False programs are solved on all unknowns."
+        )
 
     @abstractmethod
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> Factor:

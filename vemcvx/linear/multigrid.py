@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -49,7 +49,9 @@ ROUGH = 0.1
 
 @dataclass(frozen=True)
 class Multigrid(LinearSolver):
-    """PyAMG (extra ``multigrid``). Programs are not condensed: contact is solved matrix-free.
+    """PyAMG (extra ``multigrid``): the default beyond two million unknowns, where it is installed.
+
+    Programs are not condensed: contact is solved matrix-free.
 
     Certificates take into account that its solves are inexact (:mod:`vemcvx.linear.multigrid`).
 
@@ -63,8 +65,6 @@ class Multigrid(LinearSolver):
 
     tolerance: float = 1e-12
     max_iterations: int = 200
-
-    eliminates: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         part(self.tolerance, "Multigrid", "tolerance", "a relative residual", "1e-12")

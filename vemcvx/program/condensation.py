@@ -32,7 +32,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
-from vemcvx.linear import LinearSolver, SuperLU, choose_linear
+from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators
 from vemcvx.program.ordering import minimum_degree
@@ -103,7 +103,7 @@ class Condensation:
         retained = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
         anchor = _anchors(system, retained, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
-        self.whole = not (condense and isinstance(self.linear, SuperLU))
+        self.whole = not (condense and self.linear.eliminates)
         if not self.whole:
             order = minimum_degree(self.regular) if system.order is None else system.order
             self.retained: Ints = retained

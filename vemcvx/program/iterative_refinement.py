@@ -20,6 +20,7 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
 from vemcvx.program.operators import Operators
 from vemcvx.program.system import System
+from vemcvx.program.tolerances import COARSE_FACTORS
 
 ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""
@@ -28,7 +29,7 @@ TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
-    """Whether one solve with the factors, or with S, misses `accuracy` by less than a factor of a hundred.
+    """Whether one solve with the factors, or with S, errs by more than COARSE_FACTORS of `accuracy`.
 
     Residuals in double precision are good enough to tell. Tried on the response x to a force of one on every unknown,
     which the softest motions answer, and on what S makes of it: S x_c is what K (x - xi) is on the retained unknowns.
@@ -41,7 +42,7 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     if 0 < len(c) < len(x):
         left = (K @ (x - condensation.reduce(K @ x, remembered=False).inside))[c] - operators.K @ x[c]
         off = max(off, float(abs(left @ operators.factor.solve(left))))
-    return off > (0.01 * accuracy) ** 2 * float(abs(force @ x))
+    return off > (COARSE_FACTORS * accuracy) ** 2 * float(abs(force @ x))
 
 
 def refined(

@@ -30,14 +30,17 @@ class Operators:
     ----------
     K : (n, n) dense array (condensed) or sparse matrix (full), symmetric positive definite
     B : (m * block, n) sparse matrix
+        Rows i * block ... (i + 1) * block make the vector B_i d of norm term i: a slip, but for the motion of supports.
     block : int
+        Components of such a vector: 1 makes absolute values, more make second-order cones.
     factor : Factor, optional
-        K factorised (with the anchors' stiffness); needed only where K is sparse.
+        K factorised (with the anchors' stiffness), ready to be solved with; made if it is not given.
     kernel : (n, k) array, optional
         Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.program.kernel`).
     anchor : (n,) array, optional
         With a kernel: stiffness that makes K + diag(anchor) positive definite.
     D : (r, n) sparse matrix, optional
+        Row j reads how far limit j is approached, positive towards it.
     compliance : (r,) array, optional
         c_j >= 0 of the limits; zero makes them bounds.
     """

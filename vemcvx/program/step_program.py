@@ -27,15 +27,24 @@ def _none() -> Floats:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """One step's data, for :class:`vemcvx.program.operators.Operators`'s K, B and D.
+    """One step's data, beside what all steps share.
+
+    Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a limit has a compliance c_j > 0, with
+    (D_j d - e_j)_+^2 / (2 c_j) in place of its bound. At the solution K d = g - B'lam - D'p: friction acts on the body
+    with the forces -B'lam, limits with -D'p, |lam_i| <= w_i and p >= 0.
 
     Parameters
     ----------
-    operators : Form
-    g : (n,) array, forces out of balance
-    w : (m,) array, weights >= 0 (forces)
-    b : (m * block,) array, motion of the supports against the norm terms
-    e : (r,) array, what the limits leave free
+    operators : Operators
+        K, B, D, and the compliances c.
+    g : (n,) array
+        Forces that are out of balance when the step begins.
+    w : (m,) array
+        Weights >= 0: bounds of friction, as forces.
+    b : (m * block,) array
+        What of B d is no slip: the motion of the supports.
+    e : (r,) array
+        What the limits leave free when the step begins; negative where they have moved in.
     """
 
     operators: Operators
@@ -148,14 +157,18 @@ class Answer:
 
     Parameters
     ----------
-    d : (n,) increments
-    lam : (m, block) multipliers of the norm terms: K d = g - B'lam - D'p
+    d : (n,) array
+        Increments. Those beyond their bounds are moved back onto them.
+    lam : (m, block) array
+        Multipliers of the norm terms, K d = g - B'lam - D'p. Where they are too large they are projected.
     iterations : int
+        As the solver counts them.
     status : str
-        In the solver's own words.
+        In the solver's own words, for messages.
     safeguards : int
         How many of the iterations were steps of a globally convergent method that stood in for a faster one.
-    p : (r,) multipliers of the limits
+    p : (r,) array
+        Multipliers of the limits; negative ones are taken for zero.
     """
 
     d: Floats

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vemcvx.program.operators import SECOND_ORDER_CONES
+from vemcvx.program.tolerances import CONIC_GAP, CONIC_RESIDUAL
 from vemcvx.solvers.conic import LINEAR, ThroughCvxpy
 
 
@@ -28,11 +29,11 @@ class Clarabel(ThroughCvxpy):
         # the accuracy; two threads are three times slower than one on the patterns cvxpy makes; faer takes
         # 4.6 s where qdldl takes 22 on the paper's full program; iterative refinement, up to ten rounds a
         # solve, doubles the time of a condensed program and on most changes no digit of its gap.
-        tight = float(np.clip(0.1 * target, 1e-15, 1e-8))
+        tight = float(np.clip(CONIC_GAP * target, 1e-15, 1e-8))
         return {
             "tol_gap_abs": tight,
             "tol_gap_rel": tight,
-            "tol_feas": float(np.clip(0.01 * np.sqrt(target), 1e-13, 1e-8)),
+            "tol_feas": float(np.clip(CONIC_RESIDUAL * np.sqrt(target), 1e-13, 1e-8)),
             "max_threads": 1,
             "direct_solve_method": "faer",
             "iterative_refinement_enable": False,

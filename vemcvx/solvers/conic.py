@@ -34,6 +34,7 @@ from vemcvx.program.operators import (
     Operators,
 )
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.tolerances import CONIC_TOLERANCE
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver
 
@@ -149,6 +150,14 @@ class ThroughCvxpy(Solver):
         return self.solver
 
     @property
+    def solves_on_sets(self) -> bool:
+        return self.polish
+
+    @property
+    def advice(self) -> str:
+        return super().advice if self.polish else f"use polish=True, or {super().advice.removeprefix('use ')}"
+
+    @property
     def cones(self) -> bool:
         """Whether the solver takes second-order cones."""
         import cvxpy as cp
@@ -157,7 +166,7 @@ class ThroughCvxpy(Solver):
         return self.solver in SOLVER_MAP_CONIC and cp.SOC in SOLVER_MAP_CONIC[self.solver].SUPPORTED_CONSTRAINTS
 
     @property
-    def accepts(self) -> frozenset[str]:  # type: ignore[override]
+    def accepts(self) -> frozenset[str]:
         from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
         # Solvers of linear programs (SciPy's, GLPK, CBC) are conic ones to cvxpy, without second-order cones.
@@ -181,7 +190,7 @@ class ThroughCvxpy(Solver):
 
     def tolerances(self, target: float) -> dict[str, Any]:
         """The solver's options for a duality gap of `target` on a scaled program."""
-        tight = float(np.clip(0.01 * target, 1e-14, 1e-8))
+        tight = float(np.clip(CONIC_TOLERANCE * target, 1e-14, 1e-8))
         table = {
             "SCS": {"eps_abs": max(tight, 1e-11), "eps_rel": 0.0, "max_iters": 200_000, "normalize": False},
             "PIQP": {"eps_abs": tight, "eps_rel": tight},

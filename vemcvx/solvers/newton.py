@@ -16,7 +16,7 @@ sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitel
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -33,6 +33,7 @@ from vemcvx.program.operators import (
     Operators,
 )
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.proximal import proximal_points
 from vemcvx.solvers.sets import Iterate, Sets, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver
@@ -41,8 +42,6 @@ PROXIMAL = 100.0
 """First shifts of the proximal point method, in those of the active sets."""
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
-SHARP = 1e-4
-"""Iterations go on below the target, down to this part of it, while they are this cheap."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +66,17 @@ class Newton(Solver):
     def __post_init__(self) -> None:
         super().__post_init__()
         whole(self.max_iterations, "Newton", "max_iterations", "linear solves")
+
+    @property
+    def solves_on_sets(self) -> bool:
+        return True
+
+    @property
+    def advice(self) -> str:
+        return "raise max_iterations"
+
+    def limited(self, max_iterations: int) -> Newton:
+        return replace(self, max_iterations=max_iterations)
 
     def prepare(self, operators: Operators) -> _PreparedNewton:
         return _PreparedNewton(self.max_iterations)
@@ -127,7 +137,7 @@ class _Search:
     @property
     def done(self) -> bool:
         """Sharp enough, at the rounding floor, at the target and no longer improving, or out of iterations."""
-        enough = self.target if self.stationary else SHARP * self.target
+        enough = self.target if self.stationary else FURTHER_GAP * self.target
         return self.gap <= max(enough, self.floor) or self.iterations >= self.max_iterations
 
     @property

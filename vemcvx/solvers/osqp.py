@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from vemcvx.program.tolerances import CONIC_RESIDUAL
 from vemcvx.solvers.conic import LINEAR, ThroughCvxpy
 
 
@@ -21,7 +22,7 @@ class OSQP(ThroughCvxpy):
     def tolerances(self, target: float) -> dict[str, Any]:
         # It must be told to polish on every solve; its tests for infeasibility, loose by default, take
         # a step for unbounded.
-        tight = float(np.clip(np.sqrt(target) * 1e-2, 1e-11, 1e-7))
+        tight = float(np.clip(np.sqrt(target) * CONIC_RESIDUAL, 1e-11, 1e-7))
         return {
             "eps_abs": tight,
             "eps_rel": tight,

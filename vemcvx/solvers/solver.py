@@ -7,7 +7,8 @@ believed in nothing: the caller certifies every answer.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, Protocol
+from copy import copy
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -24,6 +25,8 @@ class Prepared(Protocol):
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         """Answer one scaled step.
 
+        An answer that misses the target is no error: give the best there is, and say in its `status` why.
+
         Parameters
         ----------
         program : StepProgram
@@ -31,42 +34,91 @@ class Prepared(Protocol):
         target : float
             The duality gap asked for, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess: the multipliers of the step before; no forces of limits by default.
+            A guess: the multipliers of the step before; no forces of limits by default. Signs are those of
+            :class:`vemcvx.program.step_program.StepProgram`.
         """
 
 
 class Solver(ABC):
-    """Settings of a solver: a frozen dataclass without state.
+    """A solver of steps' programs with its settings; what belongs to a run is in what it prepares.
 
-    Its fields are what summaries name, what a resumed run compares, and what :func:`vemcvx.adapt` replaces. One of them
-    is `accuracy`, the certified relative energy error asked of a step (the gap is its square). The class attribute
-    `accepts` names the features of programs that it can solve, out of those in :mod:`vemcvx.program.operators`. A field
-    `max_iterations`, if there is one, limits the iterations of a step; `polish` is named in advice.
+    A subclass has an attribute `accuracy`, a class attribute or property `accepts`, and `prepare`; the rest may stay as
+    it is here. A frozen dataclass of settings serves well: its accuracy is checked when it is made.
+
+    Attributes
+    ----------
+    accuracy : float
+        The certified relative energy error asked of a step, between 0 and 1: |d - d*|_K <= accuracy times the largest
+        energy norm of the states so far. The target of a step's duality gap is half the square of that.
+    semidefinite : bool
+        Whether it takes a K with a kernel, `operators.kernel`. A solver that does not is asked for proximal points
+        (:mod:`vemcvx.program.kernel`): the K that it is given is always positive definite.
+    max_iterations : float
+        How many of them a step may take; no end of them, if the solver does not count.
     """
 
-    accuracy: float
-    accepts: ClassVar[frozenset[str]]
-    semidefinite: ClassVar[bool] = False
-    """whether it takes a K with a kernel; others are asked for proximal points (:mod:`vemcvx.program.kernel`)"""
+    accuracy: float = 1e-6
+    semidefinite: bool = False
+    max_iterations: float = np.inf
 
     def __post_init__(self) -> None:
         """Refuse settings that mean nothing."""
-        part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
+        self.check_accuracy()
+
+    def __repr__(self) -> str:
+        """Name and settings, which are the public attributes: what summaries name, and a resumed run compares."""
+        settings = ", ".join(f"{name}={value!r}" for name, value in sorted(vars(self).items()) if name[0] != "_")
+        return f"{type(self).__name__}({settings})"
 
     @property
     def name(self) -> str:
-        """The name that reports and files use."""
+        """The name that messages and tables use."""
         return type(self).__name__
+
+    @property
+    @abstractmethod
+    def accepts(self) -> frozenset[str]:
+        """The features of programs that it can solve, out of those in :mod:`vemcvx.program.operators`."""
+
+    @property
+    def solves_on_sets(self) -> bool:
+        """Whether answers are those of the linear system of some active sets; another such answer may replace them."""
+        return False
+
+    @property
+    def advice(self) -> str:
+        """What to do where it misses, beside asking for less."""
+        return "use vx.Newton()"
 
     @abstractmethod
     def prepare(self, operators: Operators) -> Prepared:
         """Do what all steps share.
+
+        Parameters
+        ----------
+        operators : Operators
+            K, B, D and the compliances, scaled: they are the same in every step. Where K is dense, n is the number of
+            unknowns that contact and friction read; `operators.factor` solves with K.
 
         Raises
         ------
         NotAccepted
             The solver is not installed.
         """
+
+    def asked(self, accuracy: float) -> Self:
+        """The same solver asked for another accuracy; to be overridden where other settings depend on that."""
+        other = copy(self)
+        object.__setattr__(other, "accuracy", accuracy)  # Settings may be frozen.
+        return other
+
+    def limited(self, max_iterations: int) -> Solver:
+        """The same solver with at most so many iterations a program, where a step is several; itself if it cannot."""
+        return self
+
+    def check_accuracy(self) -> None:
+        """Raise SceneError for an accuracy that means nothing."""
+        part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
 
 
 def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:

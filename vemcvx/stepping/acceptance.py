@@ -27,7 +27,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import Norms
-from vemcvx.solvers import Newton, Solver
+from vemcvx.solvers import Solver
 from vemcvx.stepping.ledger import StepData
 
 log = logging.getLogger("vemcvx")
@@ -120,11 +120,8 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
             f"Round-off in the last digits of the data alone may change the answer by {floor:.1e} of its energy norm: "
             "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"
         )
-    other = "raise max_iterations" if isinstance(solver, Newton) else "use vx.Newton()"
-    if hasattr(solver, "polish") and not solver.polish:
-        other = f"use polish=True, or {other.removeprefix('use ')}"
     if not reached < 0.5:
-        return f"Nothing was answered that could be relied on: {other}"
+        return f"Nothing was answered that could be relied on: {solver.advice}"
     if floor > accuracy:
         return f"Round-off alone allows {floor:.1e}: ask for no more than that"
-    return f"Ask for accuracy={2 * reached:.0e} or more, {other}"
+    return f"Ask for accuracy={2 * reached:.0e} or more, {solver.advice}"

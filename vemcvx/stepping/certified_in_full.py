@@ -12,13 +12,11 @@ from vemcvx.program.certificate import EPS, limit_gaps, norm_gaps
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
 from vemcvx.program.step_program import Answer
+from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
-
-REFINED = 0.1
-"""Inner unknowns of a kept step are refined once when the full certificate reaches this part of the accuracy."""
 
 
 def refined_state(attempt: PosedStep, state: State) -> State:
@@ -91,7 +89,7 @@ def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None
         held = np.zeros_like(y)
         held[run.condensation.retained] = state.unbalanced
     full = full_certificate(run.condensation, force, y, held, own)
-    if full.error > REFINED * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
+    if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
         r = residual(force, run.system.K, y, held)
         y = run.condensation.refine_interior(y, r)
         full = full_certificate(run.condensation, force, y, held, own)

@@ -43,15 +43,13 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import Certificate
-from vemcvx.solvers import Newton
+from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
 MOST_PROGRAMS = 200
-INSIDE = 0.1
-"""Part of the accuracy at which the programs are solved: at 1 answers stall at twice the accuracy."""
 WINDOW = 3
 CAUTION = 4.0
 SLOWEST = 0.98
@@ -78,7 +76,7 @@ class Dependent:
     @property
     def replaces(self) -> bool:
         """Whether a solution of the step may stand in for the solver's answer."""
-        return getattr(self.run.solver, "polish", isinstance(self.run.solver, Newton))
+        return self.run.solver.solves_on_sets
 
     def solve(self, w: Floats, near: State | None, spent: int) -> State:
         """The answer for the weights w (m,), begun near another, after so many iterations for the step.
@@ -88,7 +86,7 @@ class Dependent:
         left = self.run.most - spent
         posed = self.pose(self.run.after(spent + int(left // 2) if np.isfinite(left) else 0), w)
         self.check(posed)
-        return posed.solve(INSIDE, near)
+        return posed.solve(FIXED_POINT, near)
 
     def settled(self, state: State, spent: int) -> tuple[State | None, int]:
         """A solution of the step near the state, with the certificate of its own error, and how many sets it took.

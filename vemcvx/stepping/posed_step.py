@@ -16,6 +16,7 @@ from vemcvx.arrays import Floats
 from vemcvx.program.certificate import Certificate, certify, limit_gaps, norm_gaps, rounding_floor
 from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
 from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting
@@ -25,8 +26,8 @@ from vemcvx.stepping.seminorm import answered, proximal, refuse_unbalanced
 from vemcvx.stepping.state import PreparedRun, State
 
 ATTEMPTS = 3
-"""A solver that misses is asked again for a hundredth of the gap, now that the size of u_n is known, while that helps:
-one that is at the end of its digits gives the same answer again."""
+"""A solver that misses is asked again for a part of it, now that the size of u_n is known, while that helps: one that
+is at the end of its digits gives the same answer again."""
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, weights: Floats) -> PosedStep:
@@ -82,7 +83,7 @@ class PosedStep:
             best = state
             if best.accepted(accuracy) or spent >= self.run.most:
                 break
-            size = 0.1 * min(size, best.unit(accuracy))
+            size = ASKED_AGAIN * min(size, best.unit(accuracy))
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))

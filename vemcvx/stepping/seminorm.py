@@ -15,12 +15,11 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.program.certificate import duality_gap
 from vemcvx.program.kernel import Kernel, refuse_unheld
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.tolerances import FURTHER_GAP
 
 MOST_POINTS = 200
 PATIENCE = 6
 """Proximal points in a row that may bring no better gap: solvers stop at their own rounding."""
-SHARP = 1e-4
-"""Points go on below the target, down to this part of it: they are cheap."""
 
 
 Ask = Callable[[StepProgram, float, Floats, Floats, int], Answer]
@@ -83,7 +82,7 @@ def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Fl
         waited = 0 if gap <= 0.5 * least else waited + 1
         if gap < least:
             best, least = replace(answer, d=d, lam=lam, p=p), gap
-        if least <= SHARP * target or waited >= PATIENCE or iterations >= most:
+        if least <= FURTHER_GAP * target or waited >= PATIENCE or iterations >= most:
             break
         d = centres.next(centre, d)
     return replace(best, iterations=iterations, safeguards=safeguards)

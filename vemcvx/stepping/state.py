@@ -16,7 +16,7 @@ from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.system import System
-from vemcvx.solvers import Newton, Prepared, Solver, choose
+from vemcvx.solvers import Prepared, Solver, choose
 from vemcvx.solvers.response import Response
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.ledger import Ledger, StepData
@@ -57,14 +57,16 @@ class PreparedRun:
 
     @property
     def most(self) -> float:
-        """Iterations that a step may take; no end of them where the solver's settings do not say."""
-        return getattr(self.solver, "max_iterations", np.inf)
+        """Iterations that a step may take."""
+        return self.solver.max_iterations
 
     def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
-        if iterations == 0 or type(self.solver) is not Newton:
+        if iterations == 0 or not np.isfinite(self.most):
             return self
-        solver = replace(self.solver, max_iterations=max(self.solver.max_iterations - iterations, 1))
+        solver = self.solver.limited(max(int(self.most) - iterations, 1))
+        if solver is self.solver:
+            return self
         return replace(self, solver=solver, prepared=solver.prepare(asked_of(solver, self.scaling)))
 
     @cached_property

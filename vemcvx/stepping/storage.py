@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ Arrays = dict[str, NDArray[Any]]
 CHECKPOINT = "checkpoint.npz"
 
 
+@runtime_checkable
 class Storage(Protocol):
     """Somewhere for arrays."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -77,7 +77,7 @@ def march(
     """
     _check_kinds(system, solver, linear, progress)
     check, condense = flag(check, "check"), flag(condense, "condense")
-    if storage is not None and not hasattr(storage, "lasting"):
+    if storage is not None and not isinstance(storage, Storage):
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
     instants = checked_times(times)
     steps = len(instants) - 1
@@ -113,11 +113,8 @@ def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | N
             f"solver: found {brief(solver)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
             "for the smallest that accepts the program."
         )
-    if solver is not None and not (is_dataclass(solver) and hasattr(solver, "accuracy") and hasattr(solver, "accepts")):
-        raise SceneError(
-            f"solver {solver.name}: found no dataclass with `accuracy` and `accepts`; a solver is a frozen dataclass "
-            "of its settings, `accuracy` among them, and says which features of programs it `accepts`."
-        )
+    if solver is not None:
+        solver.check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Multigrid(), or None (chosen by size).")
     if progress is not None and not callable(progress):

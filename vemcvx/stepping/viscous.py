@@ -30,6 +30,7 @@ from vemcvx.program.certificate import EPS, Certificate
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import rounding
 from vemcvx.program.system import System
+from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
@@ -66,7 +67,7 @@ class ViscousSteps:
             # Asked was a part of the increment's norm, which is that of K_0 + K_1 / k; meant, of the state's in K_0.
             # A solver at the end of its digits gives nothing better, or nothing at all.
             with suppress(NotContracting):
-                sharper, _ = self._stepped(before, n, t, 0.5 * state.unit(accuracy) / asked)
+                sharper, _ = self._stepped(before, n, t, VISCOUS * state.unit(accuracy) / asked)
                 best = min(state, sharper, key=lambda found: found.certificate.gap)
                 state = replace(best, iterations=state.iterations + sharper.iterations)
         if self._run.check:

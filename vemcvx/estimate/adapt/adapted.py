@@ -24,6 +24,7 @@ from vemcvx.estimate.adapt.time_steps import split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.meshes import PolygonMesh
+from vemcvx.program.tolerances import ADAPTED
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
 from vemcvx.scene import Scene
@@ -40,8 +41,8 @@ Marks = tuple[NDArray[np.bool_], Floats]
 
 log = logging.getLogger("vemcvx")
 
-TIME_SHARE, ALGEBRA_SHARE = 0.3, 0.01
-"""Parts of the target for time and for the algebra."""
+TIME_SHARE = 0.3
+"""Part of the target for time."""
 THETA = 0.6
 NEAR = 1.5
 """Steps are split once the error of the mesh is this near to what it may be."""
@@ -243,9 +244,10 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
 
 def _lenient(solver: Solver | None, target: float) -> Solver | None:
     """Algebra well below the error of the mesh is enough; what is no solver is refused by the march."""
-    if not isinstance(solver, Solver) or solver.accuracy >= ALGEBRA_SHARE * target:
+    if not isinstance(solver, Solver):
         return solver
-    return replace(solver, accuracy=ALGEBRA_SHARE * target)
+    solver.check_accuracy()
+    return solver if solver.accuracy >= ADAPTED * target else solver.asked(ADAPTED * target)
 
 
 def _looked_at(instants: Floats, wanted: Floats) -> Ints:

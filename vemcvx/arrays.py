@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import numbers
 import reprlib
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,18 @@ from vemcvx.errors import SceneError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Array = TypeVar("Array", bound=np.ndarray[Any, Any])
+
+
+def read_only(array: Array) -> Array:
+    """The same array, which from now on refuses to be written to."""
+    array.flags.writeable = False
+    return array
+
+
+def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
+    """The sum of the weights that go with each number below `count`."""
+    return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, read_only
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.checks.mesh import checked
@@ -63,9 +63,9 @@ class Tessellation:
 
     def _fill(self, points: Floats, offsets: Ints, vertices: Ints, **others: object) -> None:
         fields = {
-            "points": _frozen(points),
-            "offsets": _frozen(offsets),
-            "vertices": _frozen(vertices),
+            "points": read_only(points),
+            "offsets": read_only(offsets),
+            "vertices": read_only(vertices),
             "cell_data": MappingProxyType({}),
             "node_map": None,
             "_named": {},
@@ -87,8 +87,8 @@ class Tessellation:
         return {**kept, "cell_data": dict(self.cell_data)}  # a mapping proxy cannot be pickled
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        data = {name: _frozen(values) for name, values in state.pop("cell_data").items()}
-        named = {name: _frozen(edges) for name, edges in state.pop("_named").items()}
+        data = {name: read_only(values) for name, values in state.pop("cell_data").items()}
+        named = {name: read_only(edges) for name, edges in state.pop("_named").items()}
         self._fill(**state, cell_data=MappingProxyType(data), _named=named)
 
     def __repr__(self) -> str:
@@ -115,7 +115,7 @@ class Tessellation:
     @cached_property
     def _areas_and_centroids(self) -> tuple[Floats, Floats]:
         areas, centroids = geometry.areas_and_centroids(self.points, self.offsets, self.vertices)
-        return _frozen(areas), _frozen(centroids)
+        return read_only(areas), read_only(centroids)
 
     @property
     def areas(self) -> Floats:
@@ -130,7 +130,7 @@ class Tessellation:
     @cached_property
     def diameters(self) -> Floats:
         """Largest distance of two vertices of each cell, (n_cells,)."""
-        return _frozen(geometry.diameters(self.points, self.offsets, self.vertices))
+        return read_only(geometry.diameters(self.points, self.offsets, self.vertices))
 
     @cached_property
     def h(self) -> float:
@@ -140,8 +140,7 @@ class Tessellation:
     @cached_property
     def _boundary(self) -> Ints:
         corners = topology.boundary_corners(self.offsets, self.vertices, self.n_nodes)
-        ends = topology.next_vertex(self.offsets, self.vertices)
-        return _frozen(np.column_stack([self.vertices[corners], ends[corners]]))
+        return read_only(topology.directed_edges(self.offsets, self.vertices)[corners])
 
     @cached_property
     def boundaries(self) -> Mapping[str, Ints]:
@@ -155,9 +154,9 @@ class Tessellation:
     @cached_property
     def neighbours(self) -> Ints:
         """Pairs of cells that share an edge, (m, 2)."""
-        return _frozen(topology.neighbours(self.offsets, self.vertices, self.n_nodes))
+        return read_only(topology.neighbours(self.offsets, self.vertices, self.n_nodes))
 
-    def with_boundary(self, name: str, predicate: Callable[[Floats], NDArray[np.bool_]]) -> Self:
+    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
         """Return this mesh with one more named part of its boundary.
 
         Parameters
@@ -173,7 +172,7 @@ class Tessellation:
             The name is reserved or no string, the answer is not (m,) bool, or it selects nothing.
         """
         edges = choose_edges(name, predicate, self.points, self._boundary)
-        return self._replace(_named={**self._named, name: _frozen(edges)})
+        return self._replace(_named={**self._named, name: read_only(edges)})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with more named parts of its boundary: name -> edges (m, 2), in either direction.
@@ -190,8 +189,3 @@ class Tessellation:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
         added = check_cell_data({check_datum_name(name): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
-
-
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    array.flags.writeable = False
-    return array

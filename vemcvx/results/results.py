@@ -129,13 +129,13 @@ class Results:
         with the edges that rub: a block pulled by its side over a floor shows all friction as reaction of that side.
         """
         part = self._space.part(name, "reaction")
-        total = self.forces[:, part.nodes].sum(axis=1)
+        total: Floats = self.forces[:, part.nodes].sum(axis=1)
         if self.dragged_ends is None or self.dragged_friction is None:
             return total
-        node, beyond = self.dragged_ends.T
-        here = edge_keys(*part.edges.T, self.mesh.n_nodes)
-        elsewhere = np.isin(node, part.nodes) & ~np.isin(edge_keys(node, beyond, self.mesh.n_nodes), here)
-        return total - self.dragged_friction[:, elsewhere].sum(axis=1)
+        here, dragged = (edge_keys(edges, self.mesh.n_nodes) for edges in (part.edges, self.dragged_ends))
+        elsewhere = np.isin(self.dragged_ends[:, 0], part.nodes) & ~np.isin(dragged, here)
+        total -= self.dragged_friction[:, elsewhere].sum(axis=1)
+        return total
 
     def stress(self, step: int) -> Floats:
         """(n_cells, 3) stresses (xx, yy, xy) of Pi u, and those at zero strain, at a stored step; tension positive.

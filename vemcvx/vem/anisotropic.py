@@ -67,7 +67,7 @@ def general_blocks(corners: Floats, C: Floats, tau: Floats) -> Floats:
     B[:, :, 0, 0] = B[:, :, 2, 1] = g[:, :, 0]
     B[:, :, 1, 1] = B[:, :, 2, 0] = g[:, :, 1]
     stress = np.einsum("ckl,cjlb->cjkb", C / areas[:, None, None], B)
-    blocks = np.einsum("cika,cjkb->cijab", B, stress)
+    blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
     blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
     if corners.shape[1] > 3:
         stable = tau[:, None, None] * missed_squares(corners)

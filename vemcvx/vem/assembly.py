@@ -66,4 +66,5 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
 def _counting_sort(keys: Ints, n: int) -> Ints:
     """Stable argsort of integers below n in linear time: the rows of a column-wise copy of a one-entry-a-row matrix."""
     m = len(keys)
-    return sp.csr_matrix((np.empty(m, dtype=np.int8), keys, np.arange(m + 1)), shape=(m, n)).tocsc().indices
+    columns = sp.csr_matrix((np.empty(m, dtype=np.int8), keys, np.arange(m + 1)), shape=(m, n)).tocsc()
+    return np.asarray(columns.indices)

@@ -12,9 +12,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, read_only, totals
 
 # Normals closer than this are one. Points that were rounded a few times turn an edge by a few EPS |x| / length
 # besides, and as much is granted: an edge of 1e-12 on a straight inclined side of length 1 is no corner.
@@ -119,7 +118,7 @@ class BoundaryPart:
         """int phi_i ds over the part for each of `nodes`; the sum is the length of the part."""
         place = np.searchsorted(self.nodes, self.edges)
         half = np.repeat(0.5 * self.lengths, 2)
-        return read_only(np.bincount(place.ravel(), weights=half, minlength=len(self.nodes)))
+        return read_only(totals(place.ravel(), half, len(self.nodes)))
 
     def gauss(self, count: int) -> tuple[Floats, Floats]:
         """Gauss points of the edges.
@@ -153,10 +152,14 @@ class BoundaryPart:
         matrix = sp.csr_matrix(
             (shares[edge, side].ravel(), (np.repeat(row, GAUSS), columns.ravel())), shape=(k, len(self.edges) * GAUSS)
         )
-        lengths = np.bincount(row, weights=half, minlength=k)
-        arrays = (nodes, normals, lengths, points.reshape(-1, 2))
-        ends = EdgeEnds(*map(read_only, (row, self.edges[edge, 1 - side], half)))
-        return BoundaryRows(*map(read_only, arrays), matrix, ends)
+        return BoundaryRows(
+            nodes=read_only(nodes),
+            normals=read_only(normals),
+            lengths=read_only(totals(row, half, k)),
+            points=read_only(points.reshape(-1, 2)),
+            matrix=matrix,
+            ends=EdgeEnds(read_only(row), read_only(self.edges[edge, 1 - side]), read_only(half)),
+        )
 
     def _grouped(self) -> tuple[Ints, Ints]:
         """Ends of edges (2 * edge + side) ordered by node, and the row of each: ends with one normal share one."""
@@ -173,9 +176,3 @@ class BoundaryPart:
             joins = apart <= SAME_NORMAL + noise[waiting] + noise[ahead]
             leader[waiting[joins]] = ahead[joins]
         return order, np.unique(leader, return_inverse=True)[1]
-
-
-def read_only(array: NDArray) -> NDArray:
-    """The same array, which from now on refuses to be written to."""
-    array.flags.writeable = False
-    return array

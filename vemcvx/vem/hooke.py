@@ -17,7 +17,8 @@ UPPER = np.triu_indices(3)
 def stresses(moduli: Floats, strain: Floats) -> Floats:
     """Stresses (n_cells, 3), (xx, yy, xy), of the strains (n_cells, 3), (e_xx, e_yy, 2 e_xy)."""
     if len(moduli) == len(UPPER[0]):
-        return np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
+        stress: Floats = np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
+        return stress
     lam, mu = moduli
     xx, yy, xy = strain.T
     return np.column_stack([2 * mu * xx + lam * (xx + yy), 2 * mu * yy + lam * (xx + yy), mu * xy])

@@ -24,4 +24,5 @@ def equivalent(stress: Floats, out_of_plane: Floats) -> Floats:
     """Von Mises' stress (n,) of stresses (n, 3), (xx, yy, xy), in the plane and (n,), zz, across it."""
     xx, yy, xy = stress.T
     apart = (xx - yy) ** 2 + (yy - out_of_plane) ** 2 + (out_of_plane - xx) ** 2
-    return np.sqrt(0.5 * apart + 3.0 * xy**2)
+    squared: Floats = 0.5 * apart + 3.0 * xy**2
+    return np.sqrt(squared)

@@ -101,6 +101,6 @@ def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Float
 def missed_squares(corners: Floats) -> Floats:
     """(I - Pi)'(I - Pi), (c, n, n): the sum of squares of the vertex values that Pi misses."""
     missed = np.eye(corners.shape[1]) - vertex_values(corners)
-    product = np.matmul(missed.transpose(0, 2, 1), missed)
+    product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
     # A matrix product may sum (i, j) and (j, i) in different orders.
     return 0.5 * (product + product.transpose(0, 2, 1))

@@ -79,9 +79,8 @@ def stress_load(space: Space) -> sp.csr_matrix:
         rows += [x, y, x, y]
         columns += [cell, cell + 1, cell + 2, cell + 2]
         values += [g[:, :, 0], g[:, :, 1], g[:, :, 1], g[:, :, 0]]
-    triple = tuple(np.concatenate([part.ravel() for part in parts]) for parts in (values, rows, columns))
-    shape = (space.n_unknowns, 3 * space.mesh.n_cells)
-    return sp.coo_matrix((triple[0], triple[1:]), shape=shape).tocsr()
+    v, i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (values, rows, columns))
+    return sp.coo_matrix((v, (i, j)), shape=(space.n_unknowns, 3 * space.mesh.n_cells)).tocsr()
 
 
 def _spread(nodes: Ints, shares: Floats, n_nodes: int) -> sp.csc_matrix:

@@ -54,7 +54,8 @@ def boundary_weights(corners: Floats) -> Floats:
     edge = np.roll(corners, -1, axis=1) - corners
     length = np.sqrt(np.einsum("cia,cia->ci", edge, edge))
     both = length + np.roll(length, 1, axis=1)
-    return both / both.sum(axis=1)[:, None]
+    weights: Floats = both / both.sum(axis=1)[:, None]
+    return weights
 
 
 def vertex_values(corners: Floats) -> Floats:
@@ -63,4 +64,5 @@ def vertex_values(corners: Floats) -> Floats:
     w = boundary_weights(corners)
     centre = np.einsum("ci,cia->ca", w, corners)
     arms = (corners - centre[:, None]) / areas[:, None, None]
-    return np.matmul(arms, gradients.transpose(0, 2, 1)) + w[:, None, :]
+    linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
+    return linear + w[:, None, :]

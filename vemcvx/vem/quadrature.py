@@ -13,19 +13,19 @@ into triangles: from the centroid if it sees all edges, else by clipping ears. A
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.polygons.segments import cross
+from vemcvx.meshes.polygons.triangles import INNER, places, signed_areas
 from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem.space import CellGroup
 
+Rule = tuple[Floats, Floats, Ints]
 # "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the
 # touching cases (triangles with hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.
 MARGIN = 1e-6
 # Ears with less of the cell's area than this are flat, and their points on its boundary: they are left out.
 FLAT = 1e-14
-# Barycentric coordinates of the inner three-point rule of degree 2.
-INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 
 
 def cell_quadrature(group: CellGroup) -> tuple[Floats, Floats, Ints]:
@@ -55,10 +55,8 @@ def cell_quadrature(group: CellGroup) -> tuple[Floats, Floats, Ints]:
         _on_fan(corners[rest[star]], centres[rest[star]], rest[star]),
         _on_ears(corners[rest[~star]], rest[~star]),
     ]
-    return _placed(tuple(np.concatenate(part) for part in zip(*pieces, strict=True)), origin)
-
-
-Rule = tuple[Floats, Floats, Ints]
+    points, weights, owner = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    return _placed((points, weights, owner), origin)
 
 
 def _placed(rule: Rule, origin: Floats) -> Rule:
@@ -68,18 +66,18 @@ def _placed(rule: Rule, origin: Floats) -> Rule:
 
 def _areas_and_centroids(corners: Floats) -> tuple[Floats, Floats]:
     after = np.roll(corners, -1, axis=1)
-    cross = _cross(corners, after)
-    doubled = cross.sum(axis=1)
-    return 0.5 * doubled, np.einsum("ci,cia->ca", cross, corners + after) / (3.0 * doubled[:, None])
+    part = cross(corners, after)
+    doubled: Floats = part.sum(axis=1)
+    return 0.5 * doubled, np.einsum("ci,cia->ca", part, corners + after) / (3.0 * doubled[:, None])
 
 
 def _ring(about: Floats, areas: Floats) -> Floats:
     """The four points (c, 4, 2) relative to the centroid, from vertices relative to the centroid."""
     after = np.roll(about, -1, axis=1)
-    cross = _cross(about, after) / (12.0 * areas[:, None])
+    part = cross(about, after) / (12.0 * areas[:, None])
     both = about + after
     # int over the triangle (0, p, q): cross/24 (pp' + qq' + (p + q)(p + q)').
-    M = 0.5 * sum(np.einsum("ci,cia,cib->cab", cross, p, p) for p in (about, after, both))
+    M = 0.5 * sum(np.einsum("ci,cia,cib->cab", part, p, p) for p in (about, after, both))
     trace = M[:, 0, 0] + M[:, 1, 1]
     # det may round below zero on cells thinner than 1e-8 of their length; those do not pass _sees.
     root = np.sqrt(np.maximum(M[:, 0, 0] * M[:, 1, 1] - M[:, 0, 1] ** 2, 0.0))
@@ -87,12 +85,13 @@ def _ring(about: Floats, areas: Floats) -> Floats:
     return np.concatenate([half, -half], axis=1)
 
 
-def _sees(points: Floats, corners: Floats, areas: Floats) -> NDArray[np.bool_]:
+def _sees(points: Floats, corners: Floats, areas: Floats) -> Bools:
     """Whether all points (c, p, 2) of a cell lie clearly left of all its edges: (c,)."""
     edge = np.roll(corners, -1, axis=1) - corners
     reach = MARGIN * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
-    left = _cross(edge[:, :, None], points[:, None] - corners[:, :, None])
-    return (left > reach[:, :, None]).all(axis=(1, 2))
+    left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
+    sees: Bools = np.all(left > reach[:, :, None], axis=(1, 2))
+    return sees
 
 
 def _on_ring(points: Floats, areas: Floats, owner: Ints) -> Rule:
@@ -115,10 +114,5 @@ def _on_ears(corners: Floats, owner: Ints) -> Rule:
 
 
 def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
-    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    weights = np.repeat(_cross(first, second) / 6.0, 3)
-    return np.matmul(INNER, triangles).reshape(-1, 2), weights, np.repeat(owner, 3)
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    weights = np.repeat(signed_areas(triangles) / 3.0, 3)
+    return places(triangles, INNER).reshape(-1, 2), weights, np.repeat(owner, 3)

@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
-from vemcvx.vem.boundary import BoundaryPart, read_only
+from vemcvx.vem.boundary import BoundaryPart
 
 
 @dataclass(frozen=True, eq=False)

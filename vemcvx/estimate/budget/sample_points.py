@@ -12,8 +12,9 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.budget.skeleton import Skeleton
-from vemcvx.estimate.measures.convex_parts import convex_pieces, doubled_areas, fans
+from vemcvx.estimate.measures.convex_parts import convex_pieces
 from vemcvx.meshes.polygons.topology import edge_keys
+from vemcvx.meshes.polygons.triangles import fans, places
 from vemcvx.vem import Space
 
 ON_BOUNDARY, INSIDE = 512, 128
@@ -44,9 +45,9 @@ class Places:
 def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
     """Places on boundary edges that are given by their nodes (m, 2)."""
     n = len(points)
-    keys = edge_keys(*edges.outer_edges.T, n)
+    keys = edge_keys(edges.outer_edges, n)
     order = np.argsort(keys)
-    which = order[np.searchsorted(keys, edge_keys(*chosen.T, n), sorter=order)]
+    which = order[np.searchsorted(keys, edge_keys(chosen, n), sorter=order)]
     length = np.linalg.norm(edges.outer_normals[which], axis=1)
     size = np.ptp(points, axis=0).max()
     counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), LEAST)
@@ -60,19 +61,14 @@ def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
 def in_cells(space: Space) -> Places:
     """Places in all cells: centroids of the triangles into which those of a cell are cut, in halves."""
     pieces = convex_pieces(space)
-    triangles = fans(pieces.corners)
-    owner = np.repeat(pieces.owner[:, None], triangles.shape[1], axis=1)
-    areas = 0.5 * doubled_areas(triangles)
-    kept = areas > 0.0
-    triangles, owner, areas = triangles[kept], owner[kept], areas[kept]
+    triangles, areas, owner = fans(pieces.corners, pieces.owner)
     spacing = np.ptp(space.mesh.points, axis=0).max() / INSIDE
     halved = np.maximum(np.ceil(0.5 * np.log2(2.0 * areas / spacing**2)), 1).astype(np.int64)
     parts = []
     for times in np.unique(halved):
         these = np.flatnonzero(halved == times)
-        about = _centroids(int(times))
-        x = triangles[these, :1] + np.matmul(about, triangles[these] - triangles[these, :1])
-        count = len(about)
+        x = places(triangles[these], _centroids(int(times)))
+        count = x.shape[1]
         parts.append((x.reshape(-1, 2), np.repeat(areas[these] / count, count), np.repeat(owner[these], count)))
     x, weights, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Places(x, weights, cells, np.zeros(0))
@@ -85,4 +81,5 @@ def _centroids(times: int) -> Floats:
         middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
         tips = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
         corners = np.concatenate([*tips, middles])
-    return corners.mean(axis=1)
+    centroids: Floats = corners.mean(axis=1)
+    return centroids

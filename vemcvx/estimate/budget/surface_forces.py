@@ -79,13 +79,13 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
 
 def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     n = posed.space.mesh.n_nodes
-    keys = edge_keys(*edges.outer_edges.T, n)
+    keys = edge_keys(edges.outer_edges, n)
     order = np.argsort(keys)
     total = np.zeros((len(keys), 2))
     for load in posed.loads:
         if isinstance(load, InitialStresses) or load.edges is None:
             continue
-        at = order[np.searchsorted(keys, edge_keys(*load.edges.T, n), sorter=order)]
+        at = order[np.searchsorted(keys, edge_keys(load.edges, n), sorter=order)]
         np.add.at(total, at, load.forces(t))
     return total
 

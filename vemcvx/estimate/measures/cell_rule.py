@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.estimate.measures.convex_parts import convex_pieces, doubled_areas, fans
+from vemcvx.estimate.measures.convex_parts import convex_pieces
+from vemcvx.meshes.polygons.triangles import fans, places
 from vemcvx.vem import Space
 
 
@@ -30,12 +31,7 @@ RADON_POINTS, RADON_WEIGHTS = _radon()
 def cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
     """Points (q, 2), weights (q,) that add up to the areas, and the cell (q,) of each point."""
     pieces = convex_pieces(space)
-    triangles = fans(pieces.corners)
-    areas = 0.5 * doubled_areas(triangles)
-    kept = areas > 0.0
-    owner = np.repeat(pieces.owner[:, None], triangles.shape[1], axis=1)[kept]
-    # Points of a triangle relative to its first vertex: a body far from the origin loses no digits.
-    origin = triangles[kept][:, :1]
-    points = origin + np.matmul(RADON_POINTS, triangles[kept] - origin)
-    weights = areas[kept][:, None] * RADON_WEIGHTS
-    return points.reshape(-1, 2), weights.ravel(), np.repeat(owner, len(RADON_WEIGHTS))
+    triangles = fans(pieces.corners, pieces.owner)
+    points = places(triangles.corners, RADON_POINTS).reshape(-1, 2)
+    weights = triangles.areas[:, None] * RADON_WEIGHTS
+    return points, weights.ravel(), np.repeat(triangles.owner, len(RADON_WEIGHTS))

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.polygons.segments import cross
+from vemcvx.meshes.polygons.triangles import signed_areas
 from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem import CellGroup, Space
 
@@ -64,7 +66,7 @@ def _of_group(group: CellGroup) -> Iterator[tuple[Floats, Ints]]:
             ears = clip_ears(chunk.corners[~convex])
             triangles = corners[~convex][np.arange(len(ears))[:, None, None], ears].reshape(-1, 3, 2)
             # Ears on a straight side are flat, up to round-off of either sign.
-            kept = doubled_areas(triangles) > 0.0
+            kept = signed_areas(triangles) > 0.0
             yield triangles[kept], np.repeat(cells[~convex], n - 2)[kept]
 
 
@@ -73,18 +75,6 @@ def inside(points: Floats, corners: Floats) -> Bools:
     edge = np.roll(corners, -1, axis=1) - corners
     size = np.ptp(corners, axis=1).max(axis=1)
     reach = CONVEX * size[:, None] * np.hypot(edge[..., 0], edge[..., 1])
-    to = points[:, None] - corners[:, :, None]
-    left = edge[:, :, None, 0] * to[..., 1] - edge[:, :, None, 1] * to[..., 0]
-    return (left >= -reach[:, :, None]).all(axis=(1, 2))
-
-
-def fans(corners: Floats) -> Floats:
-    """Triangles (p, m - 2, 3, 2) from the first vertex of convex polygons (p, m, 2), flat where vertices repeat."""
-    first = np.broadcast_to(corners[:, :1], corners[:, 2:].shape)
-    return np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2)
-
-
-def doubled_areas(triangles: Floats) -> Floats:
-    """Twice the areas (...,) of triangles (..., 3, 2), counter-clockwise positive."""
-    a, b = triangles[..., 1, :] - triangles[..., 0, :], triangles[..., 2, :] - triangles[..., 0, :]
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
+    within: Bools = np.all(left >= -reach[:, :, None], axis=(1, 2))
+    return within

@@ -14,9 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.estimate.measures.field import Field
 from vemcvx.vem import CellGroup
@@ -46,7 +45,8 @@ class InnerStrain:
         """Strains (q, 3) at points (q, 2) of cells (q,)."""
         if self.slope is None or points is None:
             return self.mean[cells]
-        return self.mean[cells] + np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
+        off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
+        return self.mean[cells] + off_centre
 
 
 def projected_strain(field: Field) -> InnerStrain:
@@ -78,13 +78,14 @@ def virtual_strain(field: Field, subject: str) -> InnerStrain:
     return InnerStrain(field.strain, slope, field.mesh.centroids)
 
 
-def _rectangles(corners: Floats) -> NDArray[np.bool_]:
+def _rectangles(corners: Floats) -> Bools:
     """Which quadrilaterals (c, 4, 2) are rectangles."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     lengths = np.hypot(*first.T), np.hypot(*second.T)
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
     skew = np.abs(np.sum(first * second, axis=1)) / np.maximum(*lengths)
-    return np.maximum(closes, skew) <= RECTANGLE * np.minimum(*lengths)
+    rectangles: Bools = np.maximum(closes, skew) <= RECTANGLE * np.minimum(*lengths)
+    return rectangles
 
 
 def _slopes(group: CellGroup, displacement: Floats) -> Floats:

@@ -16,7 +16,7 @@ from vemcvx.errors import MeshError
 from vemcvx.estimate.measures.field import Field
 from vemcvx.estimate.measures.measured import Measured, measured
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons.search import search_tree
+from vemcvx.meshes.polygons.search import nearest
 from vemcvx.vem import elastic_matrix, strains, stresses
 from vemcvx.vem.anisotropic import softest_shear
 from vemcvx.vem.projection import vertex_values
@@ -43,7 +43,7 @@ def nested_nodes(coarse: PolygonMesh, fine: PolygonMesh) -> Ints:
     """The node of the fine mesh at every node of the coarse one, (n_nodes,)."""
     if coarse is fine:
         return np.arange(coarse.n_nodes)
-    away, node = search_tree(fine.points).query(coarse.points)
+    away, node = nearest(fine.points, coarse.points)
     worst = int(np.argmax(away))
     if away[worst] > SAME_NODE * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(
@@ -57,7 +57,7 @@ def nested_nodes(coarse: PolygonMesh, fine: PolygonMesh) -> Ints:
 def cell_energies(field: Field, w: Floats) -> Floats:
     """a_K^h(w, w) of nodal displacements w (n_nodes, 2), with the moduli of a field, cell by cell: (n_cells,)."""
     strain = strains(field.space, w)
-    energy = field.mesh.areas * np.sum(strain * stresses(field.moduli, strain), axis=1)
+    energy: Floats = field.mesh.areas * np.sum(strain * stresses(field.moduli, strain), axis=1)
     tau = softest_shear(elastic_matrix(field.moduli))
     for group in field.space.groups:
         if group.nodes.shape[1] > 3:

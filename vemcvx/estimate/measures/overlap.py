@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.errors import MeshError
-from vemcvx.estimate.measures.convex_parts import Pieces, convex_pieces, doubled_areas, fans, inside
+from vemcvx.estimate.measures.convex_parts import Pieces, convex_pieces, inside
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.clipping import clip
 from vemcvx.meshes.polygons.segments import overlapping_boxes
+from vemcvx.meshes.polygons.triangles import INNER, fans, places
 from vemcvx.vem import Space
 
 # Pairs of pieces in one go: temporaries of a few tens of megabytes.
@@ -28,8 +28,6 @@ TOUCH = 1e-12
 # A cell of which more than this part lies outside the other mesh is not covered by it; the rounding of the boundary
 # of both comes on top, a strip of this times the coordinates along the cell.
 UNCOVERED, STRIP = 1e-8, 1e-15
-# Barycentric coordinates of the inner three-point rule of degree 2.
-INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +56,15 @@ def common_rule(first: PolygonMesh, second: PolygonMesh, degree: int) -> CommonR
 
     The last few are kept: a history is compared step by step on the same two meshes.
     """
-    parts = list(_rules(convex_pieces(Space(first)), convex_pieces(Space(second)), degree))
-    i, j, weights = (np.concatenate([part[k] for part in parts]) for k in range(3))
-    return CommonRule(i, j, weights, np.concatenate([part[3] for part in parts]) if degree else None)
+    parts = _rules(convex_pieces(Space(first)), convex_pieces(Space(second)), degree)
+    i, j, weights, points = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return CommonRule(i, j, weights, points if degree else None)
 
 
 def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, subject: str) -> None:
     """Raise MeshError unless both meshes cover the same domain."""
     for mine, mesh, name, other in ((rule.first, first, "first", "second"), (rule.second, second, "second", "first")):
-        covered = np.bincount(mine, rule.weights, mesh.n_cells) / mesh.areas
+        covered = totals(mine, rule.weights, mesh.n_cells) / mesh.areas
         allowed = UNCOVERED + STRIP * np.abs(mesh.points).max() * mesh.diameters / mesh.areas
         worst = int(np.argmax(np.abs(covered - 1.0) - allowed))
         if abs(covered[worst] - 1.0) > allowed[worst]:
@@ -77,7 +75,10 @@ def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, sub
             )
 
 
-def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[tuple[Floats, ...]]:
+Rule = tuple[Ints, Ints, Floats, Floats]
+
+
+def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[Rule]:
     """Owners, weights and points of the overlaps, a few thousand pairs of pieces at a time."""
     i, j = _meeting(_boxes(a), _boxes(b))
     a_in_b, b_in_a = _contained(a, b, i, j), _contained(b, a, j, i)
@@ -109,7 +110,7 @@ def _boxes(pieces: Pieces) -> tuple[Floats, Floats]:
     return pieces.corners.min(axis=1), pieces.corners.max(axis=1)
 
 
-def _contained(small: Pieces, large: Pieces, i: Ints, j: Ints) -> NDArray[np.bool_]:
+def _contained(small: Pieces, large: Pieces, i: Ints, j: Ints) -> Bools:
     """Whether piece i of the one set lies in piece j of the other, pair by pair."""
     within = np.zeros(len(i), dtype=bool)
     low, high = _boxes(large)
@@ -122,16 +123,13 @@ def _contained(small: Pieces, large: Pieces, i: Ints, j: Ints) -> NDArray[np.boo
     return within
 
 
-def _on(polygons: Floats, first: Ints, second: Ints, degree: int) -> tuple[Floats, ...]:
+def _on(polygons: Floats, first: Ints, second: Ints, degree: int) -> Rule:
     """The rule on convex polygons (p, w, 2): the area, or three points on every triangle."""
-    triangles = fans(polygons)
-    areas = 0.5 * doubled_areas(triangles)
+    triangles = fans(polygons, np.arange(len(polygons)))
     if not degree:
-        total = areas.sum(axis=1)
+        total = totals(triangles.owner, triangles.areas, len(polygons))
         kept = total > 0.0
         return first[kept], second[kept], total[kept], np.empty((0, 2))
-    kept = areas > 0.0
-    count = 3 * kept.sum(axis=1)
-    origin = triangles[kept][:, :1]
-    points = origin + np.matmul(INNER, triangles[kept] - origin)
-    return np.repeat(first, count), np.repeat(second, count), np.repeat(areas[kept] / 3.0, 3), points.reshape(-1, 2)
+    owner = np.repeat(triangles.owner, 3)
+    points = places(triangles.corners, INNER).reshape(-1, 2)
+    return first[owner], second[owner], np.repeat(triangles.areas / 3.0, 3), points

@@ -14,7 +14,7 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.segments import TOLERANCE, beside, cross, crossing, rounding
 from vemcvx.meshes.polygons.shapes import areas_and_centroids, diameters
-from vemcvx.meshes.polygons.topology import next_vertex, previous_corner
+from vemcvx.meshes.polygons.topology import directed_edges, next_vertex, previous_corner
 
 PAIRS_AT_ONCE = 500_000  # about 100 MB of temporaries
 
@@ -26,7 +26,7 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
     thin = np.abs(areas) <= TOLERANCE * largest * sizes
     suspects = np.flatnonzero(thin | ~_convex(points, offsets, vertices, areas))
-    ends = np.column_stack([vertices, next_vertex(offsets, vertices)])
+    ends = directed_edges(offsets, vertices)
     cells, first, second = _near_pairs(points, ends, offsets, suspects)
     _check_crossings(points, cells, first, second)
     if thin.any():

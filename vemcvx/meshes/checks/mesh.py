@@ -106,12 +106,13 @@ def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, 
         return np.arange(len(cells) + 1) * cells.shape[1], cells.astype(np.int64).ravel()
     wanted = f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}."
     try:
-        rows = [cell if type(cell) is np.ndarray else plain(cell) for cell in cells]
+        given = [cell if type(cell) is np.ndarray else plain(cell) for cell in cells]
     except Exception:  # of whatever a user hands in
         raise MeshError(wanted) from None
+    rows = [row for row in given if row is not None]
+    if len(rows) < len(given):
+        raise MeshError(wanted)
     for number, row in enumerate(rows):
-        if row is None:
-            raise MeshError(wanted)
         if row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):
             raise MeshError(f"cell {number} must be a list of node numbers; got {row.dtype} of shape {row.shape}.")
     offsets = np.zeros(len(rows) + 1, dtype=np.int64)

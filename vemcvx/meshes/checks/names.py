@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arguments import called
-from vemcvx.arrays import Floats, Ints, plain
+from vemcvx.arrays import Bools, Floats, Ints, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.polygons.topology import edge_keys
@@ -23,8 +23,7 @@ def side_edges(points: Floats, boundary: Ints, box: Box) -> dict[str, Ints]:
     sides = {"left": (0, box.left), "right": (0, box.right), "bottom": (1, box.bottom), "top": (1, box.top)}
     named = {}
     for name, (axis, place) in sides.items():
-        named[name] = boundary[(x[:, axis] == place) & (y[:, axis] == place)]
-        named[name].flags.writeable = False
+        named[name] = read_only(boundary[(x[:, axis] == place) & (y[:, axis] == place)])
     return named
 
 
@@ -37,9 +36,7 @@ def check_name(name: object) -> str:
     return name
 
 
-def choose_edges(
-    name: object, predicate: Callable[[Floats], NDArray[np.bool_]], points: Floats, boundary: Ints
-) -> Ints:
+def choose_edges(name: object, predicate: Callable[[Floats], Bools], points: Floats, boundary: Ints) -> Ints:
     """Boundary edges whose midpoints the predicate accepts (see `PolygonMesh.with_boundary`)."""
     name = check_name(name)
     if not callable(predicate):
@@ -59,7 +56,8 @@ def choose_edges(
             f"boundary {name!r}: the predicate selects none of the {len(boundary)} boundary edges; their "
             f"midpoints lie in [{low[0]:g}, {high[0]:g}] x [{low[1]:g}, {high[1]:g}]."
         )
-    return boundary[chosen]
+    edges: Ints = boundary[chosen]
+    return edges
 
 
 def check_boundaries(
@@ -69,12 +67,12 @@ def check_boundaries(
     boundaries = {} if boundaries is None else boundaries
     if not isinstance(boundaries, Mapping):
         raise MeshError(f"boundaries must map names to edges (m, 2); got {type(boundaries).__name__}.")
-    keys = edge_keys(boundary[:, 0], boundary[:, 1], n_nodes)
+    keys = edge_keys(boundary, n_nodes)
     named = {}
     for name, given in boundaries.items():
         given = _check_edges(check_name(name), given, n_nodes if node_map is None else len(node_map))
         edges = given if node_map is None else node_map[given]
-        wanted = edge_keys(edges[:, 0], edges[:, 1], n_nodes)
+        wanted = edge_keys(edges, n_nodes)
         strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
         if len(strange):
             a, b = given[strange[0]]
@@ -82,8 +80,7 @@ def check_boundaries(
                 f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
                 f"{len(given)} are not). Name only edges that belong to exactly one cell."
             )
-        named[name] = boundary[np.isin(keys, wanted)]
-        named[name].flags.writeable = False
+        named[name] = read_only(boundary[np.isin(keys, wanted)])
     return named
 
 
@@ -122,8 +119,7 @@ def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> 
                 f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
                 f"cells; got {array.dtype} of shape {array.shape}."
             )
-        array.flags.writeable = False
-        checked[name] = array
+        checked[name] = read_only(array)
     return checked
 
 
@@ -149,7 +145,8 @@ def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
             f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
             f"shape {array.shape}."
         )
-    return points + array
+    moved: Floats = points + array
+    return moved
 
 
 def _array(values: ArrayLike) -> NDArray[Any]:

@@ -14,9 +14,9 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.search import search_tree
+from vemcvx.meshes.polygons.search import close_pairs
 from vemcvx.meshes.polygons.segments import TOLERANCE, beside, cross, crossing, overlapping_boxes, rounding
-from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, shared_edges
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, shared_edges
 
 # A slit below this part of the edges beside it is a mistake (single precision, printed digits), not a geometry.
 NARROW = 1e-6
@@ -29,7 +29,7 @@ def check_coincident(points: Floats, used: Ints) -> None:
     same = np.flatnonzero((np.diff(place[order], axis=0) == 0.0).all(axis=1))
     pairs = np.column_stack([order[same], order[same + 1]])
     if not len(pairs):
-        pairs = search_tree(place).query_pairs(TOLERANCE * np.abs(place).max(), output_type="ndarray")
+        pairs = close_pairs(place, TOLERANCE * np.abs(place).max())
         apart = np.abs(place[pairs[:, 0]] - place[pairs[:, 1]]).max(axis=1)
         pairs = pairs[apart <= rounding(place[pairs[:, 0]], place[pairs[:, 1]])]
     if len(pairs):
@@ -42,7 +42,7 @@ def check_coincident(points: Floats, used: Ints) -> None:
 
 def check_tiling(points: Floats, offsets: Ints, vertices: Ints) -> None:
     """Raise MeshError if the counter-clockwise cells overlap, or leave slits or one-sided hanging nodes."""
-    ends = np.column_stack([vertices, next_vertex(offsets, vertices)])
+    ends = directed_edges(offsets, vertices)
     cells = cell_of_corner(offsets)
     boundary = _check_sharing(offsets, vertices, ends, cells, len(points))
     if not len(boundary):

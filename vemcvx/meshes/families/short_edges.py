@@ -8,14 +8,14 @@ round-off; `collapse_short_edges` shrinks the short edges that are left, as Poly
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.search import search_tree
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.polygons.search import close_pairs, nearest
+from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import areas_and_centroids
-from vemcvx.meshes.polygons.topology import cell_of_corner, next_corner, next_vertex
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner, next_vertex
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9
@@ -28,7 +28,7 @@ def merge_coincident(points: Floats, offsets: Ints, vertices: Ints, size: Floats
     """
     for side in (np.zeros(2), size):
         points = np.where(np.abs(points - side) < ROUND_OFF, side, points)
-    pairs = search_tree(points).query_pairs(ROUND_OFF, output_type="ndarray")
+    pairs = close_pairs(points, ROUND_OFF)
     graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     _, label = connected_components(graph, directed=False)
     first = np.full(label.max() + 1, len(points))
@@ -49,7 +49,7 @@ def collapse_short_edges(
         edges = _short_edges(points, offsets, vertices, size, shortest)
         middles = points[edges].mean(axis=1)
         if len(refused) and len(edges):
-            edges = edges[search_tree(refused).query(middles)[0] > ROUND_OFF]
+            edges = edges[nearest(refused, middles)[0] > ROUND_OFF]
         if not len(edges):
             return points, offsets, vertices
         edges, cells = _far_apart(points, offsets, vertices, edges)
@@ -71,14 +71,16 @@ def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, 
     return points[used], np.concatenate([[0], np.cumsum(counts)]), vertices
 
 
-def _on_sides(points: Floats, size: Floats) -> NDArray[np.bool_]:
+def _on_sides(points: Floats, size: Floats) -> Bools:
     """Which coordinates are those of a side of [0, size], bool like points."""
-    return (points == 0.0) | (points == size)
+    on_low: Bools = points == 0.0
+    on_high: Bools = points == size
+    return on_low | on_high
 
 
 def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, shortest: float) -> Ints:
     """Edges (m, 2) to collapse, the shortest first."""
-    edges = np.column_stack([vertices, next_vertex(offsets, vertices)])
+    edges = directed_edges(offsets, vertices)
     length = np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T)
     triangle = np.repeat(np.diff(offsets) == 3, np.diff(offsets))
     forbidden = np.unique(np.sort(edges[(length < shortest) & triangle], axis=1), axis=0)
@@ -87,7 +89,7 @@ def _short_edges(points: Floats, offsets: Ints, vertices: Ints, size: Floats, sh
     on = _on_sides(ends, size)
     # Two nodes of the boundary may become one along a side, but not across the box, and corners stay corners.
     same_side = (on[:, 0] & on[:, 1] & (ends[:, 0] == ends[:, 1])).any(axis=1)
-    bridge = on.any(axis=2).all(axis=1) & ~same_side
+    bridge = np.all(on.any(axis=2), axis=1) & ~same_side
     edges = np.unique(np.sort(edges[~bridge & ~on.all(axis=(1, 2))], axis=1), axis=0)
     edges = edges[~np.isin(edges @ [len(points), 1], forbidden @ [len(points), 1])]
     return edges[np.argsort(np.hypot(*(points[edges[:, 0]] - points[edges[:, 1]]).T), kind="stable")]
@@ -109,7 +111,7 @@ def _far_apart(points: Floats, offsets: Ints, vertices: Ints, edges: Ints) -> tu
 def _meeting_points(ends: Floats, size: Floats) -> Floats:
     """Where the two ends (m, 2, 2) of each edge become one: a side or corner keeps its coordinates."""
     on = _on_sides(ends, size)
-    middle = ends.mean(axis=1)
+    middle: Floats = ends.mean(axis=1)
     for end in (0, 1):
         middle = np.where(on[:, end], ends[:, end], middle)
     return middle
@@ -121,5 +123,5 @@ def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Int
     here = moved[vertices] - np.repeat(centroids, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
     collapsed = (here == after).all(axis=1)
-    fan = here[:, 0] * after[:, 1] - here[:, 1] * after[:, 0]
-    return np.flatnonzero(np.minimum.reduceat(np.where(collapsed, np.inf, fan), offsets[:-1]) <= 0.0)
+    fan = np.where(collapsed, np.inf, cross(here, after))
+    return np.flatnonzero(np.minimum.reduceat(fan, offsets[:-1]) <= 0.0)

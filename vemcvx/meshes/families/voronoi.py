@@ -26,6 +26,7 @@ from vemcvx.meshes.box import (
 from vemcvx.meshes.families.short_edges import collapse_short_edges, merge_coincident
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons.search import delaunay
+from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import areas_and_centroids
 
 
@@ -130,8 +131,8 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     triangles = triangles[(triangles < len(seeds)).any(axis=1)]
     centres = _circumcentres(sites[triangles])
     site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
-    as_real_array = site < len(seeds)
-    site, centre = site[as_real_array], centre[as_real_array]
+    inner = site < len(seeds)
+    site, centre = site[inner], centre[inner]
     direction = centres[centre] - sites[site]
     order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
     offsets = np.concatenate([[0], np.cumsum(np.bincount(site, minlength=len(seeds)))])
@@ -144,10 +145,9 @@ def _circumcentres(corners: Floats) -> Floats:
     a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
     """
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    cross = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
     shift = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb])
-    return corners[:, 0] + shift / (2.0 * cross[:, None])
+    return corners[:, 0] + shift / (2.0 * cross(b, c)[:, None])
 
 
 def _placed(points: Floats, size: Floats, box: Box) -> Floats:

@@ -72,13 +72,13 @@ def cell_blocks(mesh: Tessellation, cell_data: Mapping[str, NDArray[Any]], *, in
 def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
     """Add a block of lines a named boundary, with the data of their cells, to ``blocks`` of all cells of the mesh."""
     boundary = mesh.boundaries[WHOLE]
-    keys = edge_keys(boundary[:, 0], boundary[:, 1], mesh.n_nodes)
+    keys = edge_keys(boundary, mesh.n_nodes)
     owner = cell_of_corner(mesh.offsets)[boundary_corners(mesh.offsets, mesh.vertices, mesh.n_nodes)]
     place = np.argsort(np.concatenate(blocks.data[CELL]))  # of each cell in the data of all blocks
     on_cells = {name: np.concatenate(parts) for name, parts in blocks.data.items()}
     named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
     for edges in named.values():
-        inside = np.isin(keys, edge_keys(edges[:, 0], edges[:, 1], mesh.n_nodes))
+        inside = np.isin(keys, edge_keys(edges, mesh.n_nodes))
         blocks.cells.append(("line", boundary[inside]))
         for name, parts in blocks.data.items():
             parts.append(on_cells[name][place[owner[inside]]])
@@ -144,12 +144,12 @@ def _with_lines(mesh: Tessellation, blocks: Blocks) -> tuple[Tessellation, list[
     """Name boundaries by lines; lines inside the mesh are left out, with a note."""
     notes, boundaries = [], {}
     boundary = mesh.boundaries[WHOLE]
-    keys = edge_keys(boundary[:, 0], boundary[:, 1], mesh.n_nodes)
+    keys = edge_keys(boundary, mesh.n_nodes)
     for name, parts in blocks.lines.items():
         edges = np.concatenate([c[part] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"])
         number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
         edges = np.where((edges >= 0) & (edges < len(number)), number[np.clip(edges, 0, len(number) - 1)], -1)
-        wanted = np.isin(keys, edge_keys(edges[:, 0], edges[:, 1], mesh.n_nodes)[(edges >= 0).all(axis=1)])
+        wanted = np.isin(keys, edge_keys(edges, mesh.n_nodes)[(edges >= 0).all(axis=1)])
         inner = len(np.unique(np.sort(edges, axis=1), axis=0)) - np.count_nonzero(wanted)
         if inner:
             notes.append(f"{inner} of {len(edges)} lines named {name!r} are not on the boundary and are left out.")

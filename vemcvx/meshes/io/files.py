@@ -142,7 +142,8 @@ def _check_target(path: Path) -> str:
 def _file_of(suffix: str, points: NDArray[np.float64], blocks: Blocks, point_data: Arrays) -> meshio.Mesh:
     import meshio
 
-    spelled: Callable[[str], str] = {".vtu": _xml_name, ".vtk": quote}.get(suffix, str)
+    spellings: dict[str, Callable[[str], str]] = {".vtu": _xml_name, ".vtk": quote}
+    spelled = spellings.get(suffix, str)
     data: Data = {}
     names: Arrays = {}
     if suffix in ANY_POLYGON:

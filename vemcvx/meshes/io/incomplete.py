@@ -8,35 +8,25 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
 
 # Readers ask once or twice at the end of a sound file.
 PATIENCE = 100
 TEXT, BINARY = ("nastran", "off", "tecplot"), ("ply", "mdpa", "ansys")
 
 
-class _ImpatientText(io.TextIOWrapper):
+class _Impatient(io.FileIO):
     misses = 0
 
-    def readline(self, *size: Any) -> Any:
-        return _counted(self, super().readline(*size))
-
-
-class _ImpatientBytes(io.BufferedReader):
-    misses = 0
-
-    def read(self, *size: Any) -> bytes:
-        return _counted(self, super().read(*size))
-
-    def readline(self, *size: Any) -> Any:
-        return _counted(self, super().readline(*size))
-
-
-def _counted(file: Any, line: Any) -> Any:
-    file.misses = 0 if line else file.misses + 1
-    if file.misses > PATIENCE:
-        raise EOFError("the file ends too early")
-    return line
+    def readinto(self, buffer: WriteableBuffer, /) -> int:
+        count = super().readinto(buffer)
+        self.misses = 0 if count else self.misses + 1
+        if self.misses > PATIENCE:
+            raise EOFError("the file ends too early")
+        return count
 
 
 def impatient(path: Path, file_format: str) -> Path | io.IOBase:
@@ -44,8 +34,7 @@ def impatient(path: Path, file_format: str) -> Path | io.IOBase:
 
     The caller closes it.
     """
-    if file_format in TEXT:
-        return _ImpatientText(path.open("rb"), encoding="utf-8")
-    if file_format in BINARY:
-        return _ImpatientBytes(io.FileIO(path))
-    return path
+    if file_format not in TEXT + BINARY:
+        return path
+    file = io.BufferedReader(_Impatient(path))
+    return io.TextIOWrapper(file, encoding="utf-8") if file_format in TEXT else file

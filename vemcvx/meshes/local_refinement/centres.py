@@ -19,6 +19,7 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.local_refinement.sides import Splitting
 from vemcvx.meshes.polygons.clipping import left_of
 from vemcvx.meshes.polygons.ragged import offsets_of
+from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.tessellation import Tessellation
 
 # In diameters: what the centre must be away from the line of every side. A side of a quarter of the diameter
@@ -34,7 +35,8 @@ def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]
     offsets = offsets_of(counts)
 
     def corners(cells: Ints, count: int) -> Floats:
-        return mesh.points[mesh.vertices[bends[offsets[cells, None] + np.arange(count)]]]
+        nodes: Ints = mesh.vertices[bends[offsets[cells, None] + np.arange(count)]]
+        return mesh.points[nodes]
 
     all_long = np.logical_and.reduceat(splitting.long, splitting.offsets[:-1]) & (np.diff(splitting.offsets) == 4)
     quads = np.flatnonzero((counts == 4) & (all_long | ~splitting.convex))
@@ -55,7 +57,7 @@ def _middles_of_quads(x: Floats) -> Floats:
     # The sums of opposite corners do not depend on where the list begins, to the bit.
     even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
     before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
-    turn = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
+    turn = cross(before, after)
     tip = np.argmin(turn, axis=1)
     arrow = turn.min(axis=1) < 0.0
     diagonal = np.where((tip % 2 == 0)[:, None], even, odd)
@@ -86,7 +88,7 @@ def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
         empty |= ~left
     arms = kernel - kernel[:, :1]
     after = np.roll(arms, -1, axis=1)
-    part = arms[..., 0] * after[..., 1] - arms[..., 1] * after[..., 0]
+    part = cross(arms, after)
     doubled = part.sum(axis=1)[:, None]
     moments = np.einsum("ci,cia->ca", part, arms + after)
     full = (doubled > 0.0) & ~empty[:, None]

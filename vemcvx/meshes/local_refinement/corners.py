@@ -64,7 +64,7 @@ def at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
 
 def _corners(turn: Floats, offsets: Ints) -> Bools:
     """Sharp bends, and those of the others where the turn since the last sharp one passes 20, 60, 100 ... degrees."""
-    sharp = np.abs(turn) > SHARP
+    sharp: Bools = np.abs(turn) > SHARP
     gentle = np.flatnonzero(np.logical_or.reduceat((turn != 0.0) & ~sharp, offsets[:-1]))
     if not len(gentle):
         return sharp

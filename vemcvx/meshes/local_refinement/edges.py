@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Ints
-from vemcvx.meshes.polygons.topology import edge_keys, next_vertex, shared_edges
+from vemcvx.meshes.polygons.topology import directed_edges, edge_keys, shared_edges
 from vemcvx.meshes.tessellation import Tessellation
 
 
@@ -28,8 +28,8 @@ class Edges:
 
     def find(self, pairs: Ints, n_nodes: int) -> Ints:
         """Numbers of the edges given by their nodes (m, 2) in any order; all must exist."""
-        keys = edge_keys(self.ends[:, 0], self.ends[:, 1], n_nodes)
-        return np.searchsorted(keys, edge_keys(pairs[:, 0], pairs[:, 1], n_nodes))
+        keys = edge_keys(self.ends, n_nodes)
+        return np.searchsorted(keys, edge_keys(pairs, n_nodes))
 
 
 def edges_of(mesh: Tessellation) -> Edges:
@@ -37,6 +37,5 @@ def edges_of(mesh: Tessellation) -> Edges:
     shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
     of_corner = np.empty_like(shared.corners)
     of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
-    some = shared.corners[shared.first]
-    ends = np.column_stack([mesh.vertices[some], next_vertex(mesh.offsets, mesh.vertices)[some]])
+    ends = directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]]
     return Edges(of_corner, np.sort(ends, axis=1))

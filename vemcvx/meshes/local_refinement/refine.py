@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.arguments import flag
-from vemcvx.arrays import Bools, Floats, Ints, brief, plain
+from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data
 from vemcvx.meshes.interpolation import projected_values
@@ -31,9 +32,11 @@ from vemcvx.meshes.polygons.segments import rounding
 from vemcvx.meshes.polygons.topology import cell_of_corner
 from vemcvx.meshes.tessellation import Tessellation
 
+Mesh = TypeVar("Mesh", bound=Tessellation)
+
 
 @dataclass(frozen=True, eq=False)
-class Refinement:
+class Refinement(Generic[Mesh]):
     """A refined mesh, and where its cells and nodes come from.
 
     Attributes
@@ -48,12 +51,12 @@ class Refinement:
         centres (the linear function that the element of the cell computes with). Exact for linear functions.
     """
 
-    mesh: Tessellation
+    mesh: Mesh
     parents: Ints
     prolongation: csr_array
 
 
-def refinement(mesh: Tessellation, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement:
+def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[Mesh]:
     """Split the given cells of a mesh.
 
     Parameters
@@ -96,9 +99,8 @@ def refinement(mesh: Tessellation, cells: ArrayLike | None = None, *, balance: b
     inner = centres[kinds.centred]
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
     refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, mesh._box), parents, edges, middle)
-    parents.flags.writeable = False
     at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
-    return Refinement(refined, parents, _prolongation(mesh.n_nodes, ends, at_centres))
+    return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
 
 
 def check_marks(cells: ArrayLike | None, n_cells: int) -> Bools:
@@ -158,7 +160,7 @@ def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splittin
             return marked
 
 
-def _carried(mesh: Tessellation, refined: Tessellation, parents: Ints, edges: Edges, middle: Ints) -> Tessellation:
+def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Ints) -> Mesh:
     """The refined mesh with the names and cell data of the old one."""
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
     halved = {}

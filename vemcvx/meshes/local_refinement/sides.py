@@ -154,7 +154,7 @@ def _cancelling(sides: Sides, outline: Outline) -> Ints:
     end = np.where(wraps, first_side, np.minimum(last + 1, len(new) - 1))
     flat = np.abs(np.add.reduceat(turn, begin) + turn[end]) < SHARP
     smooth = ~sides.long[begin] & (total < SHORT) & flat
-    chosen = np.concatenate([np.flatnonzero(smooth[run]), end[smooth]])
+    chosen: Ints = np.concatenate([np.flatnonzero(smooth[run]), end[smooth]])
     return sides.order[sides.first[chosen]]
 
 
@@ -191,4 +191,5 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
     bins = (np.cumsum(parts) - parts)[run[inner]] + part
     order = np.lexsort((np.abs(place - part - 0.5) - RIGHT * right[inner], bins))
     best = np.append(True, np.diff(bins[order]) > 0)[: len(order)]
-    return inner[order[best]]
+    chosen: Ints = order[best]
+    return inner[chosen]

@@ -9,9 +9,9 @@ twice or not at all.)
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.polygons.segments import cross
 
 
 def clip(subject: Floats, window: Floats) -> Floats:
@@ -42,13 +42,12 @@ def clip(subject: Floats, window: Floats) -> Floats:
     return result + origin
 
 
-def left_of(polygon: Floats, point: Floats, direction: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def left_of(polygon: Floats, point: Floats, direction: Floats) -> tuple[Floats, Bools]:
     """The parts of convex polygons (p, m, 2) left of lines through points (p, 2), and which of them have any.
 
     Where there is none, the last vertex of the polygon is repeated.
     """
-    to = polygon - point[:, None]
-    side = direction[:, None, 0] * to[..., 1] - direction[:, None, 1] * to[..., 0]
+    side = cross(direction[:, None], polygon - point[:, None])
     if (side >= 0).all():
         return polygon, np.ones(len(polygon), dtype=bool)
     after, side_after = np.roll(polygon, -1, axis=1), np.roll(side, -1, axis=1)
@@ -70,6 +69,7 @@ def left_of(polygon: Floats, point: Floats, direction: Floats) -> tuple[Floats, 
     return cut, count > 0
 
 
-def _last(found: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _last(found: Bools) -> Ints:
     """The last true column of every row (the last column where there is none)."""
-    return found.shape[1] - 1 - np.argmax(found[:, ::-1], axis=1)
+    last: Ints = found.shape[1] - 1 - np.argmax(found[:, ::-1], axis=1)
+    return last

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Ints
+from vemcvx.arrays import Bools, Ints
 
 
 def spans(starts: Ints, counts: Ints) -> Ints:
@@ -19,7 +18,7 @@ def offsets_of(counts: Ints) -> Ints:
     return np.concatenate([[0], np.cumsum(counts)])
 
 
-def first_in_row(flags: NDArray[np.bool_], offsets: Ints) -> Ints:
+def first_in_row(flags: Bools, offsets: Ints) -> Ints:
     """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
     place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))
     none = len(flags)
@@ -31,4 +30,5 @@ def rotation(offsets: Ints, first: Ints) -> Ints:
     """Positions of all entries with every row turned so that it begins with its entry number ``first``."""
     counts = np.diff(offsets)
     begin, count = np.repeat(offsets[:-1], counts), np.repeat(counts, counts)
-    return begin + (np.arange(offsets[-1]) - begin + np.repeat(first, counts)) % count
+    turned: Ints = (np.arange(offsets[-1]) - begin + np.repeat(first, counts)) % count
+    return begin + turned

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 
-if TYPE_CHECKING:
+
+def close_pairs(points: Floats, distance: float) -> Ints:
+    """Pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
     from scipy.spatial import cKDTree
 
+    return cKDTree(points).query_pairs(distance, output_type="ndarray").astype(np.int64)
 
-def search_tree(points: Floats) -> cKDTree:
-    """A k-d tree of points (n, dim)."""
+
+def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
+    """Distance (m,) from each place (m, dim) to the nearest of the points (n, dim), and its number (m,)."""
     from scipy.spatial import cKDTree
 
-    return cKDTree(points)
+    distance, number = cKDTree(points).query(places)
+    return np.asarray(distance, dtype=float), np.asarray(number, dtype=np.int64)
 
 
 def delaunay(points: Floats) -> Ints:
     """Triangles (t, 3) of the Delaunay triangulation of points (n, 2)."""
     from scipy.spatial import Delaunay
 
-    return Delaunay(points).simplices
+    return Delaunay(points).simplices.astype(np.int64)

@@ -16,13 +16,13 @@ TOLERANCE = 4.0 * np.finfo(float).eps
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """a x b of vectors (m, 2)."""
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    """a x b of vectors (..., 2)."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def rounding(*points: Floats) -> Floats:
     """Length below which a distance between the given points (m, 2) is rounding of their coordinates, (m,)."""
-    largest = np.max([np.abs(point).max(axis=1) for point in points], axis=0)
+    largest: Floats = np.max([np.abs(point).max(axis=1) for point in points], axis=0)
     return TOLERANCE * largest
 
 

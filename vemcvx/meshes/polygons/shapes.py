@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
+from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.topology import next_corner
 
 
@@ -27,9 +28,9 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
     """Signed areas (n_cells,) and centroids (n_cells, 2); the centroid of a cell without area is its first vertex."""
     here = local_coordinates(points, offsets, vertices)
     after = here[next_corner(offsets)]
-    cross = here[:, 0] * after[:, 1] - here[:, 1] * after[:, 0]
-    doubled = np.add.reduceat(cross, offsets[:-1])
-    moments = np.add.reduceat((here + after) * cross[:, None], offsets[:-1], axis=0)
+    part = cross(here, after)
+    doubled = np.add.reduceat(part, offsets[:-1])
+    moments = np.add.reduceat((here + after) * part[:, None], offsets[:-1], axis=0)
     shift = np.divide(moments, 3.0 * doubled[:, None], out=np.zeros_like(moments), where=doubled[:, None] != 0.0)
     return 0.5 * doubled, points[vertices[offsets[:-1]]] + shift
 

@@ -41,9 +41,14 @@ def cell_of_corner(offsets: Ints) -> Ints:
     return np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
 
 
-def edge_keys(starts: Ints, ends: Ints, n_nodes: int) -> Ints:
-    """One integer an undirected edge: min * n_nodes + max (exact below 3e9 nodes)."""
-    return np.minimum(starts, ends) * n_nodes + np.maximum(starts, ends)
+def directed_edges(offsets: Ints, vertices: Ints) -> Ints:
+    """The edge (a, b) that starts at each corner, (n_corners, 2)."""
+    return np.column_stack([vertices, next_vertex(offsets, vertices)])
+
+
+def edge_keys(edges: Ints, n_nodes: int) -> Ints:
+    """One integer for each undirected edge (m, 2): min * n_nodes + max (exact below 3e9 nodes)."""
+    return np.minimum(edges[:, 0], edges[:, 1]) * n_nodes + np.maximum(edges[:, 0], edges[:, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +72,7 @@ class SharedEdges:
 
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
-    keys = edge_keys(vertices, next_vertex(offsets, vertices), n_nodes)
+    keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
@@ -76,7 +81,7 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 def boundary_corners(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
     """Corners whose edge belongs to one cell only, in the order of the cells."""
-    keys = edge_keys(vertices, next_vertex(offsets, vertices), n_nodes)
+    keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
     # Values first, positions after: sorting 2 million keys takes 0.03 s, sorting their positions 0.2 s.
     ordered = np.sort(keys)
     differs = np.concatenate([[True], ordered[1:] != ordered[:-1], [True]])

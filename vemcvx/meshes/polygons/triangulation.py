@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
+from vemcvx.meshes.polygons.segments import cross
 
 
 def clip_ears(corners: Floats) -> Ints:
@@ -46,13 +47,9 @@ def _intrusion(x: Floats) -> Floats:
     vertex = np.arange(m)
     for shift in (-1, 0, 1):
         depth[:, vertex, (vertex + shift) % m] = -np.inf
-    into, out = x - before, after - x
-    turns_left = into[..., 0] * out[..., 1] >= into[..., 1] * out[..., 0]
-    return np.where(turns_left, depth.max(axis=2), np.inf)
+    return np.where(cross(x - before, after - x) >= 0.0, depth.max(axis=2), np.inf)
 
 
 def _side(a: Floats, b: Floats, x: Floats) -> Floats:
     """Twice the area of (a_i, b_i, x_j), (c, m, m): positive where x_j lies left of the line from a_i to b_i."""
-    edge = (b - a)[:, :, None]
-    to = x[:, None] - a[:, :, None]
-    return edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0]
+    return cross((b - a)[:, :, None], x[:, None] - a[:, :, None])

@@ -1,63 +1,17 @@
-"""Scenes and meshes that many tests share."""
+"""What every test gets: one thread of BLAS, and the families of meshes."""
 
 from __future__ import annotations
 
 import os
-from functools import cache
 
 # Two test processes with two threads each would only get in each other's way on two cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import numpy as np
 import pytest
-
-import vemcvx as vx
-
-FAMILIES = tuple(vx.meshes.FAMILIES)
-FEW = ("squares", "voronoi", "hanging")
-few_families = pytest.mark.parametrize(
-    "family", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in FAMILIES]
-)
-"""For claims that know cells through the stiffness matrix alone, which is tested on every family, and take a while."""
+from scenes import FAMILIES
 
 
 @pytest.fixture(params=FAMILIES)
 def family(request: pytest.FixtureRequest) -> str:
     """Every family of meshes in turn."""
     return request.param
-
-
-def paper_load(course):
-    """The traction of the paper's Section 4 with course(t) in place of t."""
-
-    def pull(x, t):
-        return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
-
-    return pull
-
-
-def paper_scene(course=lambda t: t, bound=4.0, quadrature="nodes"):
-    """The paper's Section 4."""
-    return vx.Scene(
-        vx.Elasticity(young=200.0, poisson=0.3),
-        vx.Clamp(on="right"),
-        vx.Traction(paper_load(course), on="left"),
-        vx.BilateralContact(on="bottom"),
-        vx.TrescaFriction(bound=bound, on="bottom", quadrature=quadrature),
-    )
-
-
-def monotone(t):
-    """A load that only grows."""
-    return t
-
-
-def cyclic(t):
-    """A load that grows, reverses and grows again."""
-    return np.sin(2 * np.pi * t)
-
-
-@cache
-def small(family, n=6, **options):
-    """A mesh of the unit square with about n cells a side; it is read-only, and made once."""
-    return vx.meshes.FAMILIES[family](n, **options)

@@ -1,0 +1,326 @@
+"""Pressure, Symmetry, PointLoad, ElasticFoundation: uniform states that every mesh reproduces, in closed form.
+
+A body of polygons represents linear displacements exactly (patch test), so errors are those of a direct solve:
+round-off times the condition of the matrix, 1e-16 times some 1e4 here. Stresses and reactions are the dual values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scenes import few_families, small
+
+import vemcvx as vx
+from vemcvx.effects import Contribution, Support
+from vemcvx.scene.pose import pose_scene
+from vemcvx.vem import Space
+
+YOUNG, POISSON = 200.0, 0.3
+STEEL = vx.Elasticity(YOUNG, POISSON, plane="stress")
+MU = YOUNG / (2 * (1 + POISSON))
+ROUND = 1e-11
+BOX = ((0.0, 2.0), (0.0, 1.0))
+LENGTH, HEIGHT = 2.0, 1.0
+
+
+@dataclass(frozen=True)
+class Pin(vx.Effect):
+    """Hold components of a node."""
+
+    node: int
+    components: tuple[int, ...] = (0, 1)
+
+    def contribute(self, space):
+        nodes = np.full(len(self.components), self.node)
+        directions = np.eye(2)[list(self.components)]
+        return Contribution(supports=(Support("Pin", nodes, directions, space.mesh.points[nodes]),))
+
+    def describe(self):
+        return f"Pin: node {self.node}"
+
+
+def turned(mesh, degrees):
+    """The mesh turned about the origin, its boundaries with it, and the rotation."""
+    a = np.radians(degrees)
+    R = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+    names = {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
+    return vx.PolygonMesh(mesh.points @ R.T, list(mesh.cells), boundaries=names), R
+
+
+def tensor(rows):
+    """Rows (xx, yy, xy) as matrices."""
+    return np.array([[[xx, xy], [xy, yy]] for xx, yy, xy in rows])
+
+
+def settled(*effects, mesh):
+    return vx.simulate(vx.Scene(*effects), mesh, [0.0, 1.0], initial="settled")
+
+
+def near(found, exact, scale):
+    return np.abs(np.asarray(found) - exact).max() < ROUND * scale
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0])
+def test_pressed_between_planes_of_symmetry(family, degrees):
+    """sigma = -p I: u = -(1 - nu) p / E x in plane stress; the planes push back with p times their length."""
+    mesh, R = turned(small(family, 4, box=BOX), degrees)
+    p = 3.0
+    history = settled(STEEL, vx.Symmetry(on=["left", "bottom"]), vx.Pressure(p, on=["right", "top"]), mesh=mesh)
+    strain = (1 - POISSON) * p / YOUNG
+    assert near(history.displacement[-1], -strain * mesh.points, LENGTH * strain)
+    assert near(tensor(history.stress(-1)), -p * np.eye(2), p)
+    # The corner node is held by both sides and counts in both.
+    whole = history.forces[-1].sum(axis=0)
+    assert near(whole, R @ [p * HEIGHT, p * LENGTH], p)
+    assert len(history.contact.nodes) == 0
+    assert history.energy[-1] == pytest.approx(0.5 * 2 * p * strain * LENGTH * HEIGHT, rel=1e-11)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0])
+def test_a_pressure_is_the_traction_along_the_inward_normal(family, degrees):
+    """Affine on edges, both are exact: the nodal loads are (2 p_a + p_b) |e| / 6 along the edge's own normal."""
+    mesh, _ = turned(small(family, 3), degrees)
+
+    def p(x, t):
+        return t * (1.0 + 2.0 * x[:, 0] - 0.7 * x[:, 1])
+
+    found = vx.Pressure(p, on="boundary").contribute(Space(mesh)).loads[0].vector(2.0).reshape(-1, 2)
+    exact = np.zeros_like(found)
+    for a, b in mesh.boundaries["boundary"]:
+        chord = mesh.points[b] - mesh.points[a]
+        outward = np.array([chord[1], -chord[0]])
+        pa, pb = p(mesh.points[[a, b]], 2.0)
+        exact[a] -= (2 * pa + pb) / 6 * outward
+        exact[b] -= (pa + 2 * pb) / 6 * outward
+    assert np.abs(found - exact).max() < 1e-14
+
+
+def test_rollers_slide_and_bear_no_shear(family):
+    """Pulled along its rollers a bar contracts sideways freely: sigma = (s, 0, 0), the far roller takes -s H."""
+    mesh = small(family, 4, box=BOX)
+    s = 5.0
+    history = settled(STEEL, vx.Symmetry(on=["left", "bottom"]), vx.Traction((s, 0.0), on="right"), mesh=mesh)
+    exact = s / YOUNG * mesh.points * [1.0, -POISSON]
+    assert near(history.displacement[-1], exact, s / YOUNG * LENGTH)
+    assert near(history.stress(-1), [s, 0.0, 0.0], s)
+    assert near(history.reaction("left")[-1], [-s * HEIGHT, 0.0], s)
+    assert near(history.reaction("bottom")[-1, 1], 0.0, s)
+
+
+def test_rollers_contradict_what_leaves_them():
+    moved = vx.PrescribedDisplacement((0.0, 1e-3), on="left")
+    with pytest.raises(
+        vx.SceneError,
+        match=r"^Symmetry on bottom: node 0 at \[0\. 0\.\] is to move by 0 along \[ ?0\. -1\.\] at t = 0, but other "
+        r"supports already move it by -0\.001\. Prescribe each direction of a node once\.$",
+    ):
+        settled(STEEL, moved, vx.Symmetry(on="bottom"), mesh=small("squares", 3))
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_forces_on_the_two_ends_of_an_edge_are_its_traction(many):
+    """One cell high, F / 2 on both corners of the end is the uniform traction F / H: u_x = F x / (E H)."""
+    mesh = vx.meshes.squares((6, 1), box=BOX)
+    corners = [(LENGTH, 0.0), (LENGTH, HEIGHT)]
+    force = 8.0
+    half = (force / 2, 0.0)
+    loads = [vx.PointLoad([half, half], at=corners)] if many else [vx.PointLoad(half, at=x) for x in corners]
+    history = settled(STEEL, vx.Symmetry(on=["left", "bottom"]), *loads, mesh=mesh)
+    strain = force / HEIGHT / YOUNG
+    assert near(history.displacement[-1], strain * mesh.points * [1.0, -POISSON], strain * LENGTH)
+    assert near(history.stress(-1), [force / HEIGHT, 0.0, 0.0], force)
+    assert near(history.reaction("left")[-1], [-force, 0.0], force)
+    assert history.energy[-1] == pytest.approx(0.5 * force * strain * LENGTH, rel=1e-11)
+
+
+def test_the_energy_of_a_point_force_grows_with_every_refinement():
+    """Like log(1/h): halving h adds F^2 (1 / (pi E)) log 2 to 2 x energy (Flamant), within a few per cent."""
+    energies = []
+    for n in (16, 32, 64):
+        mesh = vx.meshes.squares(n)
+        history = settled(STEEL, vx.Clamp(on="bottom"), vx.PointLoad((0.0, -1.0), at=(0.5, 1.0)), mesh=mesh)
+        energies.append(history.energy[-1])
+    growth = np.diff(energies)
+    # Under a normal force F the surface sinks by 2 F / (pi E) log(1 / r): the energy 1/2 F u by F^2 / (pi E) log 2.
+    assert growth == pytest.approx(np.log(2) / (np.pi * YOUNG), rel=0.05)
+
+
+def wrong_load(at, force=(1.0, 0.0)):
+    return lambda: settled(STEEL, vx.Clamp(on="left"), vx.PointLoad(force, at=at), mesh=vx.meshes.squares(2))
+
+
+POINTS = {
+    "no node": (
+        wrong_load((0.6, 0.5)),
+        r"^PointLoad: there is no node at \[0\.6 0\.5\]; the nearest is node 4 at \[0\.5 0\.5\], 0\.1 away\. Name a "
+        r"node, spread the force by Traction, or mesh with a vertex there\.$",
+    ),
+    "one of several": (wrong_load([(0, 0), (2, 1)]), r"no node at \[2\. 1\.\]; the nearest is node 8 at .*, 1 away"),
+    "far away": (wrong_load((1e200, 0)), r"^PointLoad: there is no node at \[1\.e\+200 0\.e\+000\]; .* inf away"),
+    "one coordinate": (wrong_load(0.5), r"^PointLoad: found at = 0\.5; wanted a point of 2 finite coordinates, or"),
+    "in space": (wrong_load((0, 0, 0)), r"^PointLoad: found at = \(0, 0, 0\); wanted a point of 2 finite coordinates"),
+    "NaN": (wrong_load((0, np.nan)), r"^PointLoad: found at = \(0, nan\); wanted a point of 2 finite coordinates"),
+    "none": (wrong_load([]), r"^PointLoad: found at = \[\]; wanted a point"),
+    "a name": (wrong_load("tip"), r"^PointLoad: at: found 'tip', which does not read as an array of real numbers"),
+    "a scalar force": (
+        wrong_load((0.5, 0.5), 3.0),
+        r"^PointLoad: found the single number 3; wanted 2 components, or an array \(1, 2\), one row a point\.$",
+    ),
+    "a vector pressure": (
+        lambda: settled(STEEL, vx.Clamp("left"), vx.Pressure((1, 0), "right"), mesh=vx.meshes.squares(2)),
+        r"^Pressure on right: found an array of shape \(2,\); wanted a number, or \(4,\) values, one a point\.$",
+    ),
+    "a spring that pushes": (
+        lambda: settled(STEEL, vx.ElasticFoundation(-1.0, 2.0, on="left"), mesh=vx.meshes.squares(2)),
+        r"^ElasticFoundation on left: normal: found -1 at \[0\. .*\]; a spring's stiffness must be >= 0\.$",
+    ),
+    "a spring that changes in time": (
+        lambda: settled(STEEL, vx.ElasticFoundation(1.0, lambda x, t: t, on="left"), mesh=vx.meshes.squares(2)),
+        r"^ElasticFoundation on left: tangential: its function failed when called as f\(x\) with x of shape \(4, 2\)",
+    ),
+}
+
+
+@pytest.mark.parametrize(("mistake", "message"), POINTS.values(), ids=POINTS)
+def test_mistakes(mistake, message):
+    with pytest.raises(vx.SceneError, match=message):
+        mistake()
+
+
+@few_families
+@pytest.mark.parametrize("degrees", [0.0, 33.0])
+@pytest.mark.parametrize("k", [0.1, 40.0, 1e6])
+def test_springs_alone_hold_a_body(family, degrees, k):
+    """Pressed and sheared on its springs: sigma = (0, -p, s), u = (s / kt + s y / mu, -p / kn - p y / E).
+
+    The springs carry -p and s per length; what they store, and the body, is 1/2 a^h(u, u). They would resist Poisson's
+    widening nu p x / E of the foot: nu = 0 here.
+    """
+    mesh, R = turned(small(family, 3, box=BOX), degrees)
+    p, s, kn, kt = 2.0, 0.5, k, 0.5 * k
+
+    def across(sign):
+        return lambda x, t: np.tile(R @ [0.0, sign * s], (len(x), 1))
+
+    history = settled(
+        vx.Elasticity(YOUNG, 0.0, plane="stress"),
+        vx.ElasticFoundation(normal=kn, tangential=kt, on="bottom"),
+        vx.Pressure(p, on="top"),
+        vx.Traction(tuple(R @ [s, 0.0]), on="top"),
+        vx.Traction(across(1.0), on="right"),
+        vx.Traction(across(-1.0), on="left"),
+        mesh=mesh,
+    )
+    y = (mesh.points @ R)[:, 1]
+    exact = np.column_stack([s / kt + s * y / (YOUNG / 2), -p / kn - p * y / YOUNG])
+    # The condition of the matrix grows like E / k with softer springs.
+    worse = max(1.0, YOUNG / k)
+    assert near(history.displacement[-1] @ R, exact, worse * np.abs(exact).max())
+    assert near(R.T @ tensor(history.stress(-1)) @ R, [[0.0, s], [s, -p]], worse * p)
+    springs = p**2 / kn + s**2 / kt
+    body = p**2 / YOUNG + s**2 / (YOUNG / 2)
+    assert history.energy[-1] == pytest.approx(0.5 * LENGTH * (springs + HEIGHT * body), rel=1e-9)
+    # Springs are part of the body: there is no reaction.
+    assert near(history.reaction("boundary"), 0.0, worse * p)
+
+
+def test_the_springs_matrix_is_the_mass_matrix_of_the_edges(family):
+    """For k affine along the boundary: int k (u . n)^2 ds of an affine u, by Simpson (cubic), symmetric to the bit."""
+    mesh, _ = turned(small(family, 3), 20.0)
+
+    def k(x):
+        return 2.0 + x[:, 0] + 0.5 * x[:, 1]
+
+    F = vx.ElasticFoundation(normal=k, tangential=lambda x: 3 * k(x), on="boundary").contribute(Space(mesh)).stiffness
+    assert (F != F.T).nnz == 0
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(mesh.points.shape)
+    exact = 0.0
+    for a, b in mesh.boundaries["boundary"]:
+        chord = mesh.points[b] - mesh.points[a]
+        length = np.linalg.norm(chord)
+        normal, tangent = np.array([chord[1], -chord[0]]) / length, chord / length
+        ends = mesh.points[[a, b]]
+        for at, v, weight in ((ends[0], u[a], 1), (ends.mean(axis=0), (u[a] + u[b]) / 2, 4), (ends[1], u[b], 1)):
+            exact += length / 6 * weight * k(at[None])[0] * ((v @ normal) ** 2 + 3 * (v @ tangent) ** 2)
+    assert u.ravel() @ (F @ u.ravel()) == pytest.approx(exact, rel=1e-13)
+
+
+def test_what_springs_do_not_feel_floats():
+    """Normal springs under a flat foot leave it free to slide; on two sides they hold everything."""
+    mesh = vx.meshes.squares(3)
+    with pytest.raises(
+        vx.SceneError,
+        match=r"^supports: the body floats: 1 rigid motion meets neither a support nor friction, the first the "
+        r"translation \(1, 0\)\.",
+    ):
+        pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on="bottom")), mesh)
+    for none in (0.0, lambda x: 0 * x[:, 0]):
+        with pytest.raises(vx.SceneError, match=r"^supports: the body floats: 3 rigid motions meet neither"):
+            pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=none, on="boundary")), mesh)
+    held = pose_scene(vx.Scene(STEEL, vx.ElasticFoundation(normal=10.0, on=["bottom", "left"])), mesh)
+    assert np.linalg.eigvalsh(held.system.K.toarray())[0] > 1e-3
+
+
+def test_springs_hold_the_piece_they_touch():
+    points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
+    mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
+    mesh = mesh.with_boundary("first", lambda x: x[:, 0] < 0.1).with_boundary("second", lambda x: x[:, 0] > 3.9)
+    one, other = (vx.ElasticFoundation(7.0, 7.0, on=on) for on in ("first", "second"))
+    with pytest.raises(vx.SceneError, match=r"^supports: part 2 of 2 of the body floats: 3 rigid motions"):
+        pose_scene(vx.Scene(STEEL, one), mesh)
+    assert pose_scene(vx.Scene(STEEL, one, other), mesh).system.kernel is None
+
+
+def test_friction_holds_what_springs_leave_free():
+    """A block on normal springs, rubbing: it bears |traction| below the bound without moving, and sinks by p / kn."""
+    mesh = vx.meshes.squares(3)
+    p, s, kn = 2.0, 0.3, 50.0
+    loads = [
+        vx.Pressure(lambda x, t: np.full(len(x), p * t), on="top"),
+        vx.Traction(lambda x, t: np.tile([s * t, 0.0], (len(x), 1)), on="top"),
+        vx.Traction(lambda x, t: np.tile([0.0, s * t], (len(x), 1)), on="right"),
+        vx.Traction(lambda x, t: np.tile([0.0, -s * t], (len(x), 1)), on="left"),
+    ]
+    rough = [vx.ElasticFoundation(normal=kn, on="bottom"), vx.TrescaFriction(1.0, on="bottom")]
+    with pytest.warns(vx.SceneWarning, match="nothing but friction or one-sided contact holds the body"):
+        history = vx.simulate(vx.Scene(vx.Elasticity(YOUNG, 0.0), *rough, *loads), mesh, [0.0, 0.5, 1.0])
+    assert history.contact.sticking.all()
+    y = mesh.points[:, 1]
+    exact = np.column_stack([s * y / (YOUNG / 2), -p / kn - p * y / YOUNG])
+    assert np.abs(history.displacement[-1] - exact).max() < 1e-9
+    assert np.abs(history.contact.traction[-1] - [-s, 0.0]).max() < 1e-8
+
+
+@dataclass(frozen=True)
+class Links(vx.Effect):
+    """Springs of stiffness one between pairs of nodes: an effect of one's own, which holds nothing to the ground."""
+
+    pairs: tuple[tuple[int, int], ...]
+
+    def contribute(self, space):
+        rows = np.zeros((2 * len(self.pairs), space.n_unknowns))
+        for i, (a, b) in enumerate(self.pairs):
+            for axis in (0, 1):
+                rows[2 * i + axis, [2 * a + axis, 2 * b + axis]] = 1.0, -1.0
+        return Contribution(stiffness=sp.csr_matrix(rows.T @ rows))
+
+    def describe(self):
+        return "Links: springs"
+
+
+def test_springs_between_pieces_hold_them_to_each_other_only():
+    points = [[0, 0], [1, 0], [1, 1], [0, 1], [3, 0], [4, 0], [4, 1], [3, 1]]
+    mesh = vx.PolygonMesh(np.array(points, dtype=float), [[0, 1, 2, 3], [4, 5, 6, 7]])
+    mesh = mesh.with_boundary("first", lambda x: x[:, 0] < 0.1)
+    links = Links(((1, 4), (2, 7)))
+    with pytest.raises(
+        vx.SceneError,
+        match=r"^supports: the body floats: 3 rigid motions meet neither a support nor friction, "
+        r"the first a motion of pieces that springs join\. ",
+    ):
+        pose_scene(vx.Scene(STEEL, links), mesh)
+    assert np.linalg.eigvalsh(pose_scene(vx.Scene(STEEL, links, vx.Clamp("first")), mesh).system.K.toarray())[0] > 1e-3

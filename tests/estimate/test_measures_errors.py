@@ -1,0 +1,121 @@
+"""Errors against closed forms by quadrature, observed orders, and the instants and steps that measures are taken at."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import monotone, paper_load, paper_scene, small
+
+import vemcvx as vx
+
+LAM, MU = 1.5, 0.8
+C = LAM + 2 * MU
+
+
+def field(mesh, values):
+    moduli = np.array([np.full(mesh.n_cells, LAM), np.full(mesh.n_cells, MU)])
+    return vx.measures.Field(mesh, values, moduli, time=2.0)
+
+
+def along(values):
+    """A vector field along x_1, or the strain e_xx alone."""
+    return lambda width: np.column_stack([values, *[np.zeros(len(values))] * (width - 1)])
+
+
+def test_polynomials_of_degree_five_are_integrated_exactly(family):
+    """int C x^4 = C / 5 on every family, and int x^4 again: strains and displacements x^2 against a body at rest."""
+    rest = small(family)
+    rest = field(rest, np.zeros_like(rest.points))
+    strain = vx.measures.energy_error(rest, lambda x, t: along(x[:, 0] ** 2)(3))
+    assert strain.absolute == pytest.approx(np.sqrt(C / 5), rel=1e-12)
+    assert strain.relative == pytest.approx(1.0, rel=1e-14)
+    moved = vx.measures.l2_error(rest, lambda x, t: along(x[:, 0] ** 2)(2))
+    assert moved.absolute == pytest.approx(np.sqrt(1 / 5), rel=1e-12)
+    odd = vx.measures.l2_error(rest, lambda x, t: along(np.sqrt(x[:, 0] ** 2 * x[:, 1] ** 3))(2))
+    assert odd.absolute == pytest.approx(np.sqrt(1 / 12), rel=1e-12)
+
+
+def test_what_one_square_misses_of_a_parabola():
+    """u_1 = x^2: Pi u = x, so int C (2x - 1)^2 = C / 3 and int (x^2 - x)^2 = 1 / 30; at the centroid none is."""
+    mesh = vx.meshes.squares(1)
+    one = field(mesh, along(mesh.points[:, 0] ** 2)(2))
+    assert vx.measures.energy_error(one, lambda x, t: along(2 * x[:, 0])(3)).absolute == pytest.approx(np.sqrt(C / 3))
+    assert vx.measures.l2_error(one, lambda x, t: along(x[:, 0] ** 2)(2)).absolute == pytest.approx(np.sqrt(1 / 30))
+
+
+def test_affine_fields_have_no_error(family):
+    mesh = small(family)
+    G = np.array([[0.3, 0.2], [-0.1, 0.4]])
+    linear = field(mesh, mesh.points @ G + 5.0)
+    assert vx.measures.energy_error(linear, [0.3, 0.4, 0.1]).relative < 1e-13
+    assert vx.measures.l2_error(linear, lambda x, t: x @ G + 2.5 * t).relative < 1e-14
+
+
+def test_cells_add_up():
+    mesh = vx.meshes.voronoi(6)
+    wrong = vx.measures.energy_error(field(mesh, np.zeros_like(mesh.points)), [1.0, 0.0, 0.0])
+    assert wrong.cells == pytest.approx(np.sqrt(C * mesh.areas), rel=1e-12)
+    assert wrong.absolute == pytest.approx(np.sqrt(C), rel=1e-12)
+
+
+def test_nothing_over_nothing():
+    mesh = vx.meshes.squares(2)
+    rest = field(mesh, np.zeros_like(mesh.points))
+    assert vx.measures.energy_error(rest, [0.0, 0.0, 0.0]).relative == 0.0
+    moved = field(mesh, np.tile([1.0, 0.0], (mesh.n_nodes, 1)))
+    assert vx.measures.l2_error(moved, [0.0, 0.0]).relative == np.inf
+
+
+@pytest.fixture(scope="module")
+def pulled():
+    return [vx.simulate(paper_scene(), vx.meshes.squares(4), np.linspace(0, 1, n + 1), store=2) for n in (4, 12)]
+
+
+def test_instants_and_steps(pulled):
+    """Runs with different steps meet at the instants both stored, by time or by number."""
+    coarse, fine = pulled
+    same = vx.measures.energy_distance(coarse, fine, time=0.5)
+    assert same.reference == vx.measures.energy_distance(coarse, fine, step=2, reference_step=6).reference
+    assert same.relative < 1e-8
+    assert vx.measures.energy_distance(coarse, fine, step=2).relative > 0.4
+    with pytest.raises(vx.HistoryError, match=r"no step was stored at t = 0\.25; the nearest is step"):
+        vx.measures.energy_distance(coarse, fine, time=0.25)
+    with pytest.raises(vx.SceneError, match="step 3 was not stored"):
+        vx.measures.energy_distance(coarse, fine, step=3)
+
+
+def test_mistakes(pulled):
+    with pytest.raises(vx.SceneError, match=r"energy_error: strain \(e_xx, e_yy, 2 e_xy\).*wanted 3 components"):
+        vx.measures.energy_error(pulled[0], lambda x, t: x)
+    with pytest.raises(vx.SceneError, match="l2_error: displacement: found NaN"):
+        vx.measures.l2_error(pulled[0], lambda x, t: np.full_like(x, np.nan))
+    with pytest.raises(vx.HistoryError, match="l2_error: found None where a History"):
+        vx.measures.l2_error(None, [0.0, 0.0])
+
+
+def test_orders():
+    h = np.array([0.4, 0.2, 0.05])
+    found = vx.measures.orders(h, 3 * h**1.5)
+    assert found.successive == pytest.approx([1.5, 1.5])
+    assert found.slope == pytest.approx(1.5)
+    bent = vx.measures.orders([1, 2, 4], [1, 2, 8])
+    assert bent.successive == pytest.approx([1.0, 2.0])
+    assert bent.slope == pytest.approx(1.5)
+    with pytest.raises(vx.HistoryError, match=r"found \(2,\) sizes and \(3,\) errors"):
+        vx.measures.orders([1, 2], [1, 2, 3])
+    with pytest.raises(vx.HistoryError, match="found the error 0; logarithms"):
+        vx.measures.orders([1, 2], [1, 0])
+    with pytest.raises(vx.HistoryError, match="found the size 2 twice in a row"):
+        vx.measures.orders([2, 2], [1, 3])
+
+
+@pytest.mark.parametrize("kind", ["exact", "projected"])
+def test_galerkin_orthogonality(kind):
+    """Linear triangles, nested, one load: |u_fine - u_coarse|^2 = |u_fine|^2 - |u_coarse|^2, exactly."""
+    scene = vx.Scene(
+        vx.Elasticity(young=200.0, poisson=0.3), vx.Clamp(on="right"), vx.Traction(paper_load(monotone), on="left")
+    )
+    coarse, fine = (vx.simulate(scene, vx.meshes.triangles(n), [0.0, 1.0]) for n in (3, 12))
+    apart = vx.measures.energy_distance(coarse, fine, kind=kind)
+    assert apart.reference == pytest.approx(np.sqrt(2 * fine.energy[-1]), rel=1e-12)
+    assert apart.absolute == pytest.approx(np.sqrt(2 * (fine.energy[-1] - coarse.energy[-1])), rel=1e-10)

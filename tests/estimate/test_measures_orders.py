@@ -1,0 +1,140 @@
+"""Observed orders: O(h) on every family and for every lambda, O(k) where a reversal is missed, the paper's scene."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+FIRST, SECOND = pytest.approx(1.0, abs=0.1), pytest.approx(2.0, abs=0.2)
+energy_distance, orders = vx.measures.energy_distance, vx.measures.orders
+
+
+@pytest.fixture(autouse=True)
+def problems(monkeypatch):
+    monkeypatch.syspath_prepend(PROBLEMS)
+
+
+@pytest.fixture
+def slip():
+    return importlib.import_module("manufactured_full_slip")
+
+
+@pytest.fixture
+def reversal():
+    return importlib.import_module("missed_reversal")
+
+
+def slip_errors(slip, family, lam, sizes, times=(0.0, 1.0), **options):
+    """Root of the mean cell area, relative energy and L2 errors."""
+    rows = []
+    for n in sizes:
+        history = vx.simulate(slip.scene(lam / (2 * (lam + slip.MU)), **options), slip.mesh(n, family), times)
+        energy = vx.measures.energy_error(history, lambda x, t: slip.strain(x[:, 0], x[:, 1], t, lam))
+        l2 = vx.measures.l2_error(history, lambda x, t: slip.displacement(x[:, 0], x[:, 1], t, lam))
+        rows.append((history.mesh.n_cells**-0.5, energy.relative, l2.relative))
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("family", ["squares", "triangles", "hexagons", "distorted", "hanging", "voronoi"])
+def test_first_order_in_the_mesh_size(slip, family):
+    h, energy, l2 = slip_errors(slip, family, 1.0, (6, 12, 24))
+    assert orders(h, energy).slope == FIRST
+    assert orders(h, l2).slope == SECOND
+
+
+@pytest.mark.slow
+def test_first_order_in_the_mesh_size_whatever_lambda(slip, family):
+    """The same errors to a few per cent for all lambda: what is left is the approximation, nothing locks.
+
+    Triangles are left out for large lambda: linear elements lock.
+    """
+    sizes, found = (8, 16, 32, 64), []
+    for lam in (1.0,) if family == "triangles" else (1.0, 1e2, 1e4, 1e6):
+        h, energy, l2 = slip_errors(slip, family, lam, sizes, pulled=True)
+        assert orders(h, energy).slope == FIRST, lam
+        assert orders(h, l2).slope == SECOND, lam
+        found.append(energy)
+    for energy in found:
+        assert energy == pytest.approx(found[0], rel=0.02)
+
+
+def test_nearly_incompressible_in_passing(slip):
+    errors = [slip_errors(slip, "voronoi", lam, (10,), pulled=True)[1:, 0] for lam in (1.0, 1e6)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.1)
+
+
+def test_any_increasing_course_of_the_load(slip):
+    """The quasistatic twin: phi(t) u in uneven steps of phi = t^3 has at every step the error of the one big step."""
+    once = slip_errors(slip, "voronoi", 1.0, (8,))[1:, 0]
+    twin = slip_errors(slip, "voronoi", 1.0, (8,), times=np.linspace(0, 1, 5), phi=lambda t: t**3)[1:, 0]
+    assert twin == pytest.approx(once, rel=1e-9)
+    history = vx.simulate(slip.scene(phi=lambda t: t**3), slip.mesh(8), np.linspace(0, 1, 5))
+    lam = slip.lame(0.3)
+    relative = [
+        vx.measures.energy_error(history, lambda x, t: slip.strain(x[:, 0], x[:, 1], t**3, lam), step).relative
+        for step in (1, 2, 3, 4)
+    ]
+    assert relative == pytest.approx(relative[-1:] * 4, rel=1e-8)
+    assert not history.contact.sticking[1:].any()
+
+
+@pytest.mark.parametrize("family", ["squares", "voronoi"])
+def test_first_order_in_the_step_where_a_reversal_is_missed(reversal, family):
+    """(3.28) in k: max over n of |u_n - u_ref(t_n)| for odd numbers of steps; even ones meet the turn and are exact."""
+    mesh, steps = reversal.mesh(10, family), np.array([9, 27, 81])
+    reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * 81))
+    contact = reference.contact.sticking
+    assert contact[40].any()
+    assert not contact[40].all()
+    assert not contact[-1].all()
+    runs = [vx.simulate(reversal.scene(), mesh, reversal.times(n)) for n in (2, 18, *steps)]
+    assert orders(1 / steps, [reversal.farthest(run, reference) for run in runs[2:]]).slope == FIRST
+    at_end = [energy_distance(run, reference, kind="nodal").relative for run in runs]
+    assert max(at_end[:2]) < 1e-8
+    assert orders(1 / steps, at_end[2:]).slope == FIRST
+
+
+@pytest.mark.slow
+def test_first_order_in_the_step_to_small_steps(reversal):
+    mesh, steps = reversal.mesh(16, "voronoi"), 3 ** np.arange(2, 7)
+    reference = vx.simulate(reversal.scene(), mesh, reversal.times(2 * steps[-1]))
+    errors = [reversal.farthest(vx.simulate(reversal.scene(), mesh, reversal.times(n)), reference) for n in steps]
+    found = orders(1 / steps, errors)
+    assert found.slope == FIRST
+    assert found.successive == pytest.approx(np.ones(4), abs=0.1)
+
+
+def test_proportional_loads_cost_nothing_in_time():
+    """The paper's scene: slip only spreads, and one step gives what sixty-four give, to the certificate."""
+    paper = importlib.import_module("feng_han_huang")
+    mesh = paper.mesh(12, "voronoi")
+    many = vx.simulate(paper.scene(), mesh, paper.times(64))
+    for steps in (1, 3, 16):
+        few = vx.simulate(paper.scene(), mesh, paper.times(steps))
+        allowed = (few.certificate_total[-1] + many.certificate_total[-1]) + 1e-12
+        assert energy_distance(few, many, kind="nodal").relative < allowed
+
+
+@pytest.mark.slow
+def test_table_1_by_three_measures():
+    """h = k = 1/4 ... 1/64 against 1/256 on squares: orders stay below one, for the clamped corners are singular."""
+    paper = importlib.import_module("feng_han_huang")
+    sizes = np.array([4, 8, 16, 32, 64])
+    reference = vx.simulate(paper.scene(), paper.mesh(256), paper.times(256), store="last")
+    runs = [vx.simulate(paper.scene(), paper.mesh(n), paper.times(n), store="last") for n in sizes]
+    found = {
+        kind: np.array([energy_distance(run, reference, kind=kind).relative for run in runs])
+        for kind in ("exact", "projected", "nodal")
+    }
+    assert found["exact"] == pytest.approx([0.1936, 0.1101, 0.0620, 0.0344, 0.0185], abs=6e-5)
+    assert found["projected"] == pytest.approx([0.2216, 0.1278, 0.0726, 0.0404, 0.0218], abs=6e-5)
+    assert found["nodal"] == pytest.approx([0.0601, 0.0358, 0.0198, 0.0105, 0.0053], abs=6e-5)
+    assert orders(1 / sizes, found["exact"]).successive == pytest.approx([0.81, 0.83, 0.85, 0.90], abs=0.01)
+    # What is nodal is the least.
+    assert (found["nodal"] < found["exact"]).all()

@@ -1,0 +1,192 @@
+"""What steps cost, against finer steps still: never less than the truth, nor more than five times as much."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from random_scenes import KINDS, coarse_mesh, declared_scene
+from scenes import paper_scene
+
+import vemcvx as vx
+from vemcvx.estimate.budget import beside_finer, error_budget
+from vemcvx.estimate.budget.data_in_time import course
+from vemcvx.scene.pose import pose_scene
+from vemcvx.stepping.certified_in_full import certified_in_full
+from vemcvx.stepping.initial import initial_state
+from vemcvx.stepping.state import prepare
+
+MOST = 5.0
+NOISE = 1e-6
+"""Relative errors below are the solver's: Coulomb's fixed point is asked for 1e-8 a step."""
+
+
+def finest(times, system, parts):
+    """So many steps in each of the run, and one each where data bend or jump."""
+    equal = [np.linspace(a, b, parts + 1) for a, b in pairwise(times)]
+    return np.union1d(np.concatenate(equal), course(system, times).bends)
+
+
+def ratio(scene, mesh, times, initial=None, parts=24):
+    """Estimated over true error of the steps, the largest of the run, and the true one itself."""
+    posed = pose_scene(scene, mesh)
+    run = prepare(posed.system, None, False, True)
+    start = certified_in_full(run, initial_state(run, times[0], initial)).full
+    found = beside_finer(run, times, start)
+    fine = finest(times, posed.system, parts)
+    states = [vx.march(posed.system, t, initial=initial, check=False).state for t in (times, fine)]
+    apart = states[0] - states[1][np.searchsorted(fine, times)]
+    true = np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (posed.system.K @ apart.T).T), 0.0)).max()
+    if found.norm == 0.0:
+        assert true <= 1e-12, "without friction nothing depends on the path"
+        return 1.0, 0.0
+    return found.errors.max() / max(true, NOISE * found.norm), true / found.norm
+
+
+def dips(x, t):
+    """A bound that is next to nothing for a twentieth of the run."""
+    return np.full(len(x), 0.02 if 0.43 < t < 0.48 else 4.0)
+
+
+def held(bound):
+    return paper_scene(lambda t: 1.0, bound=bound)
+
+
+COURSES = {
+    "half a wave": lambda t: np.sin(np.pi * t),
+    "turn": lambda t: np.interp(t, [0.0, 0.37, 1.0], [0.0, 2.0, -1.2]),
+    "pulse": lambda t: 2 * max(0.0, 1.0 - abs(t - 0.43) / 0.05),
+    "jump": lambda t: 0.5 * t + (t > 0.3) - 0.8 * (t > 0.7),
+}
+
+
+@pytest.mark.parametrize("steps", [1, 4, pytest.param(9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", COURSES)
+def test_steps_cost_what_the_estimate_says(name, steps):
+    found, true = ratio(paper_scene(COURSES[name]), vx.meshes.squares(4), np.linspace(0, 1, steps + 1))
+    if true > NOISE:
+        assert 1.0 <= found <= MOST
+    assert found <= MOST
+
+
+def test_loads_in_proportion_cost_nothing_however_they_grow():
+    """What slips goes on slipping: the response is that of the load, and steps of any length are exact."""
+    for grows in (lambda t: t * t, lambda t: 1 - np.exp(-8 * t), lambda t: np.sin(np.pi * t / 2)):
+        history = vx.simulate(paper_scene(grows), vx.meshes.squares(4), [0.0, 0.4, 1.0])
+        assert error_budget(history).time.max() <= 1e-12
+
+
+def test_where_a_load_is_smooth_the_estimate_falls_with_the_square_of_the_step():
+    """Odd numbers of steps, each of which misses the top by half a step: the truth is of second order, and so is it."""
+    scene, mesh = paper_scene(COURSES["half a wave"], bound=1.0), vx.meshes.squares(4)
+    errors = [error_budget(vx.simulate(scene, mesh, np.linspace(0, 1, n + 1))).time.max() for n in (9, 27)]
+    assert np.log(errors[0] / errors[1]) / np.log(3.0) == pytest.approx(2.0, abs=0.4)
+
+
+def test_a_bound_that_dips_between_two_instants_is_in_the_budget():
+    """The load stays as it is. The steps see nothing, the energy is off by half: `time 0.0000` it once said."""
+    history = vx.simulate(held(dips), vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+    budget = error_budget(history)
+    assert budget.time[-1] > 0.3
+    found, _ = ratio(held(dips), vx.meshes.squares(4), np.array([0.0, 1.0]), "settled")
+    assert 1.0 <= found <= MOST
+
+
+def test_jumps_are_named_with_their_instants():
+    history = vx.simulate(held(dips), vx.meshes.squares(3), [0.0, 1.0], initial="settled")
+    assert error_budget(history).jumps == (
+        "the bound of friction jumps at t = 0.43; no step is put inside",
+        "the bound of friction jumps at t = 0.48; no step is put inside",
+    )
+    slope = paper_scene(lambda t: np.clip((t - 0.3) * 50, 0.0, 1.0))
+    assert error_budget(vx.simulate(slope, vx.meshes.squares(3), [0.0, 1.0])).jumps == ()
+
+
+def test_steps_go_to_where_a_bound_dips():
+    found = vx.adapt(held(dips), vx.meshes.squares(4), [0.0, 1.0], 0.2, initial="settled")
+    times = found.history.trajectory.times
+    assert found.met
+    assert np.abs(times[:, None] - [0.43, 0.48]).min(axis=0).max() <= 1e-9
+    assert len(times) <= 8
+    assert "the bound of friction jumps at t = 0.43" in found.summary()
+    truth = vx.simulate(held(dips), found.history.mesh.refine(), np.linspace(0, 1, 41), store="last", initial="settled")
+    assert vx.measures.energy_distance(found.history, truth).relative <= 0.2
+
+
+def bending(t):
+    """Straight pieces, with bends at 1/7 and at 2/3."""
+    return np.interp(t, [0.0, 1 / 7, 2 / 3, 1.0], [0.0, 2.0, -1.0, 0.5])
+
+
+def test_bends_are_found_to_round_off():
+    known = course(pose_scene(paper_scene(bending), vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
+    assert np.abs(known.bends[:, None] - [1 / 7, 2 / 3]).min(axis=0).max() <= 1e-12
+    assert len(known.bends) == 2
+    assert known.jumps == ()
+
+
+def test_tops_of_smooth_data_are_found():
+    """Steps that come near the top by chance lose little, and finer ones that come no nearer would show nothing."""
+    scene, top = paper_scene(lambda t: 1.0 - (t - 0.401) ** 2 * 3, bound=1.0), 0.401
+    times = np.array([0.0, 0.2, 0.4, 0.6, 1.0])
+    known = course(pose_scene(scene, vx.meshes.squares(3)).system, times)
+    assert np.abs(known.bends - top).min() <= 1e-9
+    found, lost = ratio(scene, vx.meshes.squares(4), times, "settled", 40)
+    assert 1e-8 < lost < 1e-4
+    assert found >= 1.0
+
+
+def test_moving_obstacles_and_supports_are_followed():
+    steel = vx.Elasticity(200.0, 0.3)
+    rubbed = vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=2.0, on="bottom")
+
+    def carried(x, t):
+        return np.column_stack([np.full(len(x), 0.1 * min(t, 1.2 - t)), np.zeros(len(x))])
+
+    scene = vx.Scene(steel, vx.PrescribedDisplacement(carried, on="top"), *rubbed)
+    known = course(pose_scene(scene, vx.meshes.squares(3)).system, np.array([0.0, 1.0]))
+    assert np.abs(known.bends - 0.6).min() <= 1e-12
+    assert 1.0 <= ratio(scene, vx.meshes.squares(4), np.array([0.0, 1.0]))[0] <= MOST
+    rises = vx.UnilateralContact(on="bottom", gap=lambda x, t: np.full(len(x), 0.02 + 0.01 * abs(t - 0.3)))
+    known = course(
+        pose_scene(vx.Scene(steel, vx.Clamp(on="top"), rises), vx.meshes.squares(3)).system, np.array([0.0, 1.0])
+    )
+    assert np.abs(known.bends - 0.3).min() <= 1e-12
+
+
+@pytest.mark.parametrize(("lifted", "initial"), [(0.0, None), (1.0, "settled")])
+def test_a_run_that_keeps_its_last_step_alone_knows_where_it_began(lifted, initial):
+    scene, times = paper_scene(lambda t: np.sin(np.pi * t) + lifted), np.linspace(0, 1, 4)
+    kept = [vx.simulate(scene, vx.meshes.squares(3), times, store=store, initial=initial) for store in ("all", "last")]
+    assert np.array_equal(*(history.trajectory.initial for history in kept))
+    whole, last = (error_budget(history, -1).time[-1] for history in kept)
+    assert whole == pytest.approx(last)
+
+
+def effectivity(seed):
+    """Of the whole budget: steps, nodes and quadrature points that miss what happens; and of time alone."""
+    scene, initial = declared_scene(seed)
+    mesh, times = coarse_mesh(seed, 5), np.linspace(0, 1, 3 + seed % 4)
+    history = vx.simulate(scene, mesh, times, initial=initial)
+    system = pose_scene(scene, mesh).system
+    fine = np.union1d(np.linspace(0, 1, 60 * (len(times) - 1) + 1), course(system, times).bends)
+    fine = fine[np.append(True, np.diff(fine) > 1e-13)]
+    at = [int(np.abs(fine - t).argmin()) for t in times]
+    truth = vx.simulate(scene, mesh.refine().refine().refine(), fine, store=at, initial=initial)
+    true = max(
+        vx.measures.energy_distance(truth, history, step=at[n], reference_step=n).absolute for n in range(1, len(times))
+    )
+    budget = error_budget(history)
+    in_steps, lost = ratio(scene, mesh, times, initial, 100)
+    return budget.largest["total"] * (budget.scale or 1.0) / true, in_steps, lost
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction")
+@pytest.mark.parametrize("seed", range(40), ids=lambda seed: f"{seed}-{KINDS[seed % len(KINDS)]}")
+def test_no_estimate_of_the_declared_family_is_below_the_truth(seed):
+    whole, in_steps, lost = effectivity(seed)
+    assert 1.0 <= whole <= MOST
+    if lost > NOISE:
+        assert 1.0 <= in_steps <= MOST

@@ -1,0 +1,283 @@
+"""Pictures show the numbers of the history, entirely and inside the page."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import cyclic, paper_scene, small
+
+import vemcvx as vx
+from vemcvx.canvas import new_figure
+from vemcvx.plots import (
+    beside_closed_form,
+    body_and_graph,
+    deformed_mesh,
+    energy_ledger,
+    friction_traction,
+    stick_slip_map,
+    stressed_body,
+    write_plots,
+)
+from vemcvx.plots.contact_line import contact_line
+from vemcvx.plots.deformed_mesh import magnification
+
+matplotlib = pytest.importorskip("matplotlib")
+TIMES = np.linspace(0.0, 1.0, 25)
+PICTURES = (deformed_mesh, friction_traction, stick_slip_map, energy_ledger)
+
+
+def bound(x, t):
+    return 1.0 + 3.0 * x[:, 0]
+
+
+@pytest.fixture(scope="module")
+def history():
+    return vx.simulate(paper_scene(cyclic, bound=bound), small("voronoi", 8), TIMES, solver=vx.Newton())
+
+
+@pytest.fixture(scope="module")
+def squeezed():
+    """Contact above and below, which no axis holds."""
+    push = vx.BodyForce(lambda x, t: np.column_stack([8 * t + 0 * x[:, 0], 0 * x[:, 0]]))
+    sides = ["top", "bottom"]
+    contact = vx.BilateralContact(on=sides), vx.TrescaFriction(bound=2.0, on=sides)
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), push, *contact)
+    return vx.simulate(scene, vx.meshes.squares((12, 6), box=((0, 2), (0, 1))), TIMES)
+
+
+@pytest.fixture(scope="module")
+def loose():
+    """No contact at all."""
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.BodyForce(lambda x, t: t + 0 * x))
+    return vx.simulate(scene, small("squares", 3), [0.0, 1.0])
+
+
+def lines(ax):
+    return {line.get_label(): line.get_xydata() for line in ax.lines}
+
+
+def test_the_mesh_is_drawn_where_it_moves_to(history):
+    ax = deformed_mesh(history).axes[0]
+    u, mesh = history.displacement[-1], history.mesh
+    factor = float(ax.get_title().split("magnified ")[1].split(" times")[0])
+    assert 0.05 < factor * np.linalg.norm(u, axis=1).max() <= 0.15
+    cells = ax.collections[0]
+    size = np.linalg.norm(u, axis=1)
+    for cell, path, colour in zip(mesh.cells, cells.get_paths(), cells.get_array(), strict=True):
+        assert path.vertices[: len(cell)] == pytest.approx(mesh.points[cell] + factor * u[cell], abs=1e-15)
+        assert colour == pytest.approx(size[cell].mean(), rel=1e-14)
+
+
+def test_arrows_are_the_friction_forces_to_scale(history):
+    arrows = deformed_mesh(history).axes[0].collections[1:]
+    traction, sticks = history.contact.traction[-1], history.contact.sticking[-1]
+    drawn = np.concatenate([np.column_stack([arrow.U, arrow.V]) for arrow in arrows])
+    assert len(drawn) >= 8
+    # Every arrow is the traction of some contact node, all at one scale.
+    scale = np.abs(drawn[:, 0]).max() / np.abs(traction[:, 0]).max()
+    assert np.linalg.norm(drawn[:, None] - scale * traction, axis=2).min(axis=1).max() < 1e-12 * scale
+    colours = {matplotlib.colors.to_hex(arrow.get_facecolor()[0]).upper() for arrow in arrows}
+    assert sticks.any()
+    assert not sticks.all()
+    assert colours == {"#0072B2", "#D55E00"}
+
+
+def test_magnification_is_a_round_number_that_shows_something():
+    for largest in np.logspace(-9, 9, 200):
+        factor = magnification(np.array([[0.0, largest], [0.0, 0.0]]), size=3.0)
+        assert 0.15 * 3 / 2.5 * (1 - 1e-8) <= factor * largest <= 0.15 * 3 * (1 + 1e-8)
+        digits = f"{factor:e}"
+        assert digits.startswith(("1.000000", "2.000000", "5.000000"))
+    assert magnification(np.zeros((4, 2)), 3.0) == 1.0
+
+
+@pytest.mark.parametrize("step", [-1, 3, 9])
+def test_friction_is_drawn_against_its_bound(history, step):
+    figure = friction_traction(history, step)
+    ax, contact = figure.axes[0], history.contact
+    x, row = contact.points[:, 0], history.row(step)
+    order = np.argsort(x)
+    drawn = lines(ax)
+    expected = np.column_stack([x, contact.traction[row][:, 0]])[order]
+    assert np.array_equal(ax.lines[2].get_xydata(), expected)
+    assert drawn["bound $\\pm g$"] == pytest.approx(np.column_stack([x, bound(contact.points, 0)])[order], rel=1e-13)
+    for word, chosen in (("stick", contact.sticking[row]), ("slip", ~contact.sticking[row])):
+        assert chosen.any() == (word in drawn)
+        if chosen.any():
+            assert np.array_equal(drawn[word], expected[chosen[order]])
+    assert (np.abs(expected[:, 1]) <= bound(contact.points[order], 0) * (1 + 1e-12)).all()
+
+
+def test_shading_covers_what_sticks_and_what_slips(history):
+    ax, contact = friction_traction(history, 3).axes[0], history.contact
+    line = contact_line(history, "test")
+    shaded, width = {}, 0.0
+    for patch in ax.patches:
+        span = patch.get_path().transformed(patch.get_patch_transform()).get_extents()
+        inside = (contact.points[:, 0] >= span.x0) & (contact.points[:, 0] <= span.x1)
+        shaded.setdefault(matplotlib.colors.to_hex(patch.get_facecolor()).upper(), []).extend(np.flatnonzero(inside))
+        width += span.width
+    sticks = contact.sticking[history.row(3)]
+    assert 0 < sticks.sum() < len(sticks)
+    assert set(shaded["#0072B2"]) == set(np.flatnonzero(sticks))
+    assert set(shaded["#D55E00"]) == set(np.flatnonzero(~sticks))
+    assert width == pytest.approx(np.ptp(line.limits), rel=1e-12)
+
+
+def test_the_map_shows_every_node_and_step(history):
+    figure = stick_slip_map(history)
+    contact = history.contact
+    order = np.argsort(contact.points[:, 0])
+    increments = np.diff(contact.slip[:, order, 0], axis=0)
+    way = np.where(contact.sticking[1:, order], 0, np.sign(increments))
+    assert set(np.unique(way)) == {-1, 0, 1}
+    drawn = figure.axes[0].collections[0].get_array()
+    assert np.array_equal(drawn[::2, ::2], way)
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == {
+        "stick",
+        "slip towards larger $x_1$",
+        "slip towards smaller $x_1$",
+    }
+
+
+@pytest.mark.parametrize("store", ["last", 7])
+def test_steps_that_are_not_stored_are_not_painted(history, store):
+    some = vx.simulate(history.scene, history.mesh, TIMES, store=store)
+    ax = stick_slip_map(some).axes[0]
+    mesh, every = ax.collections[0], stick_slip_map(history).axes[0].collections[0]
+    steps = some.stored[some.stored > 0]
+    assert np.array_equal(mesh.get_array()[::2, ::2], every.get_array()[::2, ::2][steps - 1])
+    times = mesh.get_coordinates()[:, 0, 1]
+    assert np.array_equal(times, np.column_stack([TIMES[steps - 1], TIMES[steps]]).ravel())
+    assert f"({24 - len(steps)} steps not stored)" in ax.get_title()
+    assert mesh.get_array().mask[1::2].all()
+
+
+def test_the_ledger_adds_up(history):
+    left, right = energy_ledger(history).axes
+    drawn, certificates = lines(left), lines(right)
+    assert np.array_equal(drawn["work done on the body"], np.column_stack([TIMES, history.work]))
+    assert np.array_equal(drawn["dissipated by friction"][:, 1], history.dissipated)
+    assert np.array_equal(drawn["stored"][:, 1], history.energy - history.energy[0])
+    parts = [drawn[name][:, 1] for name in ("stored", "dissipated by friction", "lost by time stepping")]
+    assert np.sum(parts, axis=0) == pytest.approx(history.work, abs=1e-14)
+    assert np.array_equal(certificates["each step"], np.column_stack([TIMES, history.certificate])[1:])
+    assert np.array_equal(certificates["all steps so far"][:, 1], history.certificate_total[1:])
+    assert np.array_equal(certificates["rounding floor"][:, 1], history.certificate_floor[1:])
+    assert right.get_yscale() == "log"
+
+
+def test_two_contacts_make_two_parts_of_one_line(squeezed):
+    line = contact_line(squeezed, "test")
+    assert line.label == "arc length $s$"
+    assert sorted(line.order) == list(range(len(squeezed.contact.nodes)))
+    assert len(line.gaps) == 1
+    # Each part misses the half edge that its clamped end owns.
+    assert np.diff(line.limits, axis=1).sum() == pytest.approx(4.0 - 2 * (2 / 12) / 2)
+    x = squeezed.contact.points[line.order]
+    below = x[:, 1] == 0
+    assert np.array_equal(
+        line.along(squeezed.contact.traction)[:, below], squeezed.contact.traction[:, line.order[below], 0]
+    )
+    assert np.array_equal(
+        line.along(squeezed.contact.traction)[:, ~below], -squeezed.contact.traction[:, line.order[~below], 0]
+    )
+    for part in (below, ~below):
+        assert np.abs(np.diff(line.position[part])) == pytest.approx(np.linalg.norm(np.diff(x[part], axis=0), axis=1))
+
+
+def test_a_ceiling_reads_from_left_to_right():
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.BodyForce(lambda x, t: np.column_stack([9 * t + 0 * x[:, 0], 0 * x[:, 0]])),
+        vx.BilateralContact(on="top"),
+        vx.TrescaFriction(bound=1.0, on="top"),
+    )
+    history = vx.simulate(scene, small("squares", 4), [0.0, 1.0])
+    line = contact_line(history, "test")
+    assert line.label == "$x_1$"
+    assert line.position == pytest.approx([0.0, 0.25, 0.5, 0.75])
+    assert line.limits == pytest.approx(np.array([[0, 1], [1, 3], [3, 5], [5, 7]]) / 8)
+    assert np.array_equal(line.along(history.contact.traction), history.contact.traction[:, line.order, 0])
+
+
+@pytest.mark.parametrize("draw", PICTURES)
+def test_nothing_is_cut_off(history, squeezed, draw):
+    for shown in (history, squeezed):
+        figure = draw(shown)
+        figure.draw_without_rendering()
+        page, ink = figure.bbox_inches, figure.get_tightbbox()
+        # A hundredth of an inch is what antialiasing and line caps may take.
+        assert ink.x0 >= -0.01
+        assert ink.y0 >= -0.01
+        assert ink.x1 <= page.width + 0.01
+        assert ink.y1 <= page.height + 0.01
+
+
+def test_what_there_is_to_show_is_written(history, loose, tmp_path):
+    names = {"deformed_mesh.png", "friction_traction.png", "stick_slip_map.png", "energy_ledger.png"}
+    assert {path.name for path in write_plots(history, tmp_path / "new")} == names
+    assert {path.name for path in (tmp_path / "new").iterdir()} == names
+    for path in (tmp_path / "new").iterdir():
+        assert path.read_bytes().startswith(b"\x89PNG")
+    fewer = write_plots(loose, tmp_path / "new")
+    assert {path.name for path in fewer} == {path.name for path in (tmp_path / "new").iterdir()}
+    assert {path.name for path in fewer} == {"deformed_mesh.png", "energy_ledger.png"}
+    start = vx.simulate(loose.scene, loose.mesh, [0.0])
+    assert [path.name for path in write_plots(start, tmp_path / "new")] == ["deformed_mesh.png"]
+
+
+def test_pictures_of_others_stay(loose, tmp_path):
+    (tmp_path / "stick_slip_map.png").write_bytes(b"a thesis")
+    with pytest.raises(vx.HistoryError, match=r"stick_slip_map\.png: not drawn by this version, so it is not replaced"):
+        write_plots(loose, tmp_path)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("stick_slip_map.png", b"a thesis")]
+    with pytest.raises(vx.HistoryError, match="wanted a path"):
+        write_plots(loose, 5)
+
+
+def test_pictures_say_what_they_miss(history, loose, tmp_path):
+    for draw in (friction_traction, stick_slip_map):
+        with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no contact nodes"):
+            draw(loose)
+    start = vx.simulate(history.scene, history.mesh, [0.0])
+    for draw in (energy_ledger, stick_slip_map):
+        with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no step"):
+            draw(start)
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(vx.VemcvxError, match="taken: cannot write pictures there"):
+        write_plots(loose, tmp_path / "taken")
+
+
+def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
+    figure, graph = body_and_graph(history, step=9, stress="xy", mirrors=[(-1, 1)])
+    body, (row, contact) = figure.axes[0], (history.row(9), history.contact)
+    cells, image, arrows = body.collections
+    assert np.array_equal(cells.get_array(), history.stress(9)[:, 2])
+    assert np.array_equal(image.get_array(), cells.get_array())
+    for path, mirrored in zip(cells.get_paths(), image.get_paths(), strict=True):
+        assert set(map(tuple, path.vertices * [-1, 1])) == set(map(tuple, mirrored.vertices))
+    drawn = np.column_stack([arrows.U, arrows.V])
+    force = contact.traction[row] - contact.pressure[row][:, None] * contact.normals
+    scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(force, axis=1).max()
+    assert len(drawn) == len(force)
+    assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale
+    assert f"at most {np.linalg.norm(force, axis=1).max():.3g}" in body.get_title()
+    assert graph in figure.axes
+    friction = stressed_body(figure.add_subplot(), history, forces="friction").collections[-1]
+    assert np.abs(friction.V).max() == 0.0
+    assert len(stressed_body(figure.add_subplot(), history, forces="none").collections) == 1
+    for wrong in ({"stress": "zz"}, {"forces": "weight"}):
+        (name, value) = next(iter(wrong.items()))
+        with pytest.raises(vx.VemcvxError, match=f"stressed_body: found {name} = '{value}'; there are (xx|contact), "):
+            stressed_body(figure.add_subplot(), history, **wrong)
+
+
+def test_computed_values_stand_beside_their_closed_form():
+    ax, x = new_figure().add_subplot(), np.linspace(0, 1, 200)
+    beside_closed_form(ax, (x, x**2), (x, x**3), label="found", exact_label="known")
+    drawn = lines(ax)
+    assert np.array_equal(drawn["known"], np.column_stack([x, x**3]))
+    assert len(drawn["found"]) == 60
+    assert {tuple(point) for point in drawn["found"]} <= set(zip(x, x**2, strict=True))

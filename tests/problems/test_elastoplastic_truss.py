@@ -1,0 +1,108 @@
+"""Elastoplastic bars: loading, unloading, reverse yielding, residual stress, dissipation; a girder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
+
+import vemcvx as vx
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+
+import elastoplastic_truss as lesson  # noqa: E402
+
+SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
+FORCE = lesson.course(lesson.TURNS, 0.25)
+
+
+@pytest.fixture(scope="module", params=SOLVERS, ids=lambda solver: solver.name)
+def marched(request):
+    system = lesson.elastoplastic(lesson.three_bars(), lesson.downwards(FORCE))
+    return system, lesson.march(system, FORCE, request.param)
+
+
+def test_three_bars_follow_their_closed_form(marched):
+    system, trajectory = marched
+    state, sigma, multipliers = lesson.three_bars_in_closed_form(FORCE)
+    allowed = bounds(system, trajectory)
+    assert (np.abs(trajectory.state - state) <= allowed.state).all()
+    assert (np.abs(admissible(system, trajectory)[:, :, 0] - multipliers) <= allowed.multipliers).all()
+    assert allowed.state.max() < 1e-3 * np.abs(state).max()
+    reached = lesson.stresses(lesson.three_bars(), trajectory.state)
+    G = np.abs(lesson.strain_matrix(lesson.three_bars()))
+    error = lesson.YOUNG * (allowed.state[:, :2] @ G.T + allowed.state[:, 2:])
+    assert (np.abs(reached - sigma) <= error).all()
+
+
+def test_dissipation_and_energy(marched):
+    system, trajectory = marched
+    state, sigma, _ = lesson.three_bars_in_closed_form(FORCE)
+    volume = lesson.three_bars().lengths
+    allowed = bounds(system, trajectory)
+    loss = np.append(0.0, np.cumsum(lesson.YIELD * np.abs(np.diff(state[:, 2:], axis=0)) @ volume))
+    energy = 0.5 * (sigma**2 / lesson.YOUNG + lesson.HARDENING * state[:, 2:] ** 2) @ volume
+    assert (np.abs(trajectory.dissipated - loss) <= allowed.dissipated).all()
+    assert (np.abs(trajectory.energy - energy) <= allowed.energy).all()
+    assert (np.abs(ledger_defect(system, trajectory)) <= ledger_bound(system, trajectory)).all()
+
+
+def test_the_closed_form_is_in_balance():
+    """Forces balance on the node at all instants, and no bar is beyond its yield surface."""
+    _, sigma, multipliers = lesson.three_bars_in_closed_form(FORCE)
+    assert np.abs(sigma @ [1, lesson.COSINE, lesson.COSINE] - FORCE).max() < 1e-13
+    assert np.abs(multipliers).max() <= (lesson.YIELD / lesson.COSINE) * (1 + 1e-13)
+    assert np.abs(multipliers).max(axis=0) == pytest.approx(lesson.three_bars().lengths, rel=1e-13)
+
+
+def test_bars_yield_where_the_formulas_say_and_leave_stress():
+    first, second = lesson.yield_forces()
+    for force, flowing in (
+        (0.999 * first, [False, False]),
+        (1.001 * first, [True, False]),
+        (1.001 * second, [True, True]),
+    ):
+        F = np.array([0.0, force, 0.0])
+        trajectory = lesson.march(lesson.elastoplastic(lesson.three_bars(), lesson.downwards(F)), F)
+        assert (~trajectory.sticking[1, :2]).tolist() == flowing
+    F = np.array([0.0, 0.5 * (first + second), 0.0])
+    trajectory = lesson.march(lesson.elastoplastic(lesson.three_bars(), lesson.downwards(F)), F)
+    left = lesson.stresses(lesson.three_bars(), trajectory.state)[-1]
+    assert left[0] < -1e-3
+    assert left[0] + 2 * lesson.COSINE * left[1] == pytest.approx(0.0, abs=1e-13)
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_one_bar_shows_the_bauschinger_effect(solver):
+    """Loaded to s > sigma_y it yields backwards at s - 2 sigma_y, not at -sigma_y."""
+    bar = lesson.Truss(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0, 1]]), held=np.array([0, 1, 3]))
+    peak, reverse = 1.5, 1.5 - 2 * lesson.YIELD
+    F = np.array([0.0, peak, 0.0, reverse + 0.01, reverse - 0.01])
+    force = F[:, None] * np.eye(4)[2]
+    system = lesson.elastoplastic(bar, force)
+    trajectory = lesson.march(system, F, solver)
+    p = lesson.play(lesson.YIELD, F)[:, 0] / lesson.HARDENING
+    assert (np.abs(trajectory.state[:, 1] - p) <= bounds(system, trajectory).state[:, 1]).all()
+    if isinstance(solver, vx.Newton):
+        assert trajectory.sticking[:, 0].tolist() == [True, False, True, True, False]
+    tangent = lesson.YOUNG * lesson.HARDENING / (lesson.YOUNG + lesson.HARDENING)
+    exact = lesson.YIELD / lesson.YOUNG + (peak - lesson.YIELD) / tangent
+    assert abs(trajectory.state[1, 0] - exact) <= bounds(system, trajectory).state[1, 0]
+
+
+def test_the_girder_by_all_solvers():
+    F, truss = lesson.course((0, 0.25, -0.25, 0.25), 0.05), lesson.girder()
+    system = lesson.elastoplastic(truss, lesson.at_its_end(truss, F))
+    marches = [lesson.march(system, F, solver) for solver in SOLVERS]
+    newton = marches[0]
+    for trajectory in marches:
+        apart = trajectory.state - newton.state
+        distance = np.sqrt(np.einsum("ni,ni->n", apart, (system.K @ apart.T).T))
+        scale = np.maximum.accumulate(np.maximum(newton.norm, trajectory.norm))
+        assert (distance <= (newton.certificate_total + trajectory.certificate_total) * scale + 1e-14).all()
+        assert trajectory.certificate_total.max() < 1e-4
+        assert (np.abs(ledger_defect(system, trajectory)) <= ledger_bound(system, trajectory)).all()
+    yielded = (~newton.sticking).any(axis=0)
+    assert 5 < yielded.sum() < len(truss.bars)

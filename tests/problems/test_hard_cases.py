@@ -1,0 +1,98 @@
+"""The table of hard cases, case by case: what it requires holds, and no claim is smaller than the truth."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+
+import hard_cases  # noqa: E402
+from hard.case import Case, Finding, Setting, disagreement, run  # noqa: E402
+from hard.ground import block  # noqa: E402
+
+IDS = [f"{subject}: {case.name}" for subject, case in hard_cases.CASES]
+# Each has a smaller one beside it: a strip in three steps, a polygon of 200 vertices, other Poisson's ratios.
+SLOW = {
+    "time and load: thin strip, L/H = 50: pushed, released, pushed",
+    "time and load: ten cycles",
+    "cells: a 500-gon among triangles",
+    "cells: 20 flat angles an edge",
+    "material: nu = 0.4999, polygons, full slip",
+    "material: nu = 0.49999999, polygons, full slip",
+}
+CASES = [
+    pytest.param(case, id=name, marks=pytest.mark.slow if name in SLOW else ())
+    for name, (_, case) in zip(IDS, hard_cases.CASES, strict=True)
+]
+
+
+@pytest.mark.filterwarnings("ignore")  # the table records warnings itself
+@pytest.mark.parametrize("case", CASES)
+def test_hard_case(case):
+    findings = run(case)
+    assert [finding.complaint for finding in findings if finding.complaint] == []
+    assert {finding.solver for finding in findings} == {solver.name for solver in case.solvers}
+
+
+def test_every_subject_of_the_table_has_cases():
+    assert set(IDS) >= SLOW
+    assert len(set(IDS)) == len(IDS)
+    assert {subject for subject, _ in hard_cases.CASES} == set(hard_cases.SUBJECTS)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_table_notices_what_is_wrong():
+    """A table that could not fail would show nothing: each kind of complaint is provoked once."""
+    mesh, times = vx.meshes.squares(4), np.linspace(0, 0.5, 3)
+    zero = np.zeros((3, mesh.n_nodes, 2))
+
+    def made(exact=None):
+        return lambda: Setting(block(), mesh, times, exact)
+
+    newton = (vx.Newton(),)
+    for case, complaint in (
+        (
+            Case("refused", made(), must="refuse with an error", solvers=newton),
+            "must refuse with an error",
+        ),
+        (Case("silent", lambda: Setting(block(clamp="rihgt"), mesh, times)), "must answer, but: refuse"),
+        (
+            Case("otherwise", lambda: Setting(block(clamp="no"), mesh, times), "refuse with an error", "floats"),
+            "does not say 'floats'",
+        ),
+        (Case("wrong reference", made(zero), solvers=newton), "true error .* above certificate"),
+        (Case("claim", made(), holds=lambda setting, history: "it does not", solvers=newton), "it does not"),
+    ):
+        complaints = [finding.complaint for finding in run(case)]
+        assert all(complaints)
+        assert re.search(complaint, complaints[0])
+
+
+def test_solved_but_wrong_is_noticed():
+    """A solver whose answer is off by more than it certifies, with a certificate to match, differs from the others."""
+    mesh, times = vx.meshes.squares(4), np.linspace(0, 0.5, 3)
+    case = Case("two scenes", lambda: Setting(block(), mesh, times))
+    findings = run(case)
+    shifted = vx.simulate(block(bound=3.9), mesh, times, solver=vx.Clarabel())
+    wrong = Finding("Clarabel", "answer", allowed=1e-6, history=shifted)
+    assert "differs from Newton by" in disagreement(case.make(), findings[0], wrong)
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path):
+    """Prints the table, draws the picture, succeeds."""
+    here = {**os.environ, "PYTHONPATH": str(PROBLEMS.parent)}
+    command = [sys.executable, str(PROBLEMS / "hard_cases.py"), "--picture", str(tmp_path / "table.png")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=here)
+    assert f"{len(hard_cases.CASES)} cases; Newton does" in done.stdout
+    assert "0 findings are wrong" in done.stdout
+    assert (tmp_path / "table.png").stat().st_size > 10_000

@@ -1,0 +1,135 @@
+"""The scalar membrane: exact where u is linear, of first order where it is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
+from scenes import few_families
+
+import vemcvx as vx
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+
+import membrane_with_friction as lesson  # noqa: E402
+from spring_slider_chain import play  # noqa: E402
+
+pytestmark = pytest.mark.arithmetic
+
+SOLVERS = [vx.Newton(), vx.Clarabel(), vx.OSQP()]
+BOX = ((0.0, lesson.LENGTH), (0.0, lesson.HEIGHT))
+TIMES = np.arange(float(len(lesson.EDGE_PULL)))
+
+
+def against_closed_form(mesh, solver):
+    posed = lesson.strip(mesh, lesson.EDGE_PULL)
+    trajectory = vx.march(posed.system, TIMES, solver=solver)
+    a, friction = lesson.strip_in_closed_form(lesson.EDGE_PULL)
+    u = a[:, None] * (1 - mesh.points[posed.free, 1] / lesson.HEIGHT)
+    allowed = bounds(posed.system, trajectory)
+    lam = admissible(posed.system, trajectory)[:, :, 0]
+    assert (np.abs(trajectory.state - u) <= allowed.state).all()
+    assert (np.abs(lam - friction[:, None] * posed.shares) <= allowed.multipliers).all()
+    loss = lesson.BOUND * lesson.LENGTH * np.append(0.0, np.cumsum(np.abs(np.diff(a))))
+    energy = 0.5 * a**2 * lesson.LENGTH / lesson.HEIGHT
+    assert (np.abs(trajectory.dissipated - loss) <= allowed.dissipated).all()
+    assert (np.abs(trajectory.energy - energy) <= allowed.energy).all()
+    assert (np.abs(ledger_defect(posed.system, trajectory)) <= ledger_bound(posed.system, trajectory)).all()
+    assert allowed.state.max() < 1e-3 * np.abs(u).max()
+    return posed, trajectory, a, loss
+
+
+@few_families
+def test_stick_slip_and_reversal_are_exact_on_every_mesh(family):
+    mesh = vx.meshes.FAMILIES[family](4, box=BOX)
+    _, trajectory, a, loss = against_closed_form(mesh, vx.Newton())
+    slips = np.append(False, np.diff(a) != 0)
+    assert slips.any()
+    assert not slips[1:].all()
+    assert (trajectory.sticking == ~slips[:, None]).all()
+    closed = loss[-1] - loss[np.argmax(lesson.EDGE_PULL)]
+    assert closed == pytest.approx(4 * lesson.BOUND * lesson.LENGTH * lesson.HEIGHT * (lesson.PEAK - lesson.BOUND))
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.name)
+def test_every_solver_finds_the_strip(solver):
+    against_closed_form(vx.meshes.voronoi(4, BOX), solver)
+
+
+def test_stiffness_and_shares(family):
+    """Linear functions: K x is the flux through the boundary, and x'Kx the area."""
+    mesh = vx.meshes.FAMILIES[family](4, box=BOX)
+    K = lesson.scalar_stiffness(mesh)
+    area, x = lesson.LENGTH * lesson.HEIGHT, mesh.points[:, 0]
+    flux = lesson.edge_shares(mesh, "right") - lesson.edge_shares(mesh, "left")
+    assert np.abs(K @ x - flux).max() < 1e-13
+    assert x @ K @ x == pytest.approx(area, rel=1e-13)
+    assert lesson.cell_shares(mesh).sum() == pytest.approx(area, rel=1e-13)
+    eigenvalues = np.linalg.eigvalsh(K.toarray())
+    # Constants, and nothing else, have no energy.
+    assert eigenvalues[0] == pytest.approx(0.0, abs=1e-12)
+    assert eigenvalues[1] > 1e-3
+
+
+def test_the_closed_form_on_the_table_is_a_sum_of_plays():
+    """T = play_{g x}(q) and u = int T, against the formulas at the turning points."""
+    x = np.linspace(0, lesson.LENGTH, 2001)
+    pull = lesson.course(lesson.TURNS, 0.25)
+    u, friction = lesson.on_table_in_closed_form(x)
+    at = lesson.turning_instants(pull, lesson.TURNS)
+    T = play(lesson.BOUND * x, pull)[at]
+    middle = 0.5 * (T[:, 1:] + T[:, :-1])
+    integral = np.cumsum(middle[:, ::-1], axis=1)[:, ::-1] * (x[1] - x[0])
+    # Trapezoids err where T has kinks, at most two of them, by the jump of its slope times step^2 / 8.
+    assert np.abs(u[:, :-1] - integral).max() < 2 * 2 * lesson.BOUND * (x[1] - x[0]) ** 2 / 8
+    slope = -np.diff(T, axis=1) / (x[1] - x[0])
+    assert (np.abs(slope - friction[:, :-1]) > 1e-9).sum(axis=1).max() <= 2
+
+
+def test_first_order_on_the_table():
+    """Energy error, loss and multipliers; a slip zone whose edge is within h of its place."""
+    errors, sizes = [], []
+    for n in (4, 8, 16):
+        mesh = vx.meshes.voronoi(n, BOX)
+        posed, trajectory, at = lesson.solve_on_table(mesh)
+        errors.append(lesson.energy_error(posed, trajectory, at, mesh.points)[1:].max())
+        sizes.append(mesh.h)
+        _, friction = lesson.on_table_in_closed_form(mesh.points[posed.rough, 0])
+        lam = trajectory.multipliers[at][:, :, 0]
+        away = lesson.BOUND * posed.shares
+        assert (np.abs(lam) <= away * (1 + 1e-12)).all()
+        # Friction differs from g, -g and 0 in bands around the two ends of the zones; it jumps by 3 g there.
+        misplaced = np.abs(lam - friction * posed.shares).sum(axis=1)
+        assert (misplaced[1:] <= 3 * lesson.BOUND * lesson.HEIGHT * mesh.h).all()
+        lost = lesson.lost_on_table()
+        assert np.abs(trajectory.dissipated[at] - lost).max() < lost[-1] * mesh.h**2
+    rates = np.diff(np.log(errors)) / np.diff(np.log(sizes))
+    assert rates[-1] > 0.9
+    assert np.log(errors[-1] / errors[0]) / np.log(sizes[-1] / sizes[0]) > 1.0
+
+
+@pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.name)
+def test_solvers_agree_on_the_table(solver):
+    mesh = vx.meshes.voronoi(4, BOX)
+    posed, newton, _ = lesson.solve_on_table(mesh)
+    _, other, _ = lesson.solve_on_table(mesh, solver=solver)
+    apart, K = newton.state - other.state, posed.system.K
+    distance = np.sqrt(np.einsum("ni,ni->n", apart, (K @ apart.T).T))
+    scale = np.maximum.accumulate(np.maximum(newton.norm, other.norm))
+    assert (distance <= (newton.certificate_total + other.certificate_total) * scale + 1e-14).all()
+    assert (other.certificate_total < 1e-4).all()
+
+
+def test_interior_points_keep_their_digits_where_terms_slip():
+    """Absolute values as inequalities: as second-order cones they end at 1e-6 here, whatever is asked."""
+    mesh = vx.meshes.voronoi(4, BOX)
+    _, trajectory, _ = lesson.solve_on_table(mesh, solver=vx.Clarabel(accuracy=2e-7))
+    assert 0 < trajectory.certificate.max() <= 2e-7
+
+
+def test_the_loss_of_a_closed_loop():
+    """dq^3 / 12 g per unit width."""
+    lost = lesson.lost_on_table((0, 1.5, -1.5, 1.5))
+    assert lost[-1] - lost[1] == pytest.approx(lesson.HEIGHT * 3**3 / (12 * lesson.BOUND), rel=1e-14)

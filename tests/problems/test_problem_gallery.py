@@ -1,0 +1,250 @@
+"""The problems of single effects against their closed forms, in displacements and in forces."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+
+import numpy as np
+import pytest
+from scenes import few_families
+
+import beam_on_a_stop as beam
+import block_between_dies as dies
+import block_with_grain as grain
+import bonded_pad as pad
+import circular_inclusion as inclusion
+import gallery
+import janssen_silo as silo
+import liner_in_housing as liner
+import plate_with_hole as hole
+import pretensioned_tendon as tendon
+import rough_layer as layer
+import vemcvx as vx
+
+FLOOR = 1e-7
+"""What a certified error of 1e-8 in energy may leave in a displacement or a force, relative to the largest."""
+
+
+@cache
+def small(name):
+    return gallery.small_run(import_module(name))
+
+
+def simulated(problem, n, steps=None, family=None, **parameters):
+    mesh = problem.mesh(n) if family is None else problem.mesh(n, family=family)
+    times = problem.times(problem.SMALL["steps"] if steps is None else steps)
+    solver = vx.Newton(accuracy=problem.SMALL.get("accuracy", 1e-8))
+    return vx.simulate(problem.scene(**parameters), mesh, times, solver=solver)
+
+
+def test_a_plate_with_a_hole():
+    """Displacements and stresses of order h^2, the latter at centroids; the rollers bear the integral of sigma_xx."""
+    off, rim = [], []
+    for n in (8, 16):
+        history = simulated(hole, n)
+        mesh = history.mesh
+        exact, weights = hole.kirsch(mesh.centroids)[1], mesh.areas[:, None]
+        error = history.stress(-1) - exact
+        off.append(np.sqrt((weights * error**2).sum() / (weights * exact**2).sum()))
+        u = hole.kirsch(mesh.points)[0]
+        rim.append(np.abs(history.displacement[-1] - u).max() / np.abs(u).max())
+        bears = -history.reaction("above")[-1, 0]
+        # Of the order of the error in stress, which the line of cells beside the rollers has like all others.
+        assert bears == pytest.approx(hole.roller_force(), rel=off[-1])
+    assert 3.5 < off[0] / off[1] < 4.5
+    assert 3.5 < rim[0] / rim[1] < 4.5
+    assert rim[1] < (np.pi / 64) ** 2
+    highest = hole.kirsch(mesh.centroids[mesh.centroids[:, 0].argmin()][None])[1][0, 0]
+    assert history.stress(-1)[:, 0].max() == pytest.approx(highest, rel=0.05)
+
+
+def test_the_stress_in_a_fibre_is_uniform():
+    """The mean of the fibre's stress, and the displacement around it, by h^2; single cells next to the angle by h."""
+    mean, around = [], []
+    for n in (8, 16):
+        history = simulated(inclusion, n)
+        fibre, exact = history.mesh.cell_data["fibre"] != 0, inclusion.constants()[3]
+        areas, stress = history.mesh.areas[fibre], history.stress(-1)[fibre]
+        mean.append(np.abs(areas @ stress / areas.sum() - exact).max() / exact[0])
+        outside = np.linalg.norm(history.mesh.points, axis=1) >= 1 - 1e-9
+        u = inclusion.outside(history.mesh.points[outside])[0]
+        around.append(np.abs(history.displacement[-1][outside] - u).max() / np.abs(u).max())
+        assert np.abs(stress - exact).max() < np.pi / (2 * n) * exact[0] / 2
+    assert 3.5 < mean[0] / mean[1] < 4.5
+    assert 3.5 < around[0] / around[1] < 4.5
+    assert mean[1] < (np.pi / 32) ** 2
+    # As stiff as the matrix, it is not there: the field is linear, the pull uniform, on every mesh.
+    same = simulated(inclusion, 4, fibre_young=inclusion.MATRIX[0], fibre_poisson=inclusion.MATRIX[1])
+    assert np.abs(same.stress(-1) - [inclusion.PULL, 0.0, 0.0]).max() < 1e-12
+
+
+@few_families
+def test_a_grain_leans_the_loop_of_friction(family):
+    """Exact on every mesh: slip, friction and pressure at every node and step."""
+    history = simulated(grain, 5, family=family)
+    contact, (gamma, a, stress) = history.contact, grain.closed_form(history.times)
+    lifted = -(grain.top(history.times)[1] / grain.HEIGHT)[:, None] * history.mesh.points[:, 1]
+    exact = np.stack([a[:, None] + gamma[:, None] * history.mesh.points[:, 1], lifted], axis=2)
+    size = np.abs(stress).max()
+    assert np.abs(history.displacement - exact).max() < FLOOR * np.abs(exact).max()
+    # A fixed point stops at a tenth of the accuracy; forces follow energies loosely, by the condition of the contact.
+    assert np.abs(contact.pressure + stress[:, 1:2]).max() < 10 * FLOOR * size
+    assert np.abs(contact.traction[:, :, 0] + stress[:, 2:]).max() < 10 * FLOOR * size
+    assert gamma.max() > 3 * -gamma.min() > 0
+    slides = np.abs(stress[1:, 2] / stress[1:, 1]) > grain.FRICTION * (1 - 1e-12)
+    assert np.array_equal(~contact.sticking[1:].any(axis=1), slides)
+
+
+def test_a_tendon_keeps_its_stress_beyond_the_transfer_length():
+    """The rod's error is of the order of H over the transfer length, 1/24; measured .1 % in the draw-in."""
+    history, H = small("pretensioned_tendon"), tendon.HEIGHT
+    third, mesh = history.steps // 3, history.mesh
+    end = mesh.points[:, 0] == tendon.LENGTH
+    found = -history.displacement[[third, 2 * third, 3 * third]][:, end, 0].mean(axis=1)
+    assert found == pytest.approx(tendon.draw_in(), rel=H / tendon.transfer_length() / 8)
+    assert found[2] == pytest.approx(found[0], rel=1e-6)
+    s, sigma = tendon.LENGTH - mesh.centroids[:, 0], history.stress(third)[:, 0]
+    for place in (2.125, 10.125, 30.125):
+        section = np.abs(s - place) < 1e-9
+        # Friction is at its bound along s: the mean stress is a balance of forces, but for the half cell that it skips.
+        assert sigma[section].mean() == pytest.approx(tendon.stress(place), abs=tendon.BOUND * 0.25 / H)
+    contact = history.contact
+    slips = contact.points[~contact.sticking[third], 0]
+    assert tendon.LENGTH - slips.min() == pytest.approx(tendon.transfer_length(), abs=H)
+    bond = contact.traction[third][contact.points[:, 0] > tendon.LENGTH - tendon.transfer_length() + H, 0]
+    assert bond == pytest.approx(tendon.BOUND, rel=1e-9)
+    middle = history.reaction("left")[third, 0]
+    assert middle == pytest.approx(-tendon.PRESTRESS * H, rel=1e-3)
+
+
+def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
+    """u_r and q of order h^2; before the gap closes there is no pressure on the housing."""
+    errors = []
+    for n in (5, 10):
+        history = simulated(liner, n)
+        p, points = liner.PRESSURE * history.times, history.mesh.points
+        q, r = liner.contact_pressure(p), np.linalg.norm(history.mesh.points, axis=1)
+        exact = np.array([liner.widening(r, *pair) for pair in zip(p, q, strict=True)])
+        radial = np.einsum("snd,nd->sn", history.displacement, points) / r
+        # Nodes on the lines of symmetry also show what the rollers bear.
+        free = (history.contact.points > 1e-9).all(axis=1)
+        found = history.contact.pressure[:, free]
+        errors.append([np.abs(radial - exact).max() / exact.max(), np.abs(found - q[:, None]).max() / q.max()])
+        assert np.abs(found[p < 0.95 * liner.closing_pressure()]).max() < FLOOR * q.max()
+    assert (np.array(errors[1]) < (np.pi / 40) ** 2).all()
+    assert (np.divide(*errors) > 3.0).all()
+    assert (np.divide(*errors) < 5.0).all()
+
+
+def test_a_silo_hangs_on_its_walls():
+    """Slices that stay plane are off by (B / l)^2, .9 % at mu = .4 and .3 % at .2; and forces balance."""
+    errors = []
+    for friction in (0.2, 0.4):
+        history = simulated(silo, 4, steps=2, friction=friction)
+        depth, sigma = silo.HEIGHT - history.mesh.centroids[:, 1], -history.stress(-1)[:, 1]
+        levels = np.unique(depth.round(9))[: -2 * 4]  # above the last two widths over the floor
+        mean = np.array([sigma[np.abs(depth - level) < 1e-6].mean() for level in levels])
+        exact = silo.vertical_stress(levels, friction)
+        errors.append(np.abs(mean - exact).max() / exact.max())
+        small_number = (silo.WIDTH / silo.depth_of_decay(friction)) ** 2
+        assert errors[-1] < 0.5 * small_number
+        contact = history.contact
+        wall = np.abs(contact.points[:, 1] - silo.HEIGHT / 2) < silo.HEIGHT / 4
+        pressed = silo.RATIO * silo.vertical_stress(silo.HEIGHT - contact.points[wall, 1], friction)
+        assert contact.pressure[-1][wall] == pytest.approx(pressed, rel=0.5 * small_number + 0.01)
+        assert np.abs(contact.traction[-1][wall, 1]) == pytest.approx(friction * contact.pressure[-1][wall], rel=1e-6)
+    assert errors[1] / errors[0] > 2.5
+    weight = silo.WEIGHT * silo.WIDTH * silo.HEIGHT
+    corner = (history.mesh.points == [silo.WIDTH, 0.0]).all(axis=1)
+    borne = history.reaction("bottom")[-1, 1] + history.reaction("right")[-1, 1] - history.forces[-1][corner, 1].sum()
+    assert borne == pytest.approx(weight, rel=1e-9)
+    assert history.reaction("bottom")[-1, 1] < 0.4 * weight
+
+
+def test_a_beam_meets_its_stop():
+    """Deflection within h^2 and, once it leans, the force of the stop within one per cent of Timoshenko's beam."""
+    history = small("beam_on_a_stop")
+    force = beam.FORCE * history.times
+    end = (history.mesh.points == [beam.LENGTH, 0.0]).all(axis=1)
+    found, R = -history.displacement[:, end, 1].mean(axis=1), history.reaction("stop")[:, 1]
+    # Squares of H/16 bend .8 % too little (order h^2), the point force and the stop dent the beam by (H / L)^2.
+    near = {"rel": 0.01, "abs": 1e-6}
+    assert found == pytest.approx(beam.end_deflection(force), **near)
+    free = force * beam.by_force() < beam.GAP
+    assert 3 <= free.sum() <= len(force) - 3
+    assert np.abs(R[free]).max() < 1e-6
+    leaning = force * beam.by_force() > 1.2 * beam.GAP
+    assert R[leaning] == pytest.approx(beam.stop_force(force[leaning]), abs=0.01 * beam.stop_force(beam.FORCE))
+    coarse = simulated(beam, 8)
+    before = []
+    for run in (coarse, history):
+        moved = run.displacement[3, run.mesh.points[:, 0] == beam.LENGTH, 1].mean()
+        before.append(1 + moved / beam.end_deflection(force)[3])
+    assert 3 < before[0] / before[1] < 5
+    assert history.reaction("left")[-1, 1] + R[-1] == pytest.approx(beam.FORCE, rel=1e-9)
+
+
+@pytest.mark.parametrize("poisson", [0.49, 0.4999])
+def test_a_pad_cannot_flow_out_past_its_clamp(poisson):
+    """The pressure of a thin layer but for 4.5 mu d / h: 3/2 under the plate, and at most 3 from the free edge."""
+    history = simulated(pad, 8, poisson=poisson)
+    x, sigma = history.mesh.centroids, history.stress(-1)
+    under = (x[:, 1] > x[:, 1].max() - 1e-9) & (x[:, 0] < pad.HALF_WIDTH - pad.HEIGHT)
+    extra = -sigma[under, 1] - pad.pressure(x[under, 0], poisson)
+    unit = pad.MU * pad.PRESSED / pad.HEIGHT
+    assert (extra > 0).all()
+    assert extra.max() < 4.5 * unit < 0.2 * pad.pressure(0.0, poisson)
+    force = -history.reaction("top")[-1, 1]
+    assert 0 < force - pad.force(poisson) < 4.5 * unit * pad.HALF_WIDTH
+    # What it would bear without the clamp, 4 mu d/h for nu = 1/2, is nothing beside that.
+    assert force > 5 * 4 * unit * pad.HALF_WIDTH
+
+
+def test_dies_press_alike_whatever_their_angle(family):
+    """Exact on every mesh: displacement, stress, and every nodal force, -p times the normals that the node owns."""
+    history = simulated(dies, 5, steps=2, family=family)
+    mesh, p = history.mesh, dies.pressure(1.0)
+    exact = -dies.CLOSING * (mesh.points - dies.FOOT)
+    # One-sided contact solved to 1e-8; the certificate of the step is far below.
+    assert np.abs(history.displacement[-1] - exact).max() < FLOOR * np.abs(exact).max()
+    assert np.abs(history.stress(-1) + p * np.array([1.0, 1.0, 0.0])).max() < FLOOR * p
+    edges = mesh.boundaries["boundary"]
+    chords = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
+    normals = 0.5 * np.column_stack([chords[:, 1], -chords[:, 0]])
+    owned = np.zeros_like(mesh.points)
+    for ends in edges.T:
+        np.add.at(owned, ends, normals)
+    assert np.abs(history.forces[-1] + p * owned).max() < 10 * FLOOR * p
+    inner = (history.contact.points[:, 0] > 0) & (history.contact.points[:, 0] < dies.CORNERS[1, 0])
+    assert history.contact.pressure[-1][inner] == pytest.approx(p, rel=10 * FLOOR)
+
+
+@few_families
+def test_a_column_and_its_layer_yield_in_series(family):
+    """Exact on every mesh, before and after the gap closes."""
+    history = simulated(layer, 4, family=family)
+    p = layer.pressure(layer.DEPTH * history.times)
+    assert np.abs(history.contact.pressure - p[:, None]).max() < FLOOR * p.max()
+    under = history.displacement[:, history.contact.nodes, 1]
+    closed = p > 0
+    assert np.abs(-under[closed] - layer.GAP - p[closed, None] / layer.LAYER).max() < FLOOR * layer.DEPTH
+    assert (~closed).sum() >= 2
+    assert -history.stress(-1)[:, 1] == pytest.approx(p[-1], rel=FLOOR)
+
+
+def test_a_layer_spreads_the_pressure_of_hertz():
+    """The softer, the lower and the wider; and a hard one gives back the rigid cylinder, by its own depth p / c."""
+    mesh, runs = layer.punch_mesh(8), []
+    for stiffness in (1e4, 1e5, 1e8):
+        history = vx.simulate(layer.scene(stiffness, 1.0), mesh, layer.times(2))
+        x, p = history.contact.points[:, 0], history.contact.pressure[-1]
+        runs.append((p.max(), x[p > 1e-6 * p.max()].max(), p))
+        gap = x**2 / 2
+        deep = -history.displacement[-1][history.contact.nodes, 1] - gap
+        assert p == pytest.approx(stiffness * np.maximum(deep, 0.0), abs=1e-5 * p.max())
+    assert runs[0][0] < runs[1][0] < runs[2][0]
+    assert runs[0][1] > runs[1][1] > runs[2][1]
+    rigid = vx.simulate(layer.hertz.scene(), mesh, layer.times(2)).contact.pressure[-1]
+    # The layer yields by p / c = 1e-7 of 9e-4, and near the edge pressures rise by their whole size over one cell.
+    assert runs[2][2] == pytest.approx(rigid, abs=0.01 * rigid.max())

@@ -1,0 +1,81 @@
+"""Every problem file runs in seconds and is drawn; every effect has a problem that shows it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import gallery
+from vemcvx import effects
+from vemcvx.effects import Effect, MaterialLaw
+
+ROOT = Path(gallery.__file__).parent.parent
+SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain")
+"""Those that the README shows; the others are drawn by the slow tests, a third of a second each."""
+SLOW = [name for name in gallery.problem_files() if name not in SHOWN]
+matplotlib = pytest.importorskip("matplotlib")
+
+
+@pytest.mark.parametrize("name", gallery.problem_files())
+def test_every_problem_runs_in_its_small_setting(name):
+    problem = import_module(name)
+    history = gallery.small_run(problem)
+    assert history.certificate.max() <= getattr(problem, "SMALL", {}).get("accuracy", 1e-8)
+    # Small: minutes of work for all of them would be thousands of unknowns, or of linear solves.
+    assert history.displacement[0].size < 20_000
+    assert history.iterations.sum() < 5_000
+    drawn = ROOT / "problems" / "pictures" / f"{name}.png"
+    assert 5_000 < drawn.stat().st_size < 250_000, "run problems/gallery.py"
+
+
+@pytest.mark.parametrize("name", [*SHOWN, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_it_is_drawn_within_the_page(name):
+    problem = import_module(name)
+    figure = gallery.picture(problem, gallery.small_run(problem))
+    figure.draw_without_rendering()
+    page, ink = figure.bbox_inches, figure.get_tightbbox()
+    assert min(ink.x0, ink.y0) >= -0.01
+    assert ink.x1 <= page.width + 0.01
+    assert ink.y1 <= page.height + 0.01
+
+
+def test_every_effect_has_a_problem_that_shows_it():
+    """The table of the README has a line for every effect, and the problem that it names has it in its scene."""
+    lines = re.findall(r"^\| `(\w+)` \|.*\| \[`(\w+)`\]\(problems/\2\.py\) \|$", (ROOT / "README.md").read_text(), re.M)
+    exported = [getattr(effects, name) for name in effects.__all__]
+    wanted = {
+        kind.__name__
+        for kind in exported
+        if isinstance(kind, type) and issubclass(kind, Effect) and kind not in (Effect, MaterialLaw)
+    }
+    assert len(lines) == len(wanted)
+    assert {effect for effect, _ in lines} == wanted
+    for effect, problem in lines:
+        scene = import_module(problem).scene()
+        assert any(type(part).__name__ == effect for part in scene), (effect, problem)
+
+
+def test_pictures_are_small_altogether():
+    drawn = [ROOT / "problems" / "pictures" / f"{name}.png" for name in (*gallery.problem_files(), *gallery.LESSONS)]
+    assert sum(path.stat().st_size for path in drawn) < 4_000_000
+
+
+def test_a_gallery_of_one(tmp_path, capsys):
+    gallery.main(["bonded_pad"], tmp_path)
+    assert "bonded_pad" in capsys.readouterr().out
+    assert (tmp_path / "bonded_pad.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(SystemExit, match="there is no problem 'bonded_pat'; there are .*bonded_pad"):
+        gallery.main(["bonded_pat"], tmp_path)
+
+
+def test_problem_files_may_import_those_beside_them():
+    """`vemcvx run` in a process of its own, as pytest's sys.path would hide what is missing."""
+    options = ["run", ROOT / "problems" / "liner_in_housing.py", "--n", "3", "--steps", "2"]
+    run = subprocess.run([sys.executable, "-m", "vemcvx", *options], capture_output=True, text=True, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("liner_in_housing: A tube under pressure")

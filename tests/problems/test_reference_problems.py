@@ -1,0 +1,116 @@
+"""Textbook contact: the incline, Hertz, Cattaneo and Mindlin, shear lag, creep, Winkler's beam."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import few_families
+
+import block_on_incline as incline
+import cattaneo_mindlin
+import hertz_contact as hertz
+import kelvin_voigt_creep as creep
+import plate_on_springs as winkler
+import shear_lag
+import vemcvx as vx
+
+
+@few_families
+@pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
+@pytest.mark.parametrize("polish", [False, True])
+def test_a_block_pushed_uphill(polish, family):
+    """F / G = (tan a + mu) / (1 - mu tan a) on every mesh: mu times the pressure at every point adds up."""
+    # Every program inside the fixed point is asked for a tenth of the accuracy, too much for plain interior points.
+    solver = vx.Clarabel(polish=True) if polish else vx.Newton()
+    mesh = incline.mesh(5, family)
+    history = vx.simulate(incline.scene(), mesh, incline.times(5), solver=solver, initial="settled")
+    ratio = history.reaction("pushed")[:, 0] / incline.WEIGHT
+    slides = ~history.contact.sticking.any(axis=1)
+    assert slides[-1]
+    # The certificate bounds energies; reactions follow them loosely.
+    assert ratio[slides] == pytest.approx(incline.impending(), rel=1e-5 if polish else 1e-6)
+    assert incline.impending() == pytest.approx(0.412371, abs=5e-7)
+    assert (np.diff(ratio) > -1e-6).all()
+    contact = history.contact
+    law = np.linalg.norm(contact.traction[-1], axis=1) - incline.FRICTION * contact.pressure[-1]
+    assert np.abs(law).max() < 1e-4 * contact.pressure[-1].max()
+    normal = -(history.reaction("bottom")[-1] + history.reaction("pushed")[-1])
+    assert normal == pytest.approx([0.0, -incline.WEIGHT], abs=1e-4 * incline.WEIGHT)
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
+def test_hertz(solver):
+    """Half-width and peak pressure within two per cent of those of the measured force, elements of a twelfth of a."""
+    history = vx.simulate(hertz.scene(), hertz.mesh(12), hertz.times(3), solver=solver)
+    contact = history.contact
+    for step in range(1, 4):
+        P = 2 * history.reaction("bottom")[step][1]
+        half_width, peak = hertz.fitted(contact.points[:, 0], contact.pressure[step])
+        a = np.sqrt(4 * P * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
+        if step == 3:
+            assert half_width == pytest.approx(a, rel=0.02)
+            assert peak == pytest.approx(2 * P / (np.pi * a), rel=0.02)
+    assert (contact.pressure >= -1e-6 * contact.pressure.max()).all()
+    # Pressure and gap exclude each other.
+    gap = contact.points[:, 0] ** 2 / (2 * hertz.RADIUS) + history.displacement[-1][contact.nodes, 1]
+    assert (gap > -1e-12).all()
+    assert np.abs(gap * contact.pressure[-1]).max() < 1e-6 * gap.max() * contact.pressure.max()
+
+
+@pytest.mark.parametrize("prescribed_slip", [1e-4, pytest.param(4e-4, marks=pytest.mark.slow)])
+def test_cattaneo_and_mindlin(prescribed_slip):
+    """The stick half-width within three per cent of sqrt(1 - Q / mu P), for little and for much drag."""
+    history = vx.simulate(
+        cattaneo_mindlin.scene(prescribed_slip=prescribed_slip), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8)
+    )
+    Q, P = np.abs(history.reaction("bottom")[-1])
+    a, _ = hertz.fitted(history.contact.points[:, 0], history.contact.pressure[-1])
+    stuck, _ = cattaneo_mindlin.stick_half_width(history)
+    assert stuck / a == pytest.approx(np.sqrt(1 - Q / (cattaneo_mindlin.FRICTION * P)), rel=0.03)
+    assert np.nan_to_num(history.contraction).max() < 0.2
+
+
+def test_shear_lag_with_reversal():
+    """Pushed, released, pushed: the end displacements of the rod to the order of H over the slip length."""
+    history = vx.simulate(shear_lag.scene(), shear_lag.mesh(4), shear_lag.times(24))
+    end = history.mesh.points[:, 0] == 0
+    found = history.displacement[[8, 16, 24]][:, end, 0].mean(axis=1)
+    expected = shear_lag.end_displacement()
+    assert found == pytest.approx(expected, rel=shear_lag.HEIGHT * shear_lag.BOUND / shear_lag.FORCE)
+    assert found[2] == pytest.approx(found[0], rel=1e-6)
+    # The slip length F/g of the first push, to an element.
+    slipped = history.contact.points[~history.contact.sticking[8], 0].max()
+    assert slipped == pytest.approx(shear_lag.FORCE / shear_lag.BOUND, abs=1.0)
+
+
+def test_creep():
+    """Without friction the share of the elastic answer, exactly; with friction less, and both losses are counted."""
+    times = creep.times(20)
+    free = vx.simulate(creep.scene(bound=0.0), creep.mesh(3), times)
+    elastic = creep.PULL * (1 - creep.POISSON**2) / creep.YOUNG * 4.0
+    end = free.mesh.points[:, 0] == 4.0
+    assert free.displacement[:, end, 0].mean(axis=1) == pytest.approx(creep.share(times) * elastic, rel=1e-9, abs=1e-15)
+    held = vx.simulate(creep.scene(), creep.mesh(3), times)
+    assert held.displacement[-1, end, 0].mean() < 0.8 * elastic
+    assert (np.diff(held.dissipated) > 0).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*one-sided contact holds the body")
+@pytest.mark.parametrize("asperities", [False, True])
+def test_a_beam_on_winklers_foundation(asperities):
+    """Deflection under the force within two per cent of the slender beam's; asperities let the ends lift off."""
+    # Springs so soft beside the plate leave the balance of forces 1e-8 of its energy norm.
+    solver = vx.Newton(accuracy=1e-6)
+    history = vx.simulate(winkler.scene(asperities), winkler.mesh(5), winkler.times(2), solver=solver)
+    low = history.mesh.points[:, 1] == 0
+    x, w = history.mesh.points[low, 0], -history.displacement[-1][low, 1]
+    if not asperities:
+        assert w[0] == pytest.approx(winkler.deflection(0.0), rel=0.02)
+        assert np.abs(w - winkler.deflection(x)).max() < 0.02 * w.max()
+        return
+    pressure = history.contact.pressure[-1]
+    assert (pressure >= -1e-6).all()
+    along = -history.displacement[-1][history.contact.nodes, 1]
+    assert pressure == pytest.approx(winkler.SPRINGS * np.maximum(along, 0), abs=1e-6)
+    assert (along < 0).any()
+    assert -history.reaction("bottom")[-1, 1] == pytest.approx(-winkler.FORCE / 2, rel=1e-4)

@@ -1,0 +1,124 @@
+"""Springs and sliders against plays and stops: states, multipliers, loops, memory and congruency."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certified_bounds import admissible, bounds, ledger_bound, ledger_defect
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+
+import spring_slider_chain as lesson  # noqa: E402
+
+FORCE = lesson.course(lesson.TURNS, first=1.0)
+
+
+@pytest.fixture(scope="module", params=lesson.SOLVERS, ids=lambda solver: solver.name)
+def marched(request):
+    system = lesson.chain(FORCE)
+    return system, lesson.march(system, FORCE, request.param)
+
+
+def test_plays_compose_and_stay_within_reach():
+    x = np.cumsum(np.random.default_rng(0).normal(size=200))
+    x[0] = 0.0
+    twice = lesson.play(0.7, lesson.play(0.4, x))
+    assert np.abs(twice - lesson.play(1.1, x)).max() < 1e-13
+    assert np.abs(x[:, None] - lesson.play([0.4, 2.0], x)).max(axis=0) == pytest.approx([0.4, 2.0], rel=1e-13)
+
+
+def test_the_chain_adds_up_plays(marched):
+    system, trajectory = marched
+    u, friction = lesson.chain_in_closed_form(FORCE)
+    allowed = bounds(system, trajectory)
+    assert (np.abs(trajectory.state - u) <= allowed.state).all()
+    assert (np.abs(admissible(system, trajectory)[:, :, 0] - friction) <= allowed.multipliers).all()
+    assert allowed.state.max() < 1e-3 * np.abs(u).max()
+    assert allowed.multipliers.max() < 1e-2
+
+
+def test_loss_and_energy(marched):
+    system, trajectory = marched
+    u, _ = lesson.chain_in_closed_form(FORCE)
+    allowed = bounds(system, trajectory)
+    loss = np.append(0.0, np.cumsum(np.abs(np.diff(u[:, 1:], axis=0)) @ lesson.BOUNDS))
+    energy = 0.5 * np.einsum("ni,ni->n", u, (system.K @ u.T).T)
+    assert (np.abs(trajectory.dissipated - loss) <= allowed.dissipated).all()
+    assert (np.abs(trajectory.energy - energy) <= allowed.energy).all()
+    assert (np.abs(ledger_defect(system, trajectory)) <= ledger_bound(system, trajectory)).all()
+    assert allowed.dissipated[-1] < 0.1 * loss[-1]
+
+
+def test_closed_loops_enclose_what_they_lose():
+    """Trapezoids are exact: all kinks of the loops, twice the thresholds from a turning point, are instants."""
+    trajectory = lesson.march(lesson.chain(FORCE), FORCE)
+    u = trajectory.state[:, 0]
+    first, last = lesson.turning_instants(FORCE)[[1, 8]]
+    area = np.sum(0.5 * (FORCE[first + 1 : last + 1] + FORCE[first:last]) * np.diff(u[first : last + 1]))
+    lost = trajectory.dissipated[last] - trajectory.dissipated[first]
+    closed = lesson.loop_area(12) + lesson.loop_area(5) + lesson.loop_area(3.5)
+    assert area == pytest.approx(closed, rel=1e-12)
+    assert lost == pytest.approx(closed, rel=1e-12)
+    assert lesson.loop_area(2 * lesson.BOUNDS[0]) == 0.0
+
+
+def test_return_point_memory(marched):
+    """Back at a turning point the state is what it was; what follows is as if the loop had never been."""
+    system, trajectory = marched
+    allowed = 2 * bounds(system, trajectory).state
+    at = lesson.turning_instants(FORCE)
+    assert FORCE[at].tolist() == list(lesson.TURNS)
+    for before, after in ((4, 6), (3, 7), (1, 8), (2, 9)):
+        assert FORCE[at[before]] == FORCE[at[after]]
+        apart = np.abs(trajectory.state[at[after]] - trajectory.state[at[before]])
+        assert (apart <= allowed[at[after]]).all()
+    direct = lesson.course((0, 6, -6, 6, -6))
+    short = lesson.march(lesson.chain(direct), direct)
+    assert (np.abs(short.state[-1] - trajectory.state[-1]) <= allowed[-1]).all()
+
+
+def test_congruency():
+    """Closed loops between the same forces have the same shape after different histories."""
+    loops, starts = [], []
+    for history in ((0, 6, -1), (0, -6, 2, -1), (0, 3, -1)):
+        force = lesson.course((*history, 2, -1, 2, -1))
+        u = lesson.march(lesson.chain(force), force).state[:, 0]
+        loop = u[-13:]
+        assert loop[0] == pytest.approx(loop[-1], abs=1e-12)
+        loops.append(loop - loop[0])
+        starts.append(loop[0])
+    assert np.ptp(starts) > 1.0
+    assert np.abs(np.array(loops) - loops[0]).max() < 1e-12
+    thresholds = np.append(0.0, np.cumsum(lesson.BOUNDS))
+    assert loops[0].max() == pytest.approx(np.maximum(3 - 2 * thresholds, 0) @ (1 / lesson.SPRINGS), rel=1e-12)
+
+
+@pytest.mark.parametrize("solver", lesson.SOLVERS, ids=lambda solver: solver.name)
+def test_elements_in_parallel_are_stops_and_invert_the_chain(solver):
+    u, _ = lesson.chain_in_closed_form(FORCE)
+    E_0, E, y = lesson.inverse()
+    system = lesson.under_strain(u[:, 0], E, y)
+    trajectory = lesson.march(system, FORCE, solver)
+    allowed = bounds(system, trajectory)
+    p = lesson.play(y / E, u[:, 0])
+    assert (np.abs(trajectory.state - p) <= allowed.state).all()
+    stops = admissible(system, trajectory)[:, :, 0]
+    assert (np.abs(stops - E * (u[:, :1] - p)) <= allowed.multipliers).all()
+    stress = E_0 * u[:, 0] + stops.sum(axis=1)
+    assert (np.abs(stress - FORCE) <= allowed.multipliers.sum(axis=1)).all()
+    under_stress = lesson.under_stress(FORCE, E_0, E, y)
+    back = lesson.march(under_stress, FORCE, solver)
+    limit = bounds(under_stress, back)
+    assert (np.abs(back.state - np.column_stack([u[:, 0], p])) <= limit.state).all()
+    assert limit.state.max() < 1e-2 * np.abs(u).max()
+
+
+def test_it_says_what_is_so(capsys):
+    runpy.run_path(str(PROBLEMS / "spring_slider_chain.py"), run_name="not main")["main"]()
+    said = capsys.readouterr().out
+    areas = [lesson.loop_area(swing) for swing in (12, 5, 3.5)]
+    assert "in closed form: {:g} + {:g} + {:g}".format(*areas) in said
+    assert f"{sum(areas):.10f}" in said

@@ -1,0 +1,213 @@
+"""Bodies that nothing but friction holds: K has a kernel, and errors are measured in its seminorm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import few_families
+
+import vemcvx as vx
+from vemcvx.program.kernel import Kernel, KernelBalance
+from vemcvx.scene.pose import pose_scene
+
+TIMES = np.linspace(0.0, 1.0, 9)
+BOUND = 4.0
+ALONE = "nothing but friction or one-sided contact holds the body against the translation"
+
+
+def slab(pull, course=np.sin, bound=BOUND):
+    """A block on a rough floor, pulled at its left side with `pull` over one unit of length, and nothing else."""
+
+    def force(x, t):
+        return np.column_stack([np.full(len(x), pull * course(t)), np.zeros(len(x))])
+
+    return vx.Scene(
+        vx.Elasticity(young=200.0, poisson=0.3),
+        vx.Traction(force, on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=bound, on="bottom"),
+    )
+
+
+def swing(t):
+    return np.sin(2 * np.pi * t)
+
+
+@few_families
+@pytest.mark.parametrize("condense", [True, False])
+@pytest.mark.parametrize("share", [0.1, 0.97])
+def test_friction_alone_holds_the_body(family, share, condense):
+    """The reaction is the load, every step certified in the seminorm, and non-uniqueness is said."""
+    mesh = vx.meshes.FAMILIES[family](6)
+    with pytest.warns(vx.SceneWarning, match=ALONE):
+        history = vx.simulate(slab(share * BOUND, swing), mesh, TIMES, condense=condense)
+    assert history.certificate.max() <= 1e-8
+    load = share * BOUND * swing(TIMES)
+    assert np.abs(history.reaction("bottom")[:, 0] + load).max() < 1e-9 * BOUND
+    gain = history.work - (history.energy - history.energy[0]) - history.dissipated
+    assert (np.diff(gain) > -1e-12 * history.work.max()).all()
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP(accuracy=1e-4)], ids=lambda s: s.name)
+def test_solvers_agree_in_the_seminorm(solver):
+    """|y - y'|_K is at most the sum of the certified errors of all steps so far."""
+    mesh = vx.meshes.voronoi(6)
+    scene = slab(0.9 * BOUND, swing)
+    ours, theirs = (vx.simulate(scene, mesh, TIMES, solver=s) for s in (vx.Newton(), solver))
+    K = pose_scene(scene, mesh).system.K
+    apart = ours.trajectory.state - theirs.trajectory.state
+    distance = np.sqrt(np.maximum(np.einsum("si,is->s", apart, K @ apart.T), 0.0))
+    scale = np.maximum.accumulate(ours.trajectory.norm)
+    allowed = (ours.certificate_total + theirs.certificate_total + 1e-7) * scale
+    assert (distance <= allowed).all()
+    assert distance.max() > 0
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
+def test_unknowns_that_anchors_alone_hold_keep_their_scale(solver):
+    """Two nodes touch, which only stretch against each other: rounding is all that K has of the rest of them."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Pressure(lambda x, t: np.full(len(x), t), on="top"),
+        vx.Traction(lambda x, t: np.tile([0.3 * t, 0.0], (len(x), 1)), on="left"),
+        vx.NormalCompliance(1e3, on="bottom"),
+        vx.TrescaFriction(1.0, on="bottom"),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(1), [0.0, 0.5, 1.0], solver=solver)
+    assert history.certificate.max() <= 1e-6
+    assert history.reaction("bottom")[-1] == pytest.approx([-0.3, 1.0], abs=1e-9)
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+def test_a_clamp_that_carries_nothing_changes_nothing():
+    """With load on one side and its mirror image on the other the body is in balance: a pin in the middle is idle."""
+
+    def squeeze(x, t):
+        return np.column_stack([np.where(x[:, 0] < 0.5, 10.0 * t, -10.0 * t), np.zeros(len(x))])
+
+    def scene(*more):
+        return vx.Scene(
+            vx.Elasticity(young=200.0, poisson=0.3),
+            vx.Traction(squeeze, on=["left", "right"]),
+            vx.BilateralContact(on="bottom"),
+            vx.TrescaFriction(bound=1.0, on="bottom"),
+            *more,
+        )
+
+    mesh = vx.meshes.squares(8).with_boundary("middle", lambda x: (np.abs(x[:, 0] - 0.5) < 0.13) & (x[:, 1] < 1e-9))
+    free = vx.simulate(scene(), mesh, TIMES)
+    # Symmetry leaves the middle at rest, but a pin at three nodes also stops what stretches there; one direction of a
+    # symmetric field vanishes on the axis alone, so the pin is compared through its reaction at the axis.
+    axis = np.flatnonzero((np.abs(mesh.points[:, 0] - 0.5) < 1e-9) & (mesh.points[:, 1] < 1e-9))
+    u = free.displacement[-1] - free.displacement[-1][axis]
+    left, right = (np.flatnonzero(mesh.points[:, 0] == x) for x in (0.0, 1.0))
+    assert np.abs(u[left, 0] + u[right, 0]).max() < 1e-7 * np.abs(u[:, 0]).max()
+    assert not free.contact.sticking[-1].all()
+
+
+def test_too_much_load_is_refused_with_the_force_that_is_lacking():
+    with (
+        pytest.warns(vx.SceneWarning, match=ALONE),
+        pytest.raises(
+            vx.SceneError,
+            match=r"^step 8 at t = 1: only friction and one-sided contact hold the body against the translation "
+            r"\(1, 0\) of the body\. The load pushes it there with a force of 4\.2 and friction holds 4 at most: 0\.2",
+        ),
+    ):
+        vx.simulate(slab(4.2, lambda t: t), vx.meshes.squares(4), TIMES)
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+def test_equilibrium_without_friction_is_refused():
+    with pytest.raises(vx.SceneError, match=r"^initial: 'equilibrium' is without friction, .* use 'settled'"):
+        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, initial="equilibrium")
+    settled = vx.simulate(slab(1.0, lambda t: 1.0 + t), vx.meshes.squares(2), TIMES, initial="settled")
+    assert settled.reaction("bottom")[0, 0] == pytest.approx(-1.0, rel=1e-9)
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+def test_multigrid_does_not_take_it():
+    with pytest.raises(vx.NotAccepted, match=r"^linear solver Multigrid: the stiffness has a kernel .*SuperLU"):
+        vx.simulate(slab(1.0), vx.meshes.squares(2), TIMES, linear=vx.Multigrid())
+
+
+def test_a_sliding_chain_by_hand():
+    """Two blocks of bounds 1 and 2 joined by a spring of stiffness 10, pulled at the first: it slips when the load
+    exceeds 1, the second holds the rest, and the spring stretches by (load - 1) / 10."""
+    K = 10.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    kernel = Kernel(np.ones((2, 1)), ("sliding together",))
+    system = vx.System(K, lambda t: [2.5 * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)
+    result = vx.march(system, np.linspace(0, 1, 6))
+    dirichlet_force = result.state[:, 0] - result.state[:, 1]
+    assert dirichlet_force == pytest.approx(np.maximum(2.5 * result.times - 1.0, 0.0) / 10, abs=1e-9)
+    assert np.abs(result.state[:, 1]).max() < 1e-9
+    assert result.certificate.max() < 1e-8
+    # Every step dissipates what the first block's friction does on its slip.
+    assert result.dissipated[-1] == pytest.approx(result.state[-1, 0], rel=1e-9)
+    assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+@pytest.mark.parametrize("condense", [True, False])
+def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
+    """Pulled harder than its friction holds: that sliding does not press into the floor is known but for rounding."""
+    scene = vx.Scene(
+        vx.Elasticity(2.0, 0.3),
+        vx.Symmetry(on="top"),
+        vx.NormalCompliance(3.0, on="bottom"),
+        vx.TrescaFriction(0.1, on="bottom"),
+        vx.Traction(lambda x, t: np.tile([0.3 * t, 0.0], (len(x), 1)), on="left"),
+    )
+    with pytest.raises(vx.SceneError, match=r"against the translation \(1, 0\) .* there is no equilibrium"):
+        vx.simulate(scene, vx.meshes.FAMILIES[family](3), [0.0, 0.2, 1.0], condense=condense)
+
+
+@pytest.mark.parametrize("block", [1, 2])
+@pytest.mark.parametrize("modes", [1, 3])
+@pytest.mark.parametrize("limited", [False, True])
+def test_nearest_multipliers(block, modes, limited):
+    """lam = P_w(lam_0 + A c) with A'lam = p is the projection: (lam_0 - lam).(mu - lam) <= 0 for all admissible mu."""
+    rng = np.random.default_rng(block + 10 * modes)
+    for _ in range(50):
+        grip, w = rng.normal(size=(12, block, modes)), rng.uniform(0.0, 1.0, 12) * (rng.random(12) < 0.8)
+        stop = rng.normal(size=(3, modes)) if limited else np.zeros((0, modes))
+        hold, ease = KernelBalance(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
+        inside = rng.normal(size=(12, block))
+        inside *= (w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
+        pressed = rng.uniform(0, 1, len(stop))
+        push = np.einsum("ijk,ij->k", grip, inside) + stop.T @ pressed
+        start, begin = rng.normal(size=(12, block)), rng.normal(size=len(stop))
+        lam, p, left = hold.nearest(start, begin, w, push, (ease[:12], ease[12 : 12 + len(stop)]))
+        assert np.abs(left).max() < 1e-13 * 12
+        assert (np.linalg.norm(lam, axis=1) <= w * (1 + 1e-15)).all()
+        assert (p >= 0).all()
+        assert (
+            np.sum((start - lam) * (inside - lam) / ease[:12, None])
+            + (begin - p) / ease[12 : 12 + len(stop)] @ (pressed - p)
+            <= 1e-9
+        )
+        assert hold.unheld(w, push) is None
+        motion = hold.unheld(w, 50.0 * push)
+        if motion is not None:
+            assert motion @ push * 50.0 > w @ np.linalg.norm(grip @ motion, axis=1)
+            assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
+
+
+@pytest.mark.parametrize(
+    ("modes", "norms", "message"),
+    [
+        ([[1.0], [2.0]], vx.Norms(np.eye(2), 1.0), "K feels sliding, which is no motion"),
+        ([[1.0], [1.0]], None, r"a motion of K's kernel \(sliding\) is felt by no norm term"),
+        (
+            [[1.0], [1.0]],
+            vx.Norms(np.array([[1.0, 2.0**-53 - 1.0]]), 1.0),  # by the rounding of one
+            r"a motion of K's kernel \(sliding\) is felt by no norm term",
+        ),
+        ([[1.0], [1.0], [1.0]], vx.Norms(np.eye(2), 1.0), "wanted one column of 2 and one name a motion"),
+    ],
+)
+def test_kernels_that_are_none(modes, norms, message):
+    with pytest.raises(vx.SceneError, match=f"^System: .*{message}"):
+        vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], norms, kernel=Kernel(np.array(modes), ("sliding",)))

@@ -1,0 +1,178 @@
+"""Supports that drag nodes along against friction: it counts as a force, as work of the supports, and as loss."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import few_families, small
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose_scene
+
+pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
+
+YOUNG = 50.0
+TIMES = np.linspace(0.0, 1.0, 13)
+
+
+def course(t):
+    """Forward, a halt, back, a halt, forward."""
+    return np.interp(t, [0, 0.25, 0.5, 0.75, 0.9, 1], [0, 0.2, 0.2, -0.1, -0.1, 0.2])
+
+
+def prescribed_slip(direction):
+    """Move the left side along, as a whole or free to rise and sink."""
+    if direction is None:
+        return vx.PrescribedDisplacement(lambda x, t: np.tile([course(t), 0.0], (len(x), 1)), on="left")
+    return vx.PrescribedDisplacement(lambda x, t: np.full(len(x), -course(t)), on="left", direction=direction)
+
+
+def ledger_rest(history):
+    """work - dE - loss - 1/2 a(du, du) - p . dz, which is zero."""
+    posed = pose_scene(history.scene, history.mesh)
+    du = np.diff(history.displacement, axis=0).reshape(history.steps, -1)
+    rest = 0.5 * np.einsum("ni,ni->n", du, (posed.A @ du.T).T)
+    rest += np.einsum("nj,nj->n", history.trajectory.pressures[1:], (posed.obstacles.rows @ du.T).T)
+    left = history.work - (history.energy - history.energy[0]) - history.dissipated
+    return left - np.append(0.0, np.cumsum(rest))
+
+
+@few_families
+@pytest.mark.parametrize("direction", [None, "normal"])
+@pytest.mark.parametrize("touch", [vx.BilateralContact, vx.UnilateralContact])
+def test_a_block_dragged_over_a_rough_floor(family, direction, touch):
+    """The side bears all friction, its own end of the floor's included: g L while the whole block moves."""
+    g, mesh = 1.0, small(family, 4)
+    press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, 0.0),
+        prescribed_slip(direction),
+        *press,
+        touch(on="bottom"),
+        vx.TrescaFriction(g, on="bottom"),
+    )
+    history = vx.simulate(scene, mesh, TIMES, initial="settled", solver=vx.Newton())
+    contact, moves = history.contact, np.sign(np.diff(course(TIMES).round(12), prepend=0.0))
+    reaction = history.reaction("left")[:, 0]
+    assert moves.tolist() == [0, 1, 1, 1, 0, 0, 0, -1, -1, -1, 0, 1, 1]
+    # The block is as long as high: stretched by friction g of its floor it gives by less than 2 g / E.
+    slides = [2, 3, 9, 12]
+    assert reaction[slides] == pytest.approx(g * moves[slides], rel=1e-9)
+    corner = np.flatnonzero(np.abs(contact.points).max(axis=1) < 1e-12)
+    assert len(corner) == 1
+    assert len(contact.nodes) == len(np.unique(mesh.boundaries["bottom"]))
+    assert np.abs(contact.traction[:, corner[0], 0] + g * moves).max() < 1e-12
+    assert np.abs(contact.slip[:, corner[0], 0] - course(TIMES)).max() < 1e-15
+    assert np.array_equal(contact.sticking[1:, corner[0]], moves[1:] == 0)
+    assert np.abs(contact.bound - g).max() < 1e-12
+    # Work, loss and wear: of the corner, too.
+    size = history.work.max()
+    assert np.abs(ledger_rest(history)).max() < 1e-12 * size
+    assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)
+    way = np.abs(np.diff(course(TIMES))).sum()
+    assert contact.wear[-1, corner[0]] == pytest.approx(g * way, rel=1e-12)
+    assert history.trajectory.stuck[1:].tolist() == contact.stick_count[1:].tolist()
+
+
+def test_a_floor_that_is_dragged_as_a_whole(family):
+    """Every tangent is prescribed: nothing is left to solve for, and all of friction is."""
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([course(t), 0.0], (len(x), 1)), on=["left", "bottom", "right"]),
+        vx.TrescaFriction(2.0, on="bottom", backward=0.5),
+    )
+    history = vx.simulate(scene, small(family, 3), TIMES)
+    steps = np.diff(course(TIMES))
+    lost = np.append(0.0, np.cumsum(np.where(steps > 0, 2.0, 0.5) * np.abs(steps)))
+    assert history.dissipated == pytest.approx(lost, abs=1e-12)
+    assert history.work == pytest.approx(lost, abs=1e-10)
+    moves = np.where(np.abs(steps) < 1e-12, 0.0, np.where(steps > 0, -2.0, 0.5))
+    assert history.contact.traction[1:, :, 0] == pytest.approx(np.tile(moves, (len(history.contact.nodes), 1)).T)
+    assert not any("TrescaFriction" in words for words in history.inactive)
+    assert history.iterations.max() == 0
+
+
+@few_families
+@pytest.mark.parametrize("coefficient", [0.3, lambda x, t: 0.2 + 0.1 * x[:, 0]])
+def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coefficient):
+    """A roller that moves its side along keeps it free to sink: the corner's pressure is known, and rubs."""
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, 0.2),
+        prescribed_slip("normal"),
+        vx.Pressure(lambda x, t: 2.0 + x[:, 0], on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(coefficient, on="bottom"),
+    )
+    history = vx.simulate(scene, small(family, 4), TIMES, initial="settled", solver=vx.Newton())
+    contact = history.contact
+    value = coefficient(contact.points, 0.0) if callable(coefficient) else np.full(len(contact.nodes), coefficient)
+    peak = contact.pressure.max()
+    assert np.abs(contact.bound - value * contact.pressure).max() < 1e-6 * peak
+    assert contact.pressure[-1] @ contact.lengths == pytest.approx(2.5, rel=1e-9)
+    friction = (contact.bound * contact.friction_lengths)[[3, 12]].sum(axis=1)
+    assert history.reaction("left")[[3, 12], 0] == pytest.approx(friction, rel=1e-6)
+    assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)
+
+
+def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, 0.3),
+        prescribed_slip(None),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(1.0, on="bottom"),
+    )
+    mesh = small("voronoi", 4)
+    whole = vx.simulate(scene, mesh, TIMES)
+    some = vx.simulate(scene, mesh, TIMES, store=5)
+    for name in ("wear", "traction", "bound", "sticking"):
+        assert np.array_equal(getattr(some.contact, name), getattr(whole.contact, name)[some.stored]), name
+    assert np.array_equal(some.reaction("left"), whole.reaction("left")[some.stored])
+    whole.write(tmp_path / "out")
+    again = vx.read_history(tmp_path / "out")
+    assert np.array_equal(again.reaction("left"), whole.reaction("left"))
+
+    def stop(n, steps):
+        if n == 7:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", progress=stop)
+    resumed = vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", resume=True)
+    assert np.array_equal(resumed.contact.wear, whole.contact.wear)
+    assert np.array_equal(resumed.dissipated, whole.dissipated)
+    assert np.array_equal(resumed.work, whole.work)
+
+
+@few_families
+def test_what_supports_hold_still_is_no_contact(family):
+    """A prescribed value that never changes is a clamp: it neither rubs nor shows."""
+    mesh = small(family, 4)
+    load = vx.Traction(lambda x, t: np.tile([3.0 * t, -1.0 * t], (len(x), 1)), on="right")
+    floor = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.5, on="bottom")
+    sides = vx.Clamp(on="left"), vx.PrescribedDisplacement((0.0, 0.0), on="left")
+    clamped, held = (
+        vx.simulate(vx.Scene(vx.Elasticity(YOUNG, 0.3), side, load, *floor), mesh, TIMES) for side in sides
+    )
+    assert np.array_equal(clamped.contact.nodes, held.contact.nodes)
+    assert not np.isin(mesh.boundaries["left"], held.contact.nodes).any()
+    assert np.array_equal(clamped.reaction("left"), held.reaction("left"))
+    assert held.dragged_ends is None
+
+
+@few_families
+def test_dashpots_and_dragging_together(family):
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, 0.0),
+        vx.Viscosity(shear=1.0),
+        prescribed_slip(None),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(1.0, on="bottom"),
+    )
+    history = vx.simulate(scene, small(family, 4), TIMES, solver=vx.Newton())
+    contact = history.contact
+    assert history.reaction("left")[3, 0] == pytest.approx(1.0, rel=0.05)
+    assert history.reaction("left")[12, 0] == pytest.approx(1.0, rel=1e-9)
+    rubbed = contact.wear @ contact.friction_lengths
+    assert (np.diff(history.dissipated - rubbed) >= -1e-13).all()
+    rest = history.work - (history.energy - history.energy[0]) - history.dissipated
+    assert (np.diff(rest) >= -1e-12 * history.work.max()).all()

@@ -1,0 +1,225 @@
+"""Parts of contact and friction that meet at a node, overlap, or end inside each other: each has its own edges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import few_families, small
+
+import vemcvx as vx
+from vemcvx.effects import Contribution, Friction
+from vemcvx.scene.pose import pose_scene
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.3)
+TIMES = np.linspace(0.0, 1.0, 7)
+FIELDS = ("nodes", "points", "normals", "slip", "traction", "bound", "backward", "pressure", "sticking", "wear")
+FIELDS += ("closed", "lengths", "friction_lengths")
+
+
+def floor(family, n=5):
+    """A square whose floor has a western and an eastern part, which meet between any two nodes of it."""
+    mesh = small(family, n)
+    for name, where in {"west": lambda x: x < 0.5, "east": lambda x: x >= 0.5, "inner": lambda x: x > 0.3}.items():
+        mesh = mesh.with_boundary(name, lambda p, where=where: (p[:, 1] < 1e-9) & where(p[:, 0]))
+    return mesh
+
+
+def share(mesh, name, nodes):
+    """int phi_i over a part of the boundary at these nodes."""
+    part = vx.vem.Space(mesh).part(name, "test")
+    length = np.zeros(mesh.n_nodes)
+    length[part.nodes] = part.node_lengths
+    return length[nodes]
+
+
+def driven(x, t):
+    """The top comes down and goes right, with a little rotation."""
+    return np.column_stack([0.05 * t - 0.01 * t * x[:, 0], -0.03 * t - 0.01 * t * x[:, 0]])
+
+
+def run(mesh, *effects, **options):
+    top = vx.PrescribedDisplacement(driven, on="top")
+    return vx.simulate(vx.Scene(STEEL, top, *effects), mesh, TIMES, solver=vx.Newton(), **options)
+
+
+PAIRS = {
+    "Tresca": lambda on: (vx.BilateralContact(on=on), vx.TrescaFriction(2.0, on=on)),
+    "Tresca, integrals, both ways": lambda on: (
+        vx.UnilateralContact(on=on),
+        vx.TrescaFriction(lambda x, t: 1 + x[:, 0], on=on, quadrature="integral", backward=0.5),
+    ),
+    "Coulomb": lambda on: (vx.UnilateralContact(on=on), vx.CoulombFriction(0.3, on=on, cap=3.0)),
+    "Coulomb, giving way": lambda on: (vx.NormalCompliance(2000.0, on=on), vx.CoulombFriction(0.3, on=on)),
+    "a gap": lambda on: (vx.UnilateralContact(on=on, gap=lambda x, t: 0.02 * x[:, 0] * (1 - 0.5 * t)),),
+}
+
+
+@few_families
+@pytest.mark.parametrize("pair", PAIRS)
+def test_one_side_in_two_names_is_one_side(family, pair):
+    mesh = floor(family)
+    one, two = run(mesh, *PAIRS[pair]("bottom")), run(mesh, *PAIRS[pair]("west"), *PAIRS[pair]("east"))
+    size = np.abs(one.displacement).max()
+    # Weights are sums in two orders; a fixed point stops at 1e-8 of the energy norm, and pressures feel edges.
+    loose = 1e-6 if "Coulomb" in pair else 1e-11
+    assert np.abs(one.displacement - two.displacement).max() <= loose * size
+    for name in FIELDS:
+        mine, other = getattr(one.contact, name), getattr(two.contact, name)
+        assert mine.shape == other.shape, name
+        assert np.abs(1.0 * mine - other).max() <= loose * max(np.abs(mine).max(), 1e-300), name
+    assert one.dissipated[-1] > 0 or pair == "a gap"
+    assert one.contact.lengths.sum() == pytest.approx(1.0, rel=1e-14)
+
+
+@few_families
+def test_bounds_of_parts_that_meet_are_those_of_their_edges(family):
+    """Dragged over two floors: at the node where they meet the mean of both bounds acts, and is shown."""
+    mesh = floor(family)
+    parts = vx.TrescaFriction(0.5, on="west"), vx.TrescaFriction(2.0, on="east")
+    contact = run(mesh, vx.BilateralContact(on="bottom"), *parts).contact
+    west, east = (share(mesh, name, contact.nodes) for name in ("west", "east"))
+    assert np.count_nonzero(west * east) == 1
+    mean = (0.5 * west + 2.0 * east) / (west + east)
+    assert np.abs(contact.bound - mean).max() < 1e-13
+    assert (np.linalg.norm(contact.traction, axis=2) <= contact.bound * (1 + 1e-12)).all()
+    slips = ~contact.sticking[-1]
+    assert slips.all()
+    force = contact.traction[-1] * contact.friction_lengths[:, None]
+    assert force[:, 0].sum() == pytest.approx(-(0.5 * west.sum() + 2.0 * east.sum()), rel=1e-12)
+
+
+@few_families
+@pytest.mark.parametrize("stiffness", [None, 2000.0])
+def test_coefficients_that_meet_share_the_pressure(family, stiffness):
+    mesh, low, high = floor(family), 0.03, 0.1
+    touch = vx.UnilateralContact(on="bottom") if stiffness is None else vx.NormalCompliance(stiffness, on="bottom")
+    contact = run(mesh, touch, vx.CoulombFriction(low, on="west"), vx.CoulombFriction(high, on="east")).contact
+    west, east = (share(mesh, name, contact.nodes) for name in ("west", "east"))
+    mean = (low * west + high * east) / (west + east)
+    peak = contact.pressure.max()
+    # Weights and pressures agree at the fixed point, which stops at 1e-8 of the energy norm.
+    assert np.abs(contact.bound - mean * contact.pressure)[1:].max() < 1e-6 * peak
+    rubs = np.linalg.norm(contact.traction, axis=2) - mean * contact.pressure
+    assert rubs[1:].max() < 1e-6 * peak
+    assert np.abs(rubs[1:][~contact.sticking[1:]]).max() < 1e-6 * peak
+    assert (~contact.sticking[1:] & (west * east > 0)).any()
+
+
+@few_families
+def test_friction_on_a_part_of_a_contact_feels_the_share_of_its_edges(family):
+    mesh = floor(family)
+    contact = run(mesh, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.4, on="inner")).contact
+    inner, whole = share(mesh, "inner", contact.nodes), share(mesh, "bottom", contact.nodes)
+    end = (inner > 0) & (inner < 0.99 * whole)
+    assert end.sum() == 1
+    assert contact.friction_lengths == pytest.approx(inner, rel=1e-14)
+    assert contact.lengths == pytest.approx(whole, rel=1e-14)
+    rubs = inner > 0
+    assert np.abs(contact.bound - 0.4 * contact.pressure)[1:, rubs].max() < 1e-6 * contact.pressure.max()
+    assert not contact.bound[:, ~rubs].any()
+
+
+@few_families
+def test_frictions_on_overlapping_parts_add_up(family):
+    mesh = floor(family)
+    frictions = vx.TrescaFriction(0.5, on="bottom"), vx.TrescaFriction(1.0, on="inner")
+    contact = run(mesh, vx.BilateralContact(on="bottom"), *frictions).contact
+    inner, whole = share(mesh, "inner", contact.nodes), share(mesh, "bottom", contact.nodes)
+    assert np.abs(contact.bound - (0.5 + inner / whole)).max() < 1e-13
+
+
+@few_families
+def test_the_nearer_of_two_obstacles_stops_a_node(family):
+    mesh = floor(family)
+    far, near = vx.UnilateralContact(on="bottom", gap=0.02), vx.UnilateralContact(on="inner", gap=0.005)
+    both = run(mesh, far, near)
+    inner = np.isin(both.contact.nodes, vx.vem.Space(mesh).part("inner", "test").nodes)
+    posed = pose_scene(both.scene, mesh)
+    assert len(np.unique(posed.obstacles.nodes)) == len(posed.obstacles.nodes)
+    depth = -both.displacement[-1][both.contact.nodes, 1]
+    assert (depth <= np.where(inner, 0.005, 0.02) * (1 + 1e-12)).all()
+    assert (both.contact.pressure[-1] > 0).any()
+
+
+@few_families
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
+@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@pytest.mark.parametrize("touch", [vx.UnilateralContact, vx.BilateralContact, lambda on: vx.NormalCompliance(1e4, on)])
+def test_a_corner_shows_the_pressure_of_its_sides(family, degrees, touch):
+    """Pressed into a corner from the other two sides alike: the pressure is 1 everywhere, at the corner, too."""
+    angle = np.deg2rad(degrees)
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    flat = small(family, 4)
+    named = {name: flat.boundaries[name] for name in ("left", "bottom", "right", "top")}
+    mesh = vx.PolygonMesh(flat.points @ R.T, flat.cells, boundaries=named)
+    scene = vx.Scene(STEEL, touch(on="left"), touch(on="bottom"), vx.Pressure(1.0, on=["right", "top"]))
+    contact = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled", solver=vx.Newton()).contact
+    assert np.abs(contact.pressure[-1] - 1.0).max() < 1e-9
+    if touch is not vx.BilateralContact:  # which holds the corner altogether
+        assert contact.lengths.sum() == pytest.approx(2.0, rel=1e-12)
+        assert len(contact.nodes) == len(np.union1d(*(np.unique(mesh.boundaries[name]) for name in ("left", "bottom"))))
+
+
+@few_families
+def test_a_corner_shows_the_bound_of_its_sides(family):
+    sides = ["left", "bottom"]
+    effects = (
+        vx.NormalCompliance(500.0, on=sides),
+        vx.TrescaFriction(0.3, on="left"),
+        vx.TrescaFriction(0.3, on="bottom"),
+    )
+    history = run(small(family, 4), *effects)
+    contact = history.contact
+    assert np.abs(contact.bound - 0.3).max() < 1e-13
+    assert (np.linalg.norm(contact.traction, axis=2) <= 0.3 * (1 + 1e-12)).all()
+    assert contact.wear @ contact.friction_lengths == pytest.approx(history.dissipated, rel=1e-12)
+    assert contact.friction_lengths == pytest.approx(contact.lengths, rel=1e-14)
+
+
+@few_families
+def test_supports_beside_contact_keep_their_own_forces(family):
+    """A slanted slide at the end of a floor: its reaction is none of the floor's pressure."""
+    mesh, slant = small(family, 5), np.array([0.6, 0.8])
+    scene = vx.Scene(
+        STEEL,
+        vx.PrescribedDisplacement(0.0, on="left", direction=tuple(slant)),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(0.5, on="bottom"),
+        vx.PrescribedDisplacement(0.0, on="right", direction="normal"),
+        vx.Traction(lambda x, t: np.tile([-2.0 * t, -3.0 * t], (len(x), 1)), on="top"),
+    )
+    history = vx.simulate(scene, mesh, TIMES, solver=vx.Newton())
+    contact, p = history.contact, history.trajectory.pressures
+    assert np.array_equal(contact.nodes, pose_scene(scene, mesh).obstacles.nodes)
+    assert np.abs(contact.pressure * contact.lengths - p).max() <= 1e-14 * p.max()
+    push = contact.traction * contact.friction_lengths[:, None]
+    push = push - (contact.pressure * contact.lengths)[:, :, None] * contact.normals
+    rest = history.forces[:, contact.nodes] - push
+    shared = np.isin(contact.nodes, mesh.boundaries["left"])
+    size = np.abs(history.forces).max()
+    assert shared.sum() == 1
+    alone = ~shared & ~np.isin(contact.nodes, mesh.boundaries["right"])
+    assert np.abs(rest[:, alone]).max() < 1e-11 * size
+    assert np.abs(rest[:, shared] @ [-slant[1], slant[0]]).max() < 1e-11 * size
+    assert np.abs(rest[-1, shared] @ slant).max() > 1e-3 * size
+
+
+@few_families
+def test_friction_of_ones_own_is_shown_though_it_names_no_edges(family):
+    """Effects of users may bring lengths alone, and no surface: beside others they act and are seen as before."""
+
+    class Rub(vx.Effect):
+        def contribute(self, space):
+            rows = space.part("bottom", "Rub").corners
+            given = rows.nodes, rows.normals, rows.lengths
+            return Contribution(frictions=(Friction("Rub", *given, lambda t: 2.0 * rows.lengths),))
+
+        def describe(self):
+            return "Rub: 2 on bottom"
+
+    mesh = small(family, 4)
+    held = vx.PrescribedDisplacement(0.0, on="bottom", direction="normal")
+    ours, plain = (run(mesh, held, friction) for friction in (Rub(), vx.TrescaFriction(2.0, on="bottom")))
+    assert np.array_equal(ours.displacement, plain.displacement)
+    for name in FIELDS:
+        assert np.allclose(getattr(ours.contact, name), getattr(plain.contact, name), rtol=1e-13, atol=1e-15), name

@@ -1,0 +1,143 @@
+"""What accuracy costs in the algebra: no true error above its bound; a bound that is broken is seen."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.stepping.certified_in_full import certified_in_full
+from vemcvx.stepping.state import prepare
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+
+import solver_accuracy as study  # noqa: E402
+
+pytestmark = pytest.mark.arithmetic
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return study.sweep(16, accuracies=(1e-2, 1e-6, 1e-10), repeats=1)
+
+
+def test_no_answer_is_farther_off_than_certified(rows):
+    assert [row for row in rows if not row.kept] == []
+    assert {(row.step, row.form) for row in rows} == {(step, form) for step in study.STEPS for form in study.FORMS}
+    # The bounds are put to the test: some hold by less than a factor of two, some answers are far from the solution.
+    assert max(row.true / row.certified for row in rows if row.certified > 1e-9) > 0.5
+    assert max(row.true for row in rows) > 1e-4
+
+
+def test_the_reference_is_at_rounding(rows):
+    assert max(row.reference for row in rows) < 1e-12
+    assert all(row.true < 1e-12 for row in rows if row.solver == "Newton")
+
+
+def test_one_step_is_degenerate_and_the_other_is_not(rows):
+    assert {row.degenerate for row in rows if row.step == "growing"} == {0}
+    # By hand from the states: what slipped on the way to full load sticks on the way back from a half, and again.
+    exact = study.reference("return", "full", 16)
+    slipped = [np.abs(state.slip[:, 0]) > 1e-9 * np.abs(state.y).max() for state in exact.states]
+    count = int((slipped[1] & ~slipped[2] & ~slipped[3]).sum())
+    assert count > 0
+    assert {row.degenerate for row in rows if row.step == "return"} == {count}
+
+
+@pytest.mark.parametrize("form", study.FORMS)
+def test_refining_worsens_nothing(form):
+    """Terms that arrive at their bounds and do not slip: rounding, of first order in the gap, slips none back."""
+    exact = study.reference("return", form, 32)
+    plain = prepare(exact.system, vx.Newton(accuracy=1e-10), check=False, condense=study.FORMS[form])
+    assert not plain.refines
+    answer = certified_in_full(plain, study.step(plain, exact.states[-2], 3, 3.0))
+    assert exact.answer.certificate.gap <= answer.certificate.gap
+
+
+def test_solvers_go_on_until_they_miss(rows):
+    for step in study.STEPS:
+        for form in study.FORMS:
+            for solver in study.OURS:
+                found = [row for row in rows if (row.step, row.form, row.solver) == (step, form, solver)]
+                assert [row.asked for row in found] == [1e-2, 1e-6, 1e-10][: len(found)]
+                assert not any(row.missed for row in found[:-1])
+                assert len(found) == 3 or found[-1].missed
+    assert {row.solver for row in rows} >= set(study.OURS)
+    assert "SCIPY" not in {row.solver for row in rows}  # linear programs only
+
+
+def test_polish_mends_what_degenerate_terms_cost(rows):
+    """Asked for 1e-10, Clarabel misses by itself and does not with one active-set step; the true error is rounding."""
+    returns = [row for row in rows if row.step == "return" and row.form == "condensed" and row.asked == 1e-10]
+    plain, polished = ([row for row in returns if row.solver == name] for name in ("Clarabel", "Clarabel, polished"))
+    assert [row.missed for row in plain + polished] == [True, False]
+    assert polished[0].true < 1e-12 < plain[0].true
+
+
+def test_the_true_error_is_that_of_whole_simulations(rows):
+    """The same step by vx.march from rest on: Clarabel's error against Newton's, in the energy norm."""
+    exact = study.reference("growing", "full", 16)
+    ends = [
+        vx.march(exact.system, [0.0, 1.0, 2.0], solver=solver, check=False, condense=False)
+        for solver in (vx.Newton(accuracy=1e-15), vx.Clarabel(accuracy=1e-2))
+    ]
+    apart = ends[0].state[-1] - ends[1].state[-1]
+    own = study.length(exact.system.K, ends[0].state[-1] - exact.answer.full)
+    assert own <= 4 * study.bound(exact.answer)
+    claimed = np.sqrt(2 * ends[1].gap).sum() + np.sqrt(2 * ends[1].floor).sum() + study.bound(exact.answer)
+    assert 0 < study.length(exact.system.K, apart) <= claimed
+
+
+def test_a_broken_bound_is_printed_and_fails(rows, monkeypatch, capsys):
+    worst = max(rows, key=lambda row: row.true)
+    liar = replace(worst, certified=0.1 * worst.true)
+    assert not liar.kept
+    assert "WRONG: true error above bound" in study.printed([liar])
+    monkeypatch.setattr(study, "loops", lambda: "")
+    for told, code in (([worst], 0), ([worst, liar], 1)):
+        monkeypatch.setattr(study, "sweep", lambda *_, told=told, **__: told)
+        monkeypatch.setattr(sys, "argv", ["solver_accuracy.py"])
+        assert study.main() == code
+        assert f"{len(told)} answers, {code} farther" in capsys.readouterr().out
+
+
+def test_table_and_picture(rows, tmp_path):
+    study.write_table(rows, tmp_path / "rows.csv")
+    with (tmp_path / "rows.csv").open(newline="") as file:
+        told = list(csv.DictReader(file))
+    assert [float(row["true"]) for row in told] == [row.true for row in rows]
+    study.draw(rows, tmp_path / "rows.png")
+    assert (tmp_path / "rows.png").stat().st_size > 20_000
+    assert study.printed(rows).count("\n") == len(rows) + 4 * 3 - 2
+
+
+def test_the_chain_marches_through_degenerate_steps():
+    """Certified as it is printed; and the active-set step takes Clarabel from there to rounding."""
+    lines = {line[:20].strip(): line[20:].split() for line in study.loops(asked=(1e-6,)).splitlines()[1:]}
+    assert set(lines) == set(study.OURS)
+    for name in ("Clarabel", "OSQP"):
+        assert 1e-8 < float(lines[name][2]) < float(lines[name][1]) < 1e-5
+        assert float(lines[f"{name}, polished"][2]) < 1e-12
+
+
+@pytest.mark.slow
+def test_the_command(tmp_path):
+    command = [
+        sys.executable,
+        PROBLEMS / "solver_accuracy.py",
+        "--n",
+        "16",
+        "--repeats",
+        "1",
+        "--picture",
+        tmp_path / "a.png",
+    ]
+    done = subprocess.run([*command, "--table", tmp_path / "a.csv"], capture_output=True, text=True, check=True)
+    assert ", 0 farther from u* than their certificates allow" in done.stdout
+    assert (tmp_path / "a.csv").read_text().count("\n") > 50

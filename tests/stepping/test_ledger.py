@@ -1,0 +1,199 @@
+"""The energy ledger of backward Euler and the balance of forces, to round-off, on every family."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import cyclic, few_families, paper_load, small
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose_scene
+
+pytestmark = pytest.mark.arithmetic
+
+TIMES = np.linspace(0.0, 1.0, 17) ** 1.3
+
+
+def scene(moving):
+    """Friction, a body force, and a right side that is clamped or moves."""
+
+    def motion(x, t):
+        return np.column_stack([0.02 * np.sin(3 * t) * (1 + x[:, 1]), -0.01 * t * x[:, 1]])
+
+    side = vx.PrescribedDisplacement(motion, on="right") if moving else vx.Clamp(on="right")
+    return vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        side,
+        vx.BodyForce(lambda x, t: np.column_stack([3.0 * t * x[:, 1], -2.0 * t**2 * x[:, 0]])),
+        vx.Traction(paper_load(cyclic), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=lambda x, t: 3.0 + x[:, 0] * t, on="bottom", quadrature="integral"),
+    )
+
+
+@few_families
+@pytest.mark.parametrize("moving", [False, True])
+def test_ledger_closes(family, moving):
+    history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
+    A = pose_scene(history.scene, history.mesh).A
+    increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
+    numerical = 0.5 * np.einsum("ni,ni->n", increments, (A @ increments.T).T)
+    remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
+    # Each entry is a sum of at most 17 differences of numbers of the size of the energies.
+    size = np.abs(history.work).max() + history.energy.max()
+    assert np.abs(remainder - np.append(0.0, np.cumsum(numerical))).max() < 1e-12 * size
+    assert numerical.sum() > 1e-6 * size
+    assert (np.diff(history.dissipated) >= 0).all()
+    assert history.dissipated[-1] > 1e-3 * size
+
+
+@few_families
+@pytest.mark.parametrize("moving", [False, True])
+def test_stored_energy_is_that_of_the_displacement(family, moving):
+    history = vx.simulate(scene(moving), small(family, 4), TIMES, solver=vx.Newton())
+    A = pose_scene(history.scene, history.mesh).A
+    u = history.displacement.reshape(len(TIMES), -1)
+    energy = 0.5 * np.einsum("ni,ni->n", u, (A @ u.T).T)
+    assert np.abs(history.energy - energy).max() < 1e-12 * energy.max()
+
+
+@few_families
+@pytest.mark.parametrize("moving", [False, True])
+def test_reactions_and_friction_balance_the_loads(family, moving):
+    history = vx.simulate(scene(moving), small(family, 5), TIMES, solver=vx.Newton())
+    posed = pose_scene(history.scene, history.mesh)
+    for row, t in enumerate(TIMES):
+        load = posed.force(t).reshape(-1, 2)
+        size = np.abs(load).sum() + np.abs(history.forces[row]).sum()
+        assert np.abs(load.sum(axis=0) + history.forces[row].sum(axis=0)).max() <= 1e-11 * size
+    # Supports act on right and bottom only; their shared corner must not be counted twice.
+    shared = np.intersect1d(*(np.unique(history.mesh.boundaries[name]) for name in ("right", "bottom")))
+    supported = history.reaction("right") + history.reaction("bottom") - history.forces[:, shared].sum(axis=1)
+    if moving:
+        # The corner rubs on the floor, and what that costs is no force on the side.
+        assert np.array_equal(np.unique(history.dragged_ends[:, 0]), shared)
+        supported += history.dragged_friction.sum(axis=1)
+    assert np.abs(supported - history.forces.sum(axis=1)).max() < 1e-11 * np.abs(history.forces).sum(axis=(1, 2)).max()
+
+
+def test_contact_tractions_add_up_to_the_reaction(family):
+    """Friction force and pressure per length, times length, are the reaction of the contact nodes."""
+    history = vx.simulate(scene(False), small(family, 5), TIMES, solver=vx.Newton())
+    contact, part = history.contact, vx.vem.Space(history.mesh).part("bottom", "test")
+    lengths = part.node_lengths[np.searchsorted(part.nodes, contact.nodes)]
+    force = contact.traction - contact.pressure[:, :, None] * contact.normals
+    nodal = history.forces[:, contact.nodes]
+    assert np.abs(force * lengths[:, None] - nodal).max() < 1e-11 * np.abs(nodal).max()
+
+
+def rising(x, t):
+    """A floor that comes up, unevenly, goes down beyond reach, and comes again."""
+    return 0.03 * (1.02 + np.sin(9 * t + 1.5)) * (1 + 0.3 * x[:, 0])
+
+
+def on_a_moving_floor(obstacle, *more):
+    """A block that hangs from its top and is pushed up from below, also while the top moves."""
+    return vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.01 * t, -0.02 * t], (len(x), 1)), on="top"),
+        vx.Traction(lambda x, t: np.tile([2.0 * t, 0.0], (len(x), 1)), on="left"),
+        obstacle,
+        *more,
+    )
+
+
+FLOORS = {
+    "rigid": (vx.UnilateralContact(on="bottom", gap=rising),),
+    "soft": (vx.NormalCompliance(3000.0, on="bottom", gap=rising),),
+    "with friction": (vx.UnilateralContact(on="bottom", gap=rising), vx.TrescaFriction(1.0, on="bottom")),
+    "with Coulomb's friction": (vx.UnilateralContact(on="bottom", gap=rising), vx.CoulombFriction(0.3, on="bottom")),
+    "viscous": (vx.UnilateralContact(on="bottom", gap=rising), vx.Viscosity(shear=3.0, volume=1.0)),
+}
+
+
+@few_families
+@pytest.mark.parametrize("floor", FLOORS)
+def test_ledger_closes_while_obstacles_move(family, floor):
+    """work - dE - loss = 1/2 a(du, du) + p . dz with z = u . n - gap, and what soft limits store taken off p . dz."""
+    history = vx.simulate(on_a_moving_floor(*FLOORS[floor]), small(family, 4), TIMES, solver=vx.Newton())
+    posed, p = pose_scene(history.scene, history.mesh, TIMES), history.trajectory.pressures
+    increments = np.diff(history.displacement, axis=0).reshape(len(TIMES) - 1, -1)
+    gaps = np.array([posed.obstacles.gap(t) for t in TIMES])
+    closing = increments @ posed.obstacles.rows.T.toarray() - np.diff(gaps, axis=0)
+    spring = 0.5 * np.einsum("nj,j->n", p**2, posed.obstacles.compliance)
+    square = np.einsum("ni,ni->n", increments, (posed.A @ increments.T).T)
+    rest = 0.5 * square + np.einsum("nj,nj->n", p[1:], closing)
+    rest = np.append(0.0, np.cumsum(rest)) - spring
+    remainder = history.work - (history.energy - history.energy[0]) - history.dissipated
+    size = np.abs(history.work).max() + history.energy.max()
+    # The identity is that of balanced answers: what is left of the balance, at most the certified error, does work too.
+    slack = history.certificate[1:] * history.trajectory.norm.max() @ np.sqrt(square)
+    assert slack <= 1e-7 * size
+    assert np.abs(remainder - rest).max() < 1e-12 * size + slack
+    assert (np.diff(rest) >= -1e-14 * size).all()
+    # The floor pushes, leaves and comes again, and what it does counts.
+    pushed = (p > 0).any(axis=1)
+    assert len(np.flatnonzero(np.diff(pushed))) >= 3
+    assert np.abs(np.einsum("nj,nj->n", p[1:], np.diff(gaps, axis=0))).max() > 1e-2 * size
+
+
+@few_families
+@pytest.mark.parametrize("stiffness", [None, 500.0])
+@pytest.mark.parametrize("damped", [False, True])
+def test_work_of_a_floor_that_rises(family, stiffness, damped):
+    """Nothing else moves: all the work is the floor's, pressure times way, of uniaxial strain."""
+    H, L, way = 0.5, 2.0, 0.05
+    mesh = vx.meshes.FAMILIES[family](4, box=((0, L), (0, H)))
+
+    def gap(x, t):
+        return np.full(len(x), way * (1 - t))
+
+    touch = vx.UnilateralContact("bottom", gap) if stiffness is None else vx.NormalCompliance(stiffness, "bottom", gap)
+    young, poisson, tau = 10.0, 0.25, 0.1 * damped
+    mu = young / (2 * (1 + poisson))
+    modulus, lam = 3 * mu, mu  # at this Poisson ratio
+    scene = vx.Scene(
+        vx.Elasticity(young, poisson),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -way], (len(x), 1)), on="top"),
+        vx.PrescribedDisplacement(0.0, on=["left", "right"], direction="normal"),
+        touch,
+        *([vx.Viscosity(shear=tau * mu, volume=tau * lam)] if damped else []),
+    )
+    start = np.tile([0.0, -way], (mesh.n_nodes, 1))
+    times = np.linspace(0, 1, 9)
+    history = vx.simulate(scene, mesh, times, initial=start, solver=vx.Newton())
+    give, strain = 0.0 if stiffness is None else 1.0 / (stiffness * H), np.zeros(9)
+    rate = tau * 8
+    for n in range(1, 9):
+        # modulus (strain + rate (strain - before)) = pressure, and the floor's own yield is give * pressure.
+        strain[n] = (way * times[n] / H + give * modulus * rate * strain[n - 1]) / (1 + give * modulus * (1 + rate))
+    pressure = modulus * (strain + rate * np.diff(strain, prepend=0.0))
+    work = np.append(0.0, np.cumsum(pressure[1:] * L * way / 8))
+    assert history.work == pytest.approx(work, abs=1e-9 * work[-1])
+    stored = 0.5 * modulus * strain**2 * L * H + 0.5 * give * pressure**2 * L * H
+    assert history.energy == pytest.approx(stored, abs=1e-9 * work[-1])
+
+
+@few_families
+@pytest.mark.parametrize("condense", [True, False])
+def test_a_body_that_is_carried_stores_nothing(family, condense):
+    """A rigid motion, however far: |u|_a is at most what rounding makes of it.
+
+    u* = R c has no energy, so that |u_n|_a = |u_n - u_n*|_a <= sum sqrt(2 gap) + sqrt(2 floor); its evaluation rounds
+    every nodal value of the field seen from the body by a few eps |R c|.
+    """
+    mesh, far = vx.meshes.FAMILIES[family](3), np.array([1e6, 3e5])
+
+    def carried(x, t):
+        return far * t + 2e5 * t * np.column_stack([-x[:, 1], x[:, 0]])
+
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.3), vx.PrescribedDisplacement(carried, on="top"), vx.UnilateralContact("bottom", gap=1e7)
+    )
+    history = vx.simulate(scene, mesh, [0.0, 0.3, 1.0, 2.0], check=False, condense=condense)
+    run = history.trajectory
+    A = abs(pose_scene(scene, mesh).A).sum()
+    blur = 16 * np.finfo(float).eps * np.abs(history.displacement).max() * np.sqrt(A)
+    assert (run.norm <= np.cumsum(np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor)) + blur).all()
+    assert (run.energy >= 0).all()
+    assert np.abs(run.work).max() <= 2 * (run.norm.max() + blur) * (np.sqrt(2 * run.floor).sum() + blur)

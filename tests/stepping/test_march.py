@@ -1,0 +1,228 @@
+"""Backward Euler: what is stored, where it starts, what costs nothing, and what keeps its digits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import cyclic, few_families, paper_load, paper_scene, small
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose_scene
+
+pytestmark = pytest.mark.arithmetic
+
+TIMES = np.linspace(0.0, 1.0, 13)
+
+
+def test_a_slider_follows_its_closed_form():
+    """K u + g sign(u') = f(t): u_n = clip(u_{n-1}, (f_n - g) / K, (f_n + g) / K)."""
+    K, g = 3.0, 0.7
+    load = 2.0 * np.sin(np.linspace(0, 9, 40))
+    times = np.arange(40.0)
+    history = vx.march(vx.System([[K]], lambda t: [load[int(t)]], vx.Norms([[1.0]], [g])), times)
+    u = np.zeros(40)
+    for n in range(1, 40):
+        u[n] = np.clip(u[n - 1], (load[n] - g) / K, (load[n] + g) / K)
+    assert np.abs(history.state[:, 0] - u).max() < 1e-15
+    assert np.abs(history.multipliers[:, 0, 0] - (load - K * u)).max() < 4e-15
+    assert np.array_equal(history.sticking[:, 0], np.append(True, np.diff(u) == 0))
+
+
+@pytest.mark.parametrize(("store", "rows"), [("all", range(13)), ("last", [12]), (5, [0, 5, 10, 12]), (100, [0, 12])])
+def test_store_keeps_what_it_says_and_changes_nothing(store, rows):
+    scene, mesh = paper_scene(cyclic), small("voronoi", 4)
+    every = vx.simulate(scene, mesh, TIMES)
+    some = vx.simulate(scene, mesh, TIMES, store=store)
+    rows = list(rows)
+    assert some.stored.tolist() == rows
+    for name in ("times", "displacement", "energy", "dissipated", "work", "iterations"):
+        assert np.array_equal(getattr(some, name), getattr(every, name)[rows]), name
+    for name in ("slip", "traction", "pressure", "sticking", "bound"):
+        assert np.array_equal(getattr(some.contact, name), getattr(every.contact, name)[rows]), name
+    assert np.array_equal(some.reaction("right"), every.reaction("right")[rows])
+    assert np.array_equal(some.stress(12), every.stress(-1))
+    if 3 not in rows:
+        with pytest.raises(vx.SceneError, match=r"step 3 was not stored; stored are \[.*12\] of 0 \.\.\. 12"):
+            some.stress(3)
+
+
+@few_families
+def test_condensed_and_full_certificates_agree(family):
+    """At stored steps the residual is that of the original K; it may exceed the condensed one by rounding only."""
+    stored = vx.simulate(paper_scene(cyclic), small(family), TIMES)
+    bare = vx.simulate(paper_scene(cyclic), small(family), TIMES, store="last")
+    eigenvalues = np.linalg.eigvalsh(pose_scene(stored.scene, stored.mesh).system.K.toarray())
+    # A backward stable solve errs by the unit times the square root of the condition number in energy.
+    rounding = 10 * np.finfo(float).eps * np.sqrt(eigenvalues[-1] / eigenvalues[0])
+    assert (stored.certificate[1:-1] <= bare.trajectory.certificate[1:-1] + rounding).all()
+    assert (stored.certificate >= bare.trajectory.certificate - 1e-18).all()
+    assert stored.certificate_floor.max() < 1e-11
+
+
+def test_every_permutation_of_a_scene_is_the_same_program():
+    effects = list(paper_scene().effects)
+    mesh = small("hexagons", 4)
+    reference = vx.simulate(vx.Scene(*effects), mesh, TIMES)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        shuffled = vx.simulate(vx.Scene(*rng.permutation(np.array(effects, dtype=object))), mesh, TIMES)
+        assert np.array_equal(shuffled.displacement, reference.displacement)
+        assert np.array_equal(shuffled.contact.traction, reference.contact.traction)
+
+
+def test_steps_whose_load_does_not_change_cost_nothing():
+    history = vx.simulate(paper_scene(lambda t: min(t, 0.5)), small("squares"), TIMES)
+    held = TIMES > 0.5
+    assert (history.iterations[held] == 0).all()
+    assert (history.iterations[1:][~held[1:]] > 0).all()
+    assert np.array_equal(history.displacement[held], np.repeat(history.displacement[6:7], held.sum(), axis=0))
+    assert (np.diff(history.work[6:]) == 0).all()
+
+
+@pytest.mark.parametrize("family", ["squares", "voronoi"])
+def test_tiny_steps_keep_the_digits_of_the_increments(family):
+    """A push by 1e-6 after a big one, against the same push asked for as a program of its own."""
+    tiny = 1e-6
+
+    def course(t):
+        return min(t, 1.0) + tiny * max(t - 1.0, 0.0)
+
+    history = vx.simulate(paper_scene(course), small(family), [0, 0.5, 1.0, 2.0, 3.0])
+    one, two = np.diff(history.displacement[2:], axis=0)
+    # All that slips slips on: both increments are the same linear response to the same load.
+    assert np.array_equal(history.contact.sticking[3], history.contact.sticking[4])
+    assert np.abs(one - two).max() < 1e-8 * np.abs(one).max()
+    assert np.abs(one).max() < 1e-4 * np.abs(history.displacement).max()
+
+
+def test_initial_states():
+    mesh = small("squares")
+    pulled = paper_scene(lambda t: 1.0 + t)
+    with pytest.raises(
+        vx.SceneError, match=r"not held by friction.*worst place is node \d+ at .* over the bound.*settled"
+    ):
+        vx.simulate(pulled, mesh, TIMES)
+    settled = vx.simulate(pulled, mesh, TIMES, initial="settled")
+    step = vx.simulate(paper_scene(lambda t: 1.0 if t > 0 else 0.0), mesh, [0.0, 1.0])
+    assert np.abs(settled.displacement[0] - step.displacement[1]).max() < 1e-14 * np.abs(step.displacement).max()
+    again = vx.simulate(pulled, mesh, TIMES, initial=settled.displacement[0])
+    assert np.abs(again.displacement - settled.displacement).max() < 1e-12 * np.abs(settled.displacement).max()
+    free = vx.simulate(pulled, mesh, TIMES, initial="equilibrium")
+    frictionless = vx.simulate(
+        vx.Scene(*(e for e in pulled if not isinstance(e, vx.TrescaFriction))), mesh, TIMES, initial="equilibrium"
+    )
+    assert np.abs(free.displacement[0] - frictionless.displacement[0]).max() < 1e-13 * np.abs(free.displacement).max()
+    assert free.dissipated[0] == free.work[0] == 0.0
+    assert free.contact.sticking[0].all()
+
+
+def test_weak_pull_is_held_at_the_start():
+    """Condition (2.1) holds as long as friction can carry the initial load: no jump, no error."""
+    history = vx.simulate(paper_scene(lambda t: 1e-9), small("squares"), TIMES, initial="settled")
+    assert history.contact.sticking.all()
+
+
+def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
+    from vemcvx.linear.superlu import SparseFactor
+
+    calls = []
+    original = SparseFactor.solve
+    monkeypatch.setattr(SparseFactor, "solve", lambda self, b: (calls.append(1), original(self, b))[1])
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction(paper_load(cyclic), on="left"))
+    history = vx.simulate(scene, small("triangles"), TIMES, store="last")
+    assert history.solver.startswith("Direct")
+    assert len(history.contact.nodes) == 0
+    assert history.contact.slip.shape == (1, 0, 2)
+    # One field; its residual, at the start and at the stored step; random forces, for all rounding floors; two more try
+    # the factors.
+    assert len(calls) == 6
+
+
+def test_a_miss_is_never_silent():
+    scene, mesh = paper_scene(), small("squares")
+    crippled = vx.OSQP(accuracy=1e-9, options={"max_iter": 1, "polishing": False})
+    with pytest.raises(
+        vx.NotCertified, match=r"step 1 at t = .*OSQP reached .* asked was 1\.0e-09.*floor.*check=False"
+    ) as caught:
+        vx.simulate(scene, mesh, TIMES, solver=crippled)
+    assert caught.value.step == 1
+    assert caught.value.time == pytest.approx(TIMES[1])
+    assert caught.value.reached > caught.value.asked == 1e-9
+    regardless = vx.simulate(scene, mesh, TIMES, solver=crippled, check=False)
+    assert regardless.certificate.max() > 1e-9
+
+
+def test_solvers_say_what_they_do_not_accept():
+    with pytest.raises(
+        vx.NotAccepted, match="Direct: the program has absolute values.*accept the program: Newton, OSQP, Clarabel"
+    ):
+        vx.simulate(paper_scene(), small("squares", 2), TIMES, solver=vx.Direct())
+    system = vx.System(np.eye(2), lambda t: np.ones(2) * t, vx.Norms(np.eye(2), [0.1], block=2))
+    with pytest.raises(
+        vx.NotAccepted, match="OSQP: the program has second-order cones.*accept the program: Newton, Clarabel"
+    ):
+        vx.march(system, TIMES, solver=vx.OSQP())
+
+
+def test_cones_of_two_components_slip_in_a_direction():
+    """One particle on a plane: d = (1 - w/|g|)_+ g / k, the multiplier w g / |g|."""
+    g = np.array([3.0, 4.0])
+    system = vx.System(2 * np.eye(2), lambda t: t * g, vx.Norms(np.eye(2), [1.0], block=2))
+    for solver in (vx.Newton(), vx.Clarabel()):
+        history = vx.march(system, [0.0, 1.0], solver=solver)
+        assert history.state[1] == pytest.approx((1 - 1 / 5) * g / 2, rel=1e-5)
+        assert history.multipliers[1, 0] == pytest.approx(g / 5, rel=1e-5)
+    held = vx.march(system, [0.0, 0.1, 1.0], solver=vx.Newton())
+    assert np.array_equal(held.state[1], [0.0, 0.0])
+    assert held.multipliers[1, 0] == pytest.approx(0.1 * g, rel=1e-15)
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
+def test_a_load_that_friction_carries_from_the_start(solver):
+    """u_0 = 0 under a load below the threshold obeys (2.1) exactly; all solvers must see that."""
+    system = vx.System(np.diag([2.0, 3.0]), lambda t: np.array([0.5, -0.2]) * (1 + 9 * t), vx.Norms(np.eye(2), [1, 1]))
+    history = vx.march(system, [0.0, 1.0], solver=solver)
+    assert np.array_equal(history.state[0], [0, 0])
+    assert history.certificate[0] == 0.0
+    assert history.multipliers[0, :, 0] == pytest.approx([0.5, -0.2], abs=1e-5)
+    assert history.state[1] == pytest.approx([2.0, -1.0 / 3], abs=1e-5)
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP(), vx.ThroughCvxpy("SCS", accuracy=1e-4)])
+def test_the_library_never_prints(solver, capfd):
+    vx.simulate(
+        paper_scene(bound=lambda x, t: 0.0 if t < 0.5 else 4.0), small("squares", 4), [0, 0.3, 1], solver=solver
+    )
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("store", ["all", "last"])
+def test_contact_nodes_without_friction_slide(store):
+    scene = vx.Scene(*(e for e in paper_scene(lambda t: min(t, 0.5)) if not isinstance(e, vx.TrescaFriction)))
+    history = vx.simulate(scene, small("squares", 4), [0, 0.25, 0.5, 0.75], store=store)
+    kept = history.contact.sticking
+    assert kept[-1].all()
+    if store == "all":
+        assert kept[0].all()
+        assert not kept[1:3].any()
+    assert (history.contact.bound == 0).all()
+    assert (history.contact.traction == 0).all()
+
+
+def test_store_keeps_the_steps_that_are_named():
+    scene, mesh = paper_scene(cyclic), small("voronoi", 4)
+    every = vx.simulate(scene, mesh, TIMES)
+    some = vx.simulate(scene, mesh, TIMES, store=[7, 3])
+    assert some.stored.tolist() == [3, 7, 12]
+    assert np.array_equal(some.displacement, every.displacement[[3, 7, 12]])
+    assert np.array_equal(some.trajectory.energy, every.trajectory.energy)
+
+
+def test_a_storage_without_all_methods_is_refused_in_one_sentence():
+    class Forgetful:
+        lasting = False
+        array = kept = save = load = vx.march
+
+    system = vx.System(np.eye(2), lambda t: [t, t])
+    with pytest.raises(vx.SceneError, match=r"^march: found storage = .*; wanted Memory\(\), Folder\(path\), or None"):
+        vx.march(system, [0.0, 1.0], storage=Forgetful())

@@ -1,0 +1,161 @@
+"""Runs that are interrupted, killed or too large for memory: what was completed stays, and can be gone on with."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import cyclic, paper_scene, small
+from typer.testing import CliRunner
+
+import vemcvx as vx
+from vemcvx.cli import app
+
+TIMES = np.linspace(0.0, 1.0, 25)
+SERIES = ("displacement", "forces", "energy", "dissipated", "work", "certificate")
+
+
+class Interrupted(Exception):
+    """What Ctrl-C raises in these tests."""
+
+
+def stop_at(step):
+    def progress(n, steps):
+        if n == step:
+            raise Interrupted
+
+    return progress
+
+
+@pytest.mark.parametrize("store", ["all", 5])
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
+def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, solver):
+    scene, mesh = paper_scene(cyclic), small("voronoi", 5)
+    options = {"solver": solver, "store": store}
+    whole = vx.simulate(scene, mesh, TIMES, **options)
+    with pytest.raises(Interrupted):
+        vx.simulate(scene, mesh, TIMES, stream=tmp_path, progress=stop_at(13), **options)
+    steps = []
+    resumed = vx.simulate(
+        scene, mesh, TIMES, stream=tmp_path, resume=True, progress=lambda n, _: steps.append(n), **options
+    )
+    # The stored steps before the interruption are not computed again.
+    assert steps[0] == {"all": 14, 5: 11}[store]
+    for name in SERIES:
+        one, two = getattr(whole, name), getattr(resumed, name)
+        tolerance = 1e-12 * np.abs(one).max() if name != "certificate" else solver.accuracy
+        assert np.abs(one - two).max() <= tolerance, name
+    assert np.array_equal(whole.contact.sticking, resumed.contact.sticking)
+
+
+@pytest.mark.parametrize("other", [paper_scene(cyclic, bound=2.0), paper_scene(lambda t: 0.5 * cyclic(t))])
+def test_a_run_of_other_data_is_not_gone_on_with(tmp_path, other):
+    mesh = small("squares", 4)
+    with pytest.raises(Interrupted):
+        vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path, progress=stop_at(13))
+    with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store"):
+        vx.simulate(other, mesh, TIMES, stream=tmp_path, resume=True)
+
+
+def test_a_finished_run_resumes_to_itself(tmp_path):
+    scene, mesh = paper_scene(), small("squares", 4)
+    first = vx.simulate(scene, mesh, TIMES, stream=tmp_path)
+    again = vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True, progress=stop_at(1))
+    for name in SERIES:
+        assert np.array_equal(getattr(first, name), getattr(again, name)), name
+
+
+def test_without_resume_a_folder_is_begun_anew(tmp_path):
+    mesh = small("squares", 4)
+    vx.simulate(paper_scene(), mesh, TIMES, stream=tmp_path)
+    fresh = vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path)
+    assert np.array_equal(fresh.displacement, vx.simulate(paper_scene(cyclic), mesh, TIMES).displacement)
+
+
+def test_another_run_is_refused(tmp_path):
+    scene, mesh = paper_scene(), small("squares", 4)
+    vx.simulate(scene, mesh, TIMES, stream=tmp_path)
+    with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store.*empty folder"):
+        vx.simulate(scene, mesh, TIMES[:9], stream=tmp_path, resume=True)
+    with pytest.raises(vx.SceneError, match="nothing to resume without stream="):
+        vx.simulate(scene, mesh, TIMES, resume=True)
+
+
+def test_a_damaged_checkpoint_is_a_clear_error(tmp_path):
+    scene, mesh = paper_scene(), small("squares", 4)
+    vx.simulate(scene, mesh, TIMES, stream=tmp_path)
+    checkpoint = tmp_path / "checkpoint.npz"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:100])
+    with pytest.raises(vx.HistoryError, match=r"checkpoint.npz: damaged.*Remove the folder and run again"):
+        vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True)
+
+
+def test_a_full_disk_is_an_error_before_the_first_step(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(vx.HistoryError, match=r"state.npy: no room for an array.*No space left"):
+        vx.simulate(paper_scene(), small("squares", 4), TIMES, stream=tmp_path)
+
+
+def test_a_killed_run_goes_on(tmp_path):
+    """kill -9 in the middle of a run; what was stored is readable, and the rest is added to it."""
+    code = (
+        "import sys, time; sys.path.insert(0, sys.argv[1]); import numpy as np, vemcvx as vx\n"
+        "from scenes import cyclic, paper_scene, small\n"
+        "vx.simulate(paper_scene(cyclic), small('squares', 5), np.linspace(0.0, 1.0, 25), stream=sys.argv[2],\n"
+        "            progress=lambda n, steps: time.sleep(0.05))\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code, str(Path(__file__).parents[1] / "shared"), str(tmp_path)])
+    deadline = time.time() + 60
+    while not (tmp_path / "checkpoint.npz").exists() and time.time() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = int(np.load(tmp_path / "checkpoint.npz")["numbers"][0])
+    assert 0 < done < 24
+    scene, mesh = paper_scene(cyclic), small("squares", 5)
+    first = []
+    resumed = vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True, progress=lambda n, _: first.append(n))
+    assert first[0] == done + 1
+    whole = vx.simulate(scene, mesh, TIMES)
+    assert np.abs(resumed.displacement - whole.displacement).max() <= 1e-12 * np.abs(whole.displacement).max()
+
+
+ENDED = """
+import os, signal, sys
+from vemcvx.cli import app
+from vemcvx.stepping.recorder import Recorder
+add = Recorder.add
+def ended(recorder, n, state):
+    add(recorder, n, state)
+    if n == 13:
+        os.kill(os.getpid(), signal.SIGKILL)
+Recorder.add = ended
+app(sys.argv[1:])
+"""
+
+
+def test_the_command_line_resumes(tmp_path):
+    """vemcvx run, killed, then the same with --resume DIR: the files of a run that was not."""
+    problem = str(Path(__file__).parents[2] / "problems" / "feng_han_huang.py")
+    command = ["run", problem, "--n", "6", "--steps", "30", "--mesh", "voronoi"]
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    process = subprocess.run([sys.executable, "-c", ENDED, *command, "--out", str(killed)], check=False)
+    assert process.returncode == -signal.SIGKILL
+    assert not (killed / "summary.json").exists()
+    for options in (("--resume", str(killed)), ("--out", str(whole))):
+        done = CliRunner().invoke(app, [*command, *options])
+        assert done.exit_code == 0, done.output
+        assert ("resumed     after step 13 of 30" in done.output) == (options[0] == "--resume")
+    assert not (killed / "rows").exists()
+    one, two = vx.read_history(killed), vx.read_history(whole)
+    assert np.array_equal(one.displacement, two.displacement)

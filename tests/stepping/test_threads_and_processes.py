@@ -1,0 +1,71 @@
+"""Several runs at once: in threads of a process, which share streams and filters, and in processes, by pickles."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from scenes import cyclic, paper_scene, small
+
+import vemcvx as vx
+
+TIMES = np.linspace(0.0, 1.0, 4)
+ERRORS = (
+    vx.NotCertified("missed", step=3, time=0.5, reached=1e-3, asked=1e-6, floor=1e-9),
+    vx.NotContracting("lost", step=2, time=0.25, rate=1.5),
+    vx.SceneError("wrong"),
+)
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+def test_errors_survive_pickling(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert (str(again), vars(again)) == (str(error), vars(error))
+
+
+def _missed(_):
+    raise ERRORS[0]
+
+
+def test_a_pool_of_processes_hands_errors_over():
+    """Without a pickle of its own the error killed the pool's reader, and the parent waited for ever."""
+    with get_context("spawn").Pool(1) as pool, pytest.raises(vx.NotCertified, match="missed") as caught:
+        pool.map_async(_missed, [0]).get(timeout=120)
+    assert caught.value.reached == 1e-3
+
+
+def simulated(solver):
+    return vx.simulate(paper_scene(cyclic), small("squares", 6), TIMES, solver=solver).displacement
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
+def test_threads_share_nothing(solver):
+    alone = simulated(solver)
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(simulated, [solver] * 8))
+    for displacement in together:
+        np.testing.assert_array_equal(displacement, alone)
+
+
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
+def test_streams_and_filters_of_the_process_are_left_alone(solver, monkeypatch):
+    """Also while a solver runs: another thread that prints or warns meanwhile must not notice."""
+    from cvxpy.reductions.solvers.solving_chain import SolvingChain
+
+    stream, filters, seen = sys.stdout, list(warnings.filters), []
+    solve = SolvingChain.solve_via_data
+
+    def watched(*arguments, **options):
+        seen.append((sys.stdout is stream, warnings.filters == filters))
+        return solve(*arguments, **options)
+
+    monkeypatch.setattr(SolvingChain, "solve_via_data", watched)
+    simulated(solver)
+    assert seen
+    assert set(seen) == {(True, True)}

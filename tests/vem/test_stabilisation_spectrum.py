@@ -1,0 +1,84 @@
+"""The stabilisation against the energy of the virtual functions: closed forms, invariance, bounds on every family."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.vem import Space, stiffness
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+
+import stabilisation_spectrum as lesson  # noqa: E402
+
+CLOSE = 0.04
+"""Linear elements on the graded mesh overestimate energies by less than this; seen on rectangles."""
+
+
+def rectangle(a, b):
+    return np.array([(-a, -b), (a, -b), (a, b), (-a, b)], dtype=float)
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 3.0)])
+def test_rectangles_by_hand(a, b):
+    """6ab / (a^2 + 2b^2) and 6ab / (b^2 + 2a^2): the hourglass modes (xy, 0) and (0, xy)."""
+    exact = sorted([6 * a * b / (a * a + 2 * b * b), 6 * a * b / (b * b + 2 * a * a)])
+    assert lesson.spectrum(rectangle(a, b))[:2] == pytest.approx(exact, rel=CLOSE)
+
+
+def test_the_matrix_of_a_cell_is_what_the_chart_compares():
+    """On Pi v = 0 the library's element matrix is 2 mu times the identity, whatever lambda."""
+    mesh = vx.PolygonMesh(rectangle(1, 1), [[0, 1, 2, 3]])
+    hourglass = np.array([1.0, -1.0, 1.0, -1.0])
+    for lam in (0.0, 1.0, 1e8):
+        K = stiffness(Space(mesh), np.array([lam]), np.array([3.0])).toarray()
+        for direction in ((1, 0), (0, 1)):
+            v = np.outer(hourglass, direction).ravel()
+            assert v @ K @ v == pytest.approx(2 * 3.0 * (v @ v), rel=1e-7 if lam > 1 else 1e-14)
+
+
+def test_neither_size_nor_place_nor_direction_matter():
+    cell = lesson.hexagon(1.5)
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    one, other = lesson.spectrum(cell), lesson.spectrum(1e3 * cell @ turn.T + [50.0, -7.0])
+    assert other == pytest.approx(one, rel=CLOSE)
+
+
+def test_nu_changes_the_dilatation_alone():
+    """S / a_mu does not know nu; with the dilatation inside the cell the ratio falls like 1 / lambda."""
+    rows = [lesson.spectrum(lesson.hexagon(1), poisson) for poisson in (0.3, 0.499, 0.499999)]
+    assert np.ptp([row[0] for row in rows]) == 0.0
+    assert np.ptp([row[1] for row in rows]) == 0.0
+    # lambda grows a thousandfold between the last two.
+    assert rows[1][2] / rows[2][2] == pytest.approx(1000, rel=0.02)
+
+
+@pytest.mark.parametrize("family", [name for name in vx.meshes.FAMILIES if name != "triangles"])
+def test_bounded_on_every_family(family):
+    mesh = vx.meshes.FAMILIES[family](4, seed=2)
+    found = np.array([lesson.spectrum(mesh.points[cell]) for cell in mesh.cells if len(cell) > 3])
+    assert found[:, 0].min() > 0.3
+    assert found[:, 1].max() < 10
+
+
+def test_triangles_need_none():
+    assert np.isnan(lesson.spectrum([(0, 0), (1, 0), (0, 1)])[0])
+
+
+def test_short_edges_cost_a_logarithm():
+    """1 / (least ratio) grows by the same amount a decade; the greatest ratio stays."""
+    ratios = [1e-2, 1e-3, 1e-4, 1e-5]
+    found = np.array([lesson.spectrum(lesson.cut_corner(ratio)) for ratio in ratios])
+    growth = np.diff(1 / found[:, 0])
+    assert growth == pytest.approx(growth.mean(), rel=0.15)
+    assert found[:, 1].max() < 3
+
+
+def test_the_chart(tmp_path):
+    rows = lesson.chart()
+    assert [name for name, *_ in rows if "aspect" in name][-1] == "aspect ratio 100, hexagon"
+    lesson.draw(rows, tmp_path / "chart.png")
+    assert (tmp_path / "chart.png").stat().st_size > 5000

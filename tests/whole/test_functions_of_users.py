@@ -1,0 +1,136 @@
+"""Functions that users hand in: what they are given they cannot change, and what they give is copied at once."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from scenes import paper_scene, small
+
+import vemcvx as vx
+
+K = np.array([[4.0, -1.0], [-1.0, 3.0]])
+TIMES = [0.0, 0.5, 1.0]
+
+
+def reused(function):
+    """The function, writing into one array for ever."""
+    kept = []
+
+    def same(*given):
+        kept.append(np.zeros_like(function(*given)))
+        kept[0][:] = function(*given)
+        return kept[0]
+
+    return same
+
+
+def load(t):
+    return np.array([5 * t, -2 * t])
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        lambda of: vx.System(K, of(load), vx.Norms(np.eye(2), 0.5)),
+        lambda of: vx.System(K, load, vx.Norms(np.eye(2), of(lambda t: np.array([t, 0.1 + t])))),
+        lambda of: vx.System(K, load, vx.Norms(np.eye(2), 0.5, bias=of(lambda t: np.array([0.3 * t, -0.1 * t])))),
+        lambda of: vx.System(K, load, limits=vx.Limits(np.eye(2), of(lambda t: np.array([0.5 * t, 1.0])))),
+        lambda of: vx.System(K, of(load), damping=vx.Damping(np.eye(2))),
+    ],
+    ids=["load", "weights", "bias", "limits", "damped"],
+)
+def test_one_buffer_for_all_instants(system):
+    """A load compared with itself would never change: state 0, certified 0."""
+    fresh, same = (vx.march(system(of), TIMES) for of in (lambda f: f, reused))
+    assert np.abs(fresh.state[-1]).max() > 0.1
+    for name in ("state", "multipliers", "pressures", "energy", "work", "dissipated", "gap"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(fresh, name))
+
+
+def pull(x, t):
+    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
+
+
+def test_one_buffer_for_all_instants_of_a_scene():
+    def scene(of):
+        parts = (e for e in paper_scene() if not isinstance(e, (vx.Traction, vx.TrescaFriction)))
+        bound = of(lambda x, t: 1.0 + t + 0 * x[:, 0])
+        return vx.Scene(*parts, vx.Traction(of(pull), "left"), vx.TrescaFriction(bound, "bottom"))
+
+    fresh, same = (vx.simulate(scene(of), small("squares", 4), TIMES) for of in (lambda f: f, reused))
+    np.testing.assert_array_equal(same.displacement, fresh.displacement)
+    np.testing.assert_array_equal(same.work, fresh.work)
+
+
+def test_matrices_are_copied():
+    import scipy.sparse as sp
+
+    given = sp.csr_matrix(K)
+    system = vx.System(given, load)
+    given.data[:] = 0.0
+    assert np.array_equal(system.K.toarray(), K)
+
+
+def spoil(x, t=0.0):
+    x -= 0.5
+    return x
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda mesh: vx.simulate(
+            vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp("right"), vx.BodyForce(spoil)), mesh, TIMES
+        ),
+        lambda mesh: vx.simulate(
+            vx.Scene(vx.Elasticity(lambda x: spoil(x)[:, 0], 0.3), vx.Clamp("right")), mesh, TIMES
+        ),
+        lambda mesh: mesh.with_boundary("low", lambda x: spoil(x)[:, 1] < 0),
+        lambda mesh: vx.march(vx.System(K, load, vx.Norms(np.eye(2), 0.0, law=spoil_law), limits=FLOOR), TIMES),
+    ],
+    ids=["load", "modulus", "boundary", "law"],
+)
+def test_points_cannot_be_changed(use):
+    mesh = small("squares", 4)
+    before = mesh.points.copy()
+    with pytest.raises(vx.VemcvxError, match="read-only"):
+        use(mesh)
+    np.testing.assert_array_equal(mesh.points, before)
+
+
+FLOOR = vx.Limits(np.eye(2), 0.1)
+
+
+def spoil_law(t, p):
+    p += 1.0
+    return p
+
+
+@pytest.mark.parametrize("ending", [lambda *_: sys.exit(0), lambda *_: [].pop(), lambda *_: np.empty(10**15)])
+def test_functions_that_end_the_process_fail_like_others(ending):
+    with pytest.raises(vx.SceneError, match=r"^System: load: its function failed when called as f\(t\) with t = 0: "):
+        vx.march(vx.System(K, ending), TIMES)
+    with pytest.raises(vx.SceneError, match=r"^BodyForce: its function failed when called as f\(x, t\)"):
+        vx.simulate(
+            vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp("right"), vx.BodyForce(ending)), small("squares", 2), TIMES
+        )
+
+
+GAINS = {
+    "minus one": [[-1.0, 0.0], [0.0, 1.0]],
+    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
+    "no diagonal": [[0, 1], [1, 0]],
+}
+
+
+@pytest.mark.parametrize("C", GAINS.values(), ids=GAINS)
+def test_damping_that_gains_energy_is_refused(C):
+    with pytest.raises(vx.SceneError, match="^Damping: C: .*not positive semidefinite"):
+        vx.Damping(C)
+
+
+@pytest.mark.parametrize("C", [np.eye(2), np.ones((2, 2)), np.diag([1.0, 0.0]), np.zeros((2, 2))], ids=str)
+def test_semidefinite_damping_is_taken(C):
+    assert vx.march(vx.System(K, load, damping=vx.Damping(C)), TIMES).certificate.max() < 1e-8

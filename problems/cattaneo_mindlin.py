@@ -26,9 +26,9 @@ PRESS, DRAG = 7e-4, 4.5e-4
 SMALL = {"n": 16, "steps": 8}
 
 
-def scene(friction=FRICTION, prescribed_slip=DRAG):
+def scene(friction=FRICTION, drag=DRAG):
     def moved(x, t):
-        down, aside = -PRESS * min(t, 1.0), prescribed_slip * max(t - 1.0, 0.0)
+        down, aside = -PRESS * min(t, 1.0), drag * max(t - 1.0, 0.0)
         return np.tile([aside, down], (len(x), 1))
 
     return vx.Scene(

@@ -57,11 +57,11 @@ def test_hertz(solver):
     assert np.abs(gap * contact.pressure[-1]).max() < 1e-6 * gap.max() * contact.pressure.max()
 
 
-@pytest.mark.parametrize("prescribed_slip", [1e-4, pytest.param(4e-4, marks=pytest.mark.slow)])
-def test_cattaneo_and_mindlin(prescribed_slip):
+@pytest.mark.parametrize("drag", [1e-4, pytest.param(4e-4, marks=pytest.mark.slow)])
+def test_cattaneo_and_mindlin(drag):
     """The stick half-width within three per cent of sqrt(1 - Q / mu P), for little and for much drag."""
     history = vx.simulate(
-        cattaneo_mindlin.scene(prescribed_slip=prescribed_slip), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8)
+        cattaneo_mindlin.scene(drag=drag), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8)
     )
     Q, P = np.abs(history.reaction("bottom")[-1])
     a, _ = hertz.fitted(history.contact.points[:, 0], history.contact.pressure[-1])

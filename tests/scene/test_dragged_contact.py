@@ -20,7 +20,7 @@ def course(t):
     return np.interp(t, [0, 0.25, 0.5, 0.75, 0.9, 1], [0, 0.2, 0.2, -0.1, -0.1, 0.2])
 
 
-def prescribed_slip(direction):
+def drag(direction):
     """Move the left side along, as a whole or free to rise and sink."""
     if direction is None:
         return vx.PrescribedDisplacement(lambda x, t: np.tile([course(t), 0.0], (len(x), 1)), on="left")
@@ -46,7 +46,7 @@ def test_a_block_dragged_over_a_rough_floor(family, direction, touch):
     press = () if touch is vx.BilateralContact else (vx.Pressure(5.0, on="top"),)
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.0),
-        prescribed_slip(direction),
+        drag(direction),
         *press,
         touch(on="bottom"),
         vx.TrescaFriction(g, on="bottom"),
@@ -98,7 +98,7 @@ def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coeffici
     """A roller that moves its side along keeps it free to sink: the corner's pressure is known, and rubs."""
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.2),
-        prescribed_slip("normal"),
+        drag("normal"),
         vx.Pressure(lambda x, t: 2.0 + x[:, 0], on="top"),
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(coefficient, on="bottom"),
@@ -117,7 +117,7 @@ def test_coulomb_rubs_with_the_pressure_that_the_step_ends_with(family, coeffici
 def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.3),
-        prescribed_slip(None),
+        drag(None),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(1.0, on="bottom"),
     )
@@ -164,7 +164,7 @@ def test_dashpots_and_dragging_together(family):
     scene = vx.Scene(
         vx.Elasticity(YOUNG, 0.0),
         vx.Viscosity(shear=1.0),
-        prescribed_slip(None),
+        drag(None),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(1.0, on="bottom"),
     )

@@ -210,7 +210,7 @@ def test_friction_of_ones_own_is_shown_though_it_names_no_edges(family):
 
     class Rub(vx.Effect):
         def contribute(self, space):
-            rows = space.part("bottom", "Rub").corners
+            rows = space.part("bottom", "Rub").node_normals
             given = rows.nodes, rows.normals, rows.lengths
             return Contribution(frictions=(Friction("Rub", *given, lambda t: 2.0 * rows.lengths),))
 

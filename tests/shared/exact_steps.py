@@ -263,9 +263,9 @@ def _rows(matrix):
     return power, sp.csr_matrix(sp.diags_array(np.ldexp(1.0, -power)) @ matrix)
 
 
-def _unit(load, before, prescribed_slip, d, power):
+def _unit(load, before, drag, d, power):
     """The exponent a of a step's size."""
-    sizes = [np.ldexp(load, power), np.ldexp(before, -power), prescribed_slip, np.ldexp(d, -power)]
+    sizes = [np.ldexp(load, power), np.ldexp(before, -power), drag, np.ldexp(d, -power)]
     top = max(np.abs(x).max(initial=0.0) for x in sizes)
     return int(np.frexp(top)[1])
 

@@ -42,7 +42,7 @@ def anisotropic(u, v, w):
 
 
 @skfem.LinearForm
-def thermal_stress_moduli(v, w):
+def swelling(v, w):
     return w.sigma * div(v)
 
 
@@ -196,7 +196,7 @@ class Body:
         def load(t):
             sigma = self.blocked * expansion * temperature(*self.centroids.T, t)
             return self._vector(
-                thermal_stress_moduli, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3))
+                swelling, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3))
             )
 
         self.loads.append(load)

@@ -54,13 +54,13 @@ REPORTED = vx.meshes.triangles(12)
 def dragged(mu=1.8, poisson=0.2, mesh=REPORTED):
     """The scene of an early report: certified 9.1e-7 by the last ratio of increments, where 6.8e-6 was true."""
 
-    def prescribed_slip(x, t):
+    def pull(x, t):
         return np.tile([3.0 * t, 0.0], (len(x), 1))
 
     scene = vx.Scene(
         vx.Elasticity(2600.0, poisson),
         vx.Pressure(lambda x, t: np.full(len(x), t), on="top"),
-        vx.Traction(prescribed_slip, on="left"),
+        vx.Traction(pull, on="left"),
         vx.PrescribedDisplacement(0.0, on="right", direction=(1.0, 0.0)),
         vx.UnilateralContact(on="bottom"),
         vx.CoulombFriction(mu, on="bottom"),

@@ -34,7 +34,7 @@ def test_sides_have_the_axes_as_normals(family):
     for name, normal in {"left": (-1, 0), "right": (1, 0), "bottom": (0, -1), "top": (0, 1)}.items():
         part = space.part(name, "test")
         assert np.array_equal(part.normals, np.tile(normal, (len(part.edges), 1)))
-        rows = part.corners
+        rows = part.node_normals
         assert np.array_equal(rows.nodes, part.nodes)  # a straight side: one row a node
         assert np.array_equal(rows.normals, np.tile(normal, (len(part.nodes), 1)))
         assert rows.lengths == pytest.approx(part.node_lengths, rel=1e-14)
@@ -42,7 +42,7 @@ def test_sides_have_the_axes_as_normals(family):
 
 def test_corner_has_a_row_for_each_side():
     space = space_of()
-    rows = space.part(["left", "bottom"], "test").corners
+    rows = space.part(["left", "bottom"], "test").node_normals
     corner = np.flatnonzero(np.abs(space.mesh.points).max(axis=1) == 0.0)
     at = np.flatnonzero(rows.nodes == corner)
     assert sorted(map(tuple, rows.normals[at])) == [(-1.0, 0.0), (0.0, -1.0)]
@@ -52,7 +52,7 @@ def test_corner_has_a_row_for_each_side():
 
 
 def test_tangents_have_the_body_on_their_left():
-    rows = space_of().part(["bottom", "right"], "test").corners
+    rows = space_of().part(["bottom", "right"], "test").node_normals
     for normal, tangent in zip(rows.normals, rows.tangents, strict=True):
         assert tuple(tangent) == ((1.0, 0.0) if normal[1] == -1 else (0.0, 1.0))
 
@@ -78,7 +78,7 @@ def test_tiny_edge_on_an_inclined_side_is_no_corner():
     mesh = space.mesh.with_boundary("slope", lambda x: x[:, 1] < x[:, 0] * np.tan(0.3) + 1e-6)
     part = Space(mesh).part("slope", "test")
     assert part.lengths.min() < 1.1e-12
-    rows = part.corners
+    rows = part.node_normals
     assert len(rows.nodes) == 4
     assert np.abs(rows.normals - [direction[1], -direction[0]]).max() < 1e-12
 
@@ -87,13 +87,13 @@ def test_normals_that_differ_by_more_stay_apart():
     bend = 1e-8
     mesh = polygon((0, 0), (1, 0), (2, bend), (1, 3)).mesh
     part = Space(mesh.with_boundary("base", lambda x: x[:, 1] < 0.5)).part("base", "test")
-    assert list(part.corners.nodes) == [0, 1, 1, 2]
+    assert list(part.node_normals.nodes) == [0, 1, 1, 2]
 
 
 def test_equal_normals_are_averaged_by_length():
     bend = 4e-10
     mesh = polygon((0, 0), (1, 0), (4, 3 * bend), (1, 5)).mesh
-    rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < 0.5)).part("base", "test").corners
+    rows = Space(mesh.with_boundary("base", lambda x: x[:, 1] < 0.5)).part("base", "test").node_normals
     assert list(rows.nodes) == [0, 1, 2]
     assert rows.normals[1, 0] == pytest.approx(0.75 * bend, rel=1e-6)
 
@@ -101,7 +101,7 @@ def test_equal_normals_are_averaged_by_length():
 def test_integral_weights_are_exact_for_degree_six(family):
     """int g phi_i over the bottom with g = x^6, against the antiderivatives of x^6 and x^7."""
     space = space_of(family)
-    rows = space.part("bottom", "test").corners
+    rows = space.part("bottom", "test").node_normals
     x = space.mesh.points[rows.nodes, 0]
     order = np.argsort(x)
     expected = np.zeros(len(x))
@@ -118,7 +118,7 @@ def test_integral_weights_are_exact_for_degree_six(family):
 def test_node_where_two_cells_touch_by_a_corner():
     """Four edges and four normals meet at the middle."""
     points = np.array([[0, 0], [0, -1], [-1, 0], [0, 1], [1, 0]], dtype=float)
-    rows = BoundaryPart(np.array([[1, 0], [0, 2], [3, 0], [0, 4]]), points).corners
+    rows = BoundaryPart(np.array([[1, 0], [0, 2], [3, 0], [0, 4]]), points).node_normals
     assert list(rows.nodes) == [0, 0, 0, 0, 1, 2, 3, 4]
     assert sorted(map(tuple, rows.normals[:4])) == [(-1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, 0.0)]
     assert np.array_equal(rows.lengths, np.full(8, 0.5))
@@ -152,7 +152,7 @@ def test_boundary_without_edges_is_refused():
 def test_arrays_are_read_only():
     space = space_of()
     part = space.part("left", "test")
-    rows = part.corners
+    rows = part.node_normals
     for array in (
         part.edges,
         part.lengths,

@@ -26,7 +26,7 @@ class BilateralContact(Effect):
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        rows = space.part(self.on, "BilateralContact").corners
+        rows = space.part(self.on, "BilateralContact").node_normals
         points = space.mesh.points[rows.nodes]
         return Contribution(
             supports=(Support("BilateralContact", rows.nodes, rows.normals, points, contact=True),),

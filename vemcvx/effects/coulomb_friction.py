@@ -51,7 +51,7 @@ class CoulombFriction(Effect):
     def contribute(self, space: Space) -> Contribution:
         subject = f"CoulombFriction on {where(self.on)}"
         part = space.part(self.on, "CoulombFriction")
-        rows = part.corners
+        rows = part.node_normals
         points = space.mesh.points[rows.nodes]
 
         def positive(value: data.Datum, x: Floats, t: float, name: str) -> Floats:

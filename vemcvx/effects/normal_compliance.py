@@ -44,7 +44,7 @@ class NormalCompliance(Effect):
     def contribute(self, space: Space) -> Contribution:
         subject = f"NormalCompliance on {where(self.on)}"
         part = space.part(self.on, "NormalCompliance")
-        rows = part.corners
+        rows = part.node_normals
 
         def stiffness(x: Floats) -> Floats:
             found = data.scalar(self.stiffness, x, 0.0, f"{subject}: stiffness")

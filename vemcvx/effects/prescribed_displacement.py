@@ -74,7 +74,7 @@ class PrescribedDisplacement(Effect):
 
     def _rows(self, part: BoundaryPart, subject: str) -> tuple[Ints, Floats]:
         if isinstance(self.direction, str):
-            rows = part.corners
+            rows = part.node_normals
             if self.direction == "normal":
                 return rows.nodes, rows.normals
             if self.direction == "tangent":

@@ -30,7 +30,7 @@ class Symmetry(Effect):
     on: str | Sequence[str]
 
     def contribute(self, space: Space) -> Contribution:
-        rows = space.part(self.on, "Symmetry").corners
+        rows = space.part(self.on, "Symmetry").node_normals
         subject = f"Symmetry on {where(self.on)}"
         return Contribution(supports=(Support(subject, rows.nodes, rows.normals, space.mesh.points[rows.nodes]),))
 

@@ -83,7 +83,7 @@ class TrescaFriction(Effect):
                 f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
             )
         part = space.part(self.on, "TrescaFriction")
-        rows = part.corners
+        rows = part.node_normals
         points = space.mesh.points[rows.nodes]
 
         def bound(value: data.Datum, x: Floats, t: float, name: str) -> Floats:

@@ -41,7 +41,7 @@ class UnilateralContact(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "UnilateralContact")
-        rows, subject = part.corners, f"UnilateralContact on {where(self.on)}"
+        rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
         made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
         given = Given(subject, "gap", partial(distance, self.gap, subject), part.edges)
         return replace(made, given=(given,) if varies(self.gap) else ())

@@ -91,8 +91,8 @@ class InitialStresses:
         total = np.zeros_like(self.material.thermal_stress_moduli)
         for stress in self.stresses:
             total += stress.value(t)
-        for thermal_stress_moduli in self.eigenstrains:
-            total -= self.material.thermal_stress_moduli * thermal_stress_moduli.value(t)[:, None]
+        for eigenstrain in self.eigenstrains:
+            total -= self.material.thermal_stress_moduli * eigenstrain.value(t)[:, None]
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
@@ -100,8 +100,8 @@ class InitialStresses:
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))
-        for thermal_stress_moduli in self.eigenstrains:
-            total -= self.material.out_of_plane[:, 3] * thermal_stress_moduli.value(t)
+        for eigenstrain in self.eigenstrains:
+            total -= self.material.out_of_plane[:, 3] * eigenstrain.value(t)
         return total
 
     def vector(self, t: float) -> Floats:

@@ -53,7 +53,7 @@ def without_inactive(effect: Effect, part: Contribution, times: Sequence[float],
         viscosity=strong(part.viscosity, "viscosity"),
         loads=alive(part.loads, lambda load: load.vector, "force"),
         frictions=alive(part.frictions, _bound, "bound"),
-        eigenstrains=alive(part.eigenstrains, lambda thermal_stress_moduli: thermal_stress_moduli.value, "strain"),
+        eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),
         initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
     )
 

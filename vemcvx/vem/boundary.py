@@ -136,7 +136,7 @@ class BoundaryPart:
         return points, self.lengths[:, None, None] * reference
 
     @cached_property
-    def corners(self) -> BoundaryRows:
+    def node_normals(self) -> BoundaryRows:
         """The rows of this part: at a corner, one for each of its sides."""
         order, row = self._grouped()
         edge, side = order // 2, order % 2

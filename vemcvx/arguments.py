@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
-from vemcvx.arrays import brief
+from vemcvx.arrays import Array, brief, read_only
 from vemcvx.errors import SceneError, VemcvxError
 
 LARGEST = float(np.finfo(float).max)
@@ -32,12 +32,12 @@ def whole(raw: Any, subject: str, name: str, of: str, least: int = 1) -> int:
     return int(raw)
 
 
-def is_whole(raw: Any) -> bool:
+def is_whole(raw: object) -> TypeGuard[int]:
     """Whether it is a whole number; neither a flag nor a time span, which numpy counts among them."""
     return isinstance(raw, numbers.Integral) and not isinstance(raw, (bool, np.timedelta64))
 
 
-def is_real(raw: Any) -> bool:
+def is_real(raw: object) -> TypeGuard[float]:
     """Whether it is a real number, finite or not; neither a flag nor a time span."""
     return isinstance(raw, numbers.Real) and not isinstance(raw, (bool, np.timedelta64))
 
@@ -92,8 +92,6 @@ def called(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str
         raise SceneError(f"{failed}: {type(error).__name__}: {words}. It must {wanted}.") from error
 
 
-def sealed(x: np.ndarray) -> np.ndarray:
+def sealed(x: Array) -> Array:
     """The same numbers, for somebody else to read."""
-    view = x.view()
-    view.flags.writeable = False
-    return view
+    return read_only(x.view())

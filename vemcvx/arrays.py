@@ -29,6 +29,13 @@ def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
     return np.bincount(numbers, weights, count).astype(float, copy=False)
 
 
+def summed_columns(values: Floats, numbers: Ints, count: int) -> Floats:
+    """Columns of values (S, k, ...) with the same number below `count` added up: (S, count, ...)."""
+    total = np.zeros((len(values), count, *values.shape[2:]))
+    np.add.at(total.swapaxes(0, 1), numbers, values.swapaxes(0, 1))
+    return total
+
+
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
     """A new array of the floats, finite or not, that `raw` holds.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copyreg
 from typing import Any
 
 
@@ -11,7 +10,11 @@ class VemcvxError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """As message and attributes: calling the class again would ask for keywords, and hang a pool of processes."""
-        return copyreg.__newobj__, (type(self), *self.args), self.__dict__
+        return _made_again, (type(self), *self.args), self.__dict__
+
+
+def _made_again(kind: type[VemcvxError], *arguments: object) -> VemcvxError:
+    return kind.__new__(kind, *arguments)
 
 
 class MeshError(VemcvxError):

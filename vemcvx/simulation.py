@@ -99,7 +99,7 @@ def simulate(
     check_kinds(scene, mesh)
     instants = checked_times(times)
     start = time.perf_counter()
-    posed = pose_scene(scene, mesh, instants)
+    posed = pose_scene(scene, mesh, instants.tolist())
     for words in posed.inactive:
         logging.getLogger("vemcvx").info("left out: %s", words)
     assembled = time.perf_counter() - start

@@ -36,10 +36,11 @@ class Pressure(Effect):
         part = space.part(self.on, "Pressure")
         points, matrix = edge_load(space, part)
         q, dim = points.shape
-        edges, normals = (np.repeat(values, q // len(part.edges), axis=0) for values in (part.edges, part.normals))
+        each = q // len(part.edges)
+        normals = np.repeat(part.normals, each, axis=0)
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
         subject = f"Pressure on {where(self.on)}"
-        load = Load(subject, points, matrix @ inward, self.value, edges=edges)
+        load = Load(subject, points, matrix @ inward, self.value, edges=np.repeat(part.edges, each, axis=0))
         return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.program.certificate import EPS
+from vemcvx.arrays import Bools, Floats, Ints, summed_columns, totals
+from vemcvx.program.step_program import EPS
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
 
@@ -74,22 +74,27 @@ class Contact:
     @property
     def stick_count(self) -> Ints:
         """(S,) nodes that touch and stick; with `slip_count` and `open_count` all m."""
-        return (self.closed & self.sticking).sum(axis=1)
+        return _count(self.closed & self.sticking)
 
     @property
     def slip_count(self) -> Ints:
         """(S,) nodes that touch and slip."""
-        return (self.closed & ~self.sticking).sum(axis=1)
+        return _count(self.closed & ~self.sticking)
 
     @property
     def closed_count(self) -> Ints:
         """(S,) nodes that touch their obstacle."""
-        return self.closed.sum(axis=1)
+        return _count(self.closed)
 
     @property
     def open_count(self) -> Ints:
         """(S,) nodes that do not."""
-        return (~self.closed).sum(axis=1)
+        return _count(~self.closed)
+
+
+def _count(nodes: Bools) -> Ints:
+    number: Ints = nodes.sum(axis=1)
+    return number
 
 
 def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces: Floats) -> Contact:
@@ -108,7 +113,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     place = np.full(len(points), -1)
     place[nodes] = np.arange(m)
     at = place[terms.nodes]
-    length = np.bincount(at, terms.lengths, m)
+    length = totals(at, terms.lengths, m)
     pull = _pull(posed, trajectory, at, m)
     traction = -pull / np.where(length > 0, length, 1.0)[:, None]
     pressure = _pressure(posed, trajectory, forces[:, nodes] + pull, place)
@@ -124,28 +129,26 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 def _pull(posed: PosedScene, trajectory: Trajectory, at: Ints, m: int) -> Floats:
     """The forces B'lam (S, m, dim) of the terms."""
     terms, lam, dim = posed.terms, trajectory.multipliers, posed.space.mesh.points.shape[1]
-    force = np.zeros((len(lam), m, dim))
-    if len(terms.nodes):
-        each = np.einsum("smb,mbd->smd", lam, terms.rows.data.reshape(len(terms.nodes), -1, dim))
-        np.add.at(force, (slice(None), at), each)
-    return force
+    if not len(terms.nodes):
+        return np.zeros((len(lam), m, dim))
+    return summed_columns(np.einsum("smb,mbd->smd", lam, terms.rows.data.reshape(len(terms.nodes), -1, dim)), at, m)
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats, place: Ints) -> Floats:
     """Normal forces of contact per length (S, m), from nodal forces (S, m, dim) without those of friction."""
     surface, obstacles, p = posed.surface, posed.obstacles, trajectory.pressures
-    normal, held = np.zeros(forces.shape[:2]), forces.copy()
+    m = len(surface.nodes)
+    normal, held = np.zeros((len(forces), m)), forces
     if obstacles is not None and len(obstacles.nodes):
         at = place[obstacles.nodes]
-        np.add.at(normal, (slice(None), at), p)
-        np.add.at(held, (slice(None), at), p[:, :, None] * obstacles.normals)
-    return (normal - np.einsum("smd,md->sm", held, surface.grips)) / surface.lengths
+        normal, held = summed_columns(p, at, m), forces + summed_columns(p[:, :, None] * obstacles.normals, at, m)
+    pressure: Floats = (normal - np.einsum("smd,md->sm", held, surface.grips)) / surface.lengths
+    return pressure
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
     """Values (S, terms) summed at contact nodes over their lengths with friction (m,); 0 where there is none."""
-    total = np.zeros((len(values), len(length)))
-    np.add.at(total, (slice(None), at), values)
+    total = summed_columns(values, at, len(length))
     return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, summed_columns
 from vemcvx.errors import SceneWarning
 from vemcvx.results.contact import contact_history
 from vemcvx.results.history import History
@@ -55,8 +55,7 @@ def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> No
     asked = [friction for friction in terms.frictions if friction.in_the_air]
     if not asked or obstacles is None or len(obstacles.nodes) == 0:
         return
-    at_nodes = np.zeros((len(trajectory.stored), len(posed.space.mesh.points)))
-    np.add.at(at_nodes, (slice(None), obstacles.nodes), trajectory.pressures)
+    at_nodes = summed_columns(trajectory.pressures, obstacles.nodes, posed.space.mesh.n_nodes)
     pressed = at_nodes[:, terms.nodes]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
@@ -77,7 +76,7 @@ def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> No
 def _rubbing(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
     """Friction on nodes that supports drag, edge by edge; nothing if there is none."""
     terms = posed.terms
-    if terms.dragged is None or not terms.dragged.any():
+    if terms.dragged is None or terms.ends is None or terms.names is None or not terms.dragged.any():
         return {}
     mine = np.flatnonzero(terms.dragged)
     ends, dim = terms.ends[mine].tocoo(), posed.space.mesh.points.shape[1]
@@ -96,12 +95,13 @@ def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | flo
     if not posed.supports.still:
         s, t = (float(instant) for instant in trajectory.times[n - 1 : n + 1])
         v = v + (posed.supports.motion(t) - posed.supports.motion(s)) / (t - s)
-    return posed.viscosity @ v
+    force: Floats = posed.viscosity @ v
+    return force
 
 
 def _untouched(posed: PosedScene, trajectory: Trajectory) -> tuple[str, ...]:
     """A sentence if there are obstacles, and none was ever felt at a stored instant."""
-    if trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
+    if posed.obstacles is None or trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
         return ()
     subjects = ", ".join(posed.obstacles.subjects)
     return (f"{subjects}: nothing pressed on it at the stored instants",)

@@ -167,7 +167,7 @@ class Results:
                 "history: the stress across the plane is not determined, because a material gives its law in the plane "
                 "only (Material.across); principal_stresses(step) and stress(step) do not need it."
             )
-        zz = np.einsum("ck,ck->c", self.out_of_plane, strains(self._space, self.displacement[row]))
+        zz: Floats = np.einsum("ck,ck->c", self.out_of_plane, strains(self._space, self.displacement[row]))
         return zz if self.out_of_plane_prestress is None else zz + self.out_of_plane_prestress[row]
 
     def von_mises(self, step: int) -> Floats:
@@ -189,8 +189,9 @@ class Results:
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
-        found = np.flatnonzero(self.stored == (step if step >= 0 else step + self.steps + 1)) if is_whole(step) else ()
-        if len(found) == 0:
+        wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
+        stored: list[int] = self.stored.tolist()
+        if not is_whole(step) or wanted not in stored:
             kept = np.array2string(self.stored, threshold=8)
             raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
-        return int(found[0])
+        return stored.index(wanted)

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,21 +152,22 @@ def adapt(
         A step misses the accuracy.
     """
     check_kinds(scene, mesh)
-    _check(target, theta, initial, most_unknowns, progress)
+    _check(target, theta, most_unknowns, progress)
+    begin = _beginning(initial)
     wanted = checked_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
-    instants, finer, passes = wanted, None, []
+    instants, passes = wanted, list[Pass]()
+    finer: Finer | None = None
     while True:
         start = time.perf_counter()
         if not passes:
-            instants, finer = _begin(scene, mesh, wanted, target, initial)
-        posed = pose_scene(scene, mesh, instants)
-        looked_at = _looked_at(instants, wanted)
-        kept = np.searchsorted(instants, wanted)
-        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
+            instants, finer = _begin(scene, mesh, wanted, target, begin)
+        posed = pose_scene(scene, mesh, instants.tolist())
+        kept = np.searchsorted(instants, wanted).tolist()
+        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=begin, store=kept)
         history = record(posed, trajectory, time.perf_counter() - start - sum(trajectory.seconds.values()), Memory())
-        rows = [history.row(int(n)) for n in looked_at]
+        rows = [history.row(int(n)) for n in _looked_at(instants, wanted)]
         fresh = finer is None or (len(passes) > 0 and passes[-1].space <= SOON * target)
         finer = in_time(posed, trajectory) if fresh or finer is None else finer
         budget = budget_of(posed, history, rows, finer)
@@ -175,7 +175,15 @@ def adapt(
             finer = in_time(posed, trajectory)
             budget = budget_of(posed, history, rows, finer)
         worst = budget.largest
-        now = Pass(mesh.n_cells, posed.system.n, len(instants) - 1, *_parts(worst), time.perf_counter() - start)
+        now = Pass(
+            cells=mesh.n_cells,
+            unknowns=posed.system.n,
+            steps=len(instants) - 1,
+            algebra=worst["algebra"],
+            space=worst["space"],
+            time=worst["time"],
+            seconds=time.perf_counter() - start,
+        )
         passes.append(now)
         for words in budget.jumps if not passes[:-1] else ():
             log.info("%s", words)
@@ -205,22 +213,25 @@ def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, th
     return marked, split_steps(instants, finer, TIME_SHARE * target * (budget.scale or finer.norm))
 
 
-def _check(target: object, theta: object, initial: object, most: object, progress: object) -> None:
-    if not (isinstance(target, Real) and not isinstance(target, bool) and 0 < target < 1):
+def _check(target: object, theta: object, most: object, progress: object) -> None:
+    if not (is_real(target) and 0 < target < 1):
         raise SceneError(
             f"adapt: found target = {brief(target)}; it is a relative error, between 0 and 1, such as 0.02."
         )
-    if not (isinstance(theta, Real) and 0 < theta < 1):
+    if not (is_real(theta) and 0 < theta < 1):
         raise SceneError(f"adapt: found theta = {brief(theta)}; it is a part, between 0 and 1, such as 0.6.")
     if not (is_real(most) and 1 <= most <= LARGEST):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
         raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")
-    if not (initial is None or isinstance(initial, str)):
-        raise SceneError(
-            "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
-            "'settled'."
-        )
+
+
+def _beginning(initial: ArrayLike | str | None) -> str | None:
+    if initial is None or isinstance(initial, str):
+        return initial
+    raise SceneError(
+        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or 'settled'."
+    )
 
 
 def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initial: str | None) -> tuple[Floats, Finer]:
@@ -256,7 +267,3 @@ def _looked_at(instants: Floats, wanted: Floats) -> Ints:
     if len(steps) > MOST_LOOKED_AT:
         steps = steps[np.linspace(0, len(steps) - 1, MOST_LOOKED_AT).round().astype(int)]
     return steps
-
-
-def _parts(worst: dict[str, float]) -> Sequence[float]:
-    return worst["algebra"], worst["space"], worst["time"]

@@ -23,8 +23,8 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.effects import Given
+from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.effects import Given, Load
 from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, at_ends, normals_of, pressures_at_ends
@@ -58,29 +58,34 @@ class Closer:
         n, edges = len(self.edges.sizes), self.edges
         residual, work = np.zeros(n), np.zeros(n)
         for given, places in self.on:
-            residual += np.bincount(edges.outer, ON_EDGES[given.kind](self, given, places, now), minlength=n)
+            residual += totals(edges.outer, self._on_edges(given, places, now), n)
         for given in self.posed.given:
-            if given.kind == "force" and given.edges is None:
-                residual += volume * self._body(given, now.t)
+            if given.load is not None and given.load.cells is not None:
+                residual += volume * self._body(given.load, given.load.cells, now.t)
         if any(given.kind in ("moduli", "swelling", "stress") for given in self.posed.given):
             work += self._stress(now.t, strain)
         return residual, work
 
     def _sum(self, places: Places, values: Floats) -> Floats:
-        return np.bincount(places.owner, places.weights * values, minlength=len(self.edges.outer))
+        return totals(places.owner, places.weights * values, len(self.edges.outer))
 
     def _weight(self) -> Floats:
         """h_e / (2 mu) of the boundary edges."""
         return self.edges.sizes[self.edges.outer] / (2.0 * self.edges.shear[self.edges.outer])
 
-    def _body(self, given: Given, t: float) -> Floats:
+    def _on_edges(self, given: Given, places: Places, now: Instant) -> Floats:
+        if given.load is not None and given.load.edges is not None:
+            return self._traction(given.load, given.load.edges, places, now.t)
+        return ON_EDGES[given.kind](self, given, places, now)
+
+    def _body(self, load: Load, cells: Ints, t: float) -> Floats:
         """h^2 / mu |f - f_K|^2_K."""
         places, areas = self.inside, self.posed.space.mesh.areas
-        f = given.value(places.x, t)
+        f = load.at(places.x, t)
         mean = np.zeros((len(areas), f.shape[1]))
-        np.add.at(mean, given.load.cells, given.load.forces(t))  # type: ignore[union-attr]
+        np.add.at(mean, cells, load.forces(t))
         apart = f - (mean / areas[:, None])[places.owner]
-        squares = np.bincount(places.owner, places.weights * np.sum(apart**2, axis=1), minlength=len(areas))
+        squares = totals(places.owner, places.weights * np.sum(apart**2, axis=1), len(areas))
         return areas / self.edges.shear * squares
 
     def _stress(self, t: float, strain: Floats) -> Floats:
@@ -103,13 +108,12 @@ class Closer:
                 apart += given.value(places.x, t) - given.value(mesh.centroids, t)[owner]
         apart += np.einsum("qij,qj->qi", C - C_K, strain[owner])
         squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[:, :, None])[:, :, 0])
-        return np.bincount(owner, places.weights * squares, minlength=mesh.n_cells)
+        return totals(owner, places.weights * squares, mesh.n_cells)
 
-    def _traction(self, given: Given, places: Places, now: Instant) -> Floats:
-        value, load = given.value(places.x, now.t), given.load
-        value = value.reshape(len(value), -1)
-        point = np.unique(load.edges, axis=0, return_inverse=True)[1].ravel()  # type: ignore[union-attr]
-        assembled = given.value(load.points, now.t).reshape(len(point), -1)  # type: ignore[union-attr]
+    def _traction(self, load: Load, edges: Ints, places: Places, t: float) -> Floats:
+        value = load.at(places.x, t).reshape(len(places.x), -1)
+        point = np.unique(edges, axis=0, return_inverse=True)[1].ravel()
+        assembled = load.at(load.points, t).reshape(len(point), -1)
         mean = np.stack([np.bincount(point, one) for one in assembled.T], axis=1) / np.bincount(point)[:, None]
         edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
         return self._weight() * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
@@ -126,35 +130,36 @@ class Closer:
             nodal[:, read, side] = g
         g = given.value(places.x, now.t, _between(pressure, owner, along))
         assembled = np.stack([_between(one, owner, along) for one in nodal])[: len(g)]
-        active = (slipped | (lam >= AT_BOUND * bound)).any(axis=1)[owner]
+        active = np.any(slipped | (lam >= AT_BOUND * bound), axis=1)[owner]
         differs = np.abs(g - assembled).max(axis=0)
         exceeds = np.maximum(_between(lam, owner, along) - g.min(axis=0), 0.0)
         apart = np.where(active, differs, np.minimum(exceeds, differs))
         return self._weight() * self._sum(places, np.where(self._slides()[owner], apart, 0.0) ** 2)
 
-    def _friction(self, now: Instant) -> tuple[Floats, Floats, Floats]:
+    def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools]:
         """Size of friction and its bound, force per length, and whether it has slipped, at the ends of edges (b, 2)."""
         terms = self.posed.terms
         if len(terms.nodes) == 0:
             none = np.zeros((len(self.edges.outer), 2))
-            return none, none, none > 0
+            return none, none, np.zeros(none.shape, dtype=bool)
         size = np.linalg.norm(now.lam, axis=1)
         values = np.column_stack([size, now.weights, (now.worn > 0) * terms.lengths]) / terms.lengths[:, None]
-        found = at_ends(self.edges, terms.nodes, normals_of(terms), values)
-        return found[..., 0], found[..., 1], found[..., 2] > 0
+        size, bound, worn = np.moveaxis(at_ends(self.edges, terms.nodes, normals_of(terms), values), 2, 0)
+        return size, bound, worn > 0
 
-    def _slides(self) -> Floats:
+    def _slides(self) -> Bools:
         """Whether an edge (b,) may move along itself."""
         along = self.edges.outer_normals[:, ::-1] * [-1.0, 1.0]
         return self._freedom(along) > 0.5
 
     def _freedom(self, direction: Floats) -> Floats:
         unit = direction / np.linalg.norm(direction, axis=1)[:, None]
-        return np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
+        freedom: Floats = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
+        return freedom
 
     def _gap(self, given: Given, places: Places, now: Instant) -> Floats:
         gap, assembled, outward = self._gaps(given, places, now)
-        pressed = (pressures_at_ends(self.posed, self.edges, now) > 0).all(axis=1)[places.owner]
+        pressed = np.all(pressures_at_ends(self.posed, self.edges, now) > 0, axis=1)[places.owner]
         # Beyond the obstacle, or held away from it by both ends.
         beyond, away = np.minimum(outward - gap, assembled - gap), np.where(pressed, gap - assembled, 0.0)
         apart = np.maximum(np.maximum(beyond, away), 0.0)
@@ -194,7 +199,7 @@ class Closer:
         owner, nodes = places.owner, self.edges.outer_edges
         k = given.value(places.x)
         count = np.bincount(owner, minlength=len(self.edges.outer))
-        mean = np.stack([np.bincount(owner, one, minlength=len(count)) for one in k]) / np.maximum(count, 1)
+        mean = np.stack([totals(owner, one, len(count)) for one in k]) / np.maximum(count, 1)
         normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
         frame = np.stack([normal, normal[:, ::-1] * [-1.0, 1.0]])
         moved = np.einsum("bsd,kbd->kbs", now.u[nodes], frame)
@@ -211,7 +216,6 @@ class Closer:
 
 
 ON_EDGES = {
-    "force": Closer._traction,
     "bound": Closer._bound,
     "gap": Closer._gap,
     "spring": Closer._spring,
@@ -222,4 +226,5 @@ ON_EDGES = {
 
 def _between(values: Floats, owner: Ints, along: Floats) -> Floats:
     """Linear between the values (b, 2) at the ends of edges."""
-    return (1.0 - along) * values[owner, 0] + along * values[owner, 1]
+    line: Floats = (1.0 - along) * values[owner, 0] + along * values[owner, 1]
+    return line

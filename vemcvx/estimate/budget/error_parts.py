@@ -96,16 +96,18 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
         raise HistoryError(
             "error_budget: this history was read from files, and its scene is not among them; simulate the scene."
         )
-    posed = pose_scene(history.scene, history.mesh, history.trajectory.times)
-    after = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
-    wanted = after
-    if steps is not None:
-        words, given = "numbers of stored steps, such as [-1]", plain(steps)
-        wanted = np.zeros(0) if given is None or given.dtype.kind not in "iuf" else np.atleast_1d(given)
-        if wanted.ndim != 1 or len(wanted) == 0 or not (np.abs(wanted) < 2**53).all() or (wanted % 1).any():
-            raise HistoryError(f"error_budget: found steps = {brief(steps)}; wanted {words}.")
-    rows = [history.row(int(n)) for n in wanted]
+    posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
+    wanted = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
+    rows = [history.row(n) for n in (wanted.tolist() if steps is None else _whole_numbers(steps))]
     return budget_of(posed, history, rows)
+
+
+def _whole_numbers(steps: int | Sequence[int]) -> list[int]:
+    given = plain(steps)
+    wanted = np.zeros(0) if given is None or given.dtype.kind not in "iuf" else np.atleast_1d(given)
+    if wanted.ndim != 1 or len(wanted) == 0 or not np.all(np.abs(wanted) < 2**53) or np.any(wanted % 1):
+        raise HistoryError(f"error_budget: found steps = {brief(steps)}; wanted numbers of stored steps, such as [-1].")
+    return [int(n) for n in wanted]
 
 
 def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: Finer | None = None) -> ErrorBudget:
@@ -127,7 +129,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
         space=space / unit,
         time=time / unit,
         parts={name: share / unit for name, share in parts.items()},
-        cells=np.sqrt(np.max([sum(part.values()) for part in squares], axis=0)) / unit,
+        cells=np.sqrt(np.max([np.sum(list(part.values()), axis=0) for part in squares], axis=0)) / unit,
         added=finer.added / unit,
         jumps=finer.jumps,
         scale=scale,

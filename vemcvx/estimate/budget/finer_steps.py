@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.estimate.budget.data_in_time import Course, course, divided
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.initial import settled_from
@@ -109,9 +109,10 @@ def _worst_between(chosen: Floats, known: Course) -> Floats:
     off = np.abs(known.values - line).max(axis=1)
     interval = np.searchsorted(chosen, known.times, side="right") - 1
     order = np.lexsort((-off, interval))
-    first = order[np.append(True, np.diff(interval[order]) > 0)]
-    new = first[(off[first] > FOLLOWED) & ~np.isin(known.times[first], chosen)]
-    return known.times[new]
+    first: Ints = order[np.append(True, np.diff(interval[order]) > 0)]
+    samples = known.times[first]
+    missed: Bools = (off[first] > FOLLOWED) & ~np.isin(samples, chosen)
+    return samples[missed]
 
 
 def _followed(run: PreparedRun, times: Floats, initial: Floats) -> tuple[Floats, float]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, totals
 from vemcvx.estimate.budget.data_oscillation import Closer
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, surface_forces
@@ -55,7 +55,8 @@ def _volume(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is not None:
             np.add.at(force, load.cells, load.forces(t))
-    return np.einsum("cd,cd->c", force, force) / edges.shear
+    squared: Floats = np.einsum("cd,cd->c", force, force)
+    return squared / edges.shear
 
 
 def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
@@ -65,7 +66,7 @@ def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
     h = 0.5 * (edges.sizes[one] + edges.sizes[two])
     mu = 0.5 * (edges.shear[one] + edges.shear[two])
     part = h / (4.0 * mu) * np.einsum("ed,ed->e", jump, jump) / length
-    return np.bincount(edges.inside.ravel(), np.repeat(0.5 * part, 2), minlength=len(sigma))
+    return totals(edges.inside.ravel(), np.repeat(0.5 * part, 2), len(sigma))
 
 
 def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
@@ -74,7 +75,7 @@ def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
     length = np.linalg.norm(edges.outer_normals, axis=1)
     h, mu = edges.sizes[edges.outer], edges.shear[edges.outer]
     part = h / (2.0 * mu) * np.einsum("bd,bd->b", rest, rest) / length
-    return np.bincount(edges.outer, part, minlength=len(sigma))
+    return totals(edges.outer, part, len(sigma))
 
 
 def _traction(sigma: Floats, normals: Floats) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.measures.convex_parts import convex_pieces
-from vemcvx.meshes.polygons.topology import edge_keys
+from vemcvx.meshes.polygons.topology import positions
 from vemcvx.meshes.polygons.triangles import fans, places
 from vemcvx.vem import Space
 
@@ -44,10 +44,7 @@ class Places:
 
 def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
     """Places on boundary edges that are given by their nodes (m, 2)."""
-    n = len(points)
-    keys = edge_keys(edges.outer_edges, n)
-    order = np.argsort(keys)
-    which = order[np.searchsorted(keys, edge_keys(chosen, n), sorter=order)]
+    which = positions(chosen, edges.outer_edges, len(points))
     length = np.linalg.norm(edges.outer_normals[which], axis=1)
     size = np.ptp(points, axis=0).max()
     counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), LEAST)

@@ -87,4 +87,5 @@ def _free(P: sp.csr_matrix, edges: Ints) -> Floats:
     own[gram.row[near] // 2, gram.row[near] % 2, gram.col[near] % 2] = gram.data[near]
     values, vectors = np.linalg.eigh(own[place.reshape(-1, 2)].sum(axis=1))
     kept = np.where(values > FREE, 1.0, 0.0)
-    return np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+    return projectors

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.estimate.budget.skeleton import Skeleton
-from vemcvx.meshes.polygons.topology import edge_keys
+from vemcvx.meshes.polygons.topology import positions
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import PosedScene
@@ -59,7 +60,7 @@ def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
         traction = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
         total += _spread(edges, obstacles.nodes, obstacles.normals, traction)
     if posed.springs is not None:
-        total += _springs(posed, edges, now.u)
+        total += _springs(posed.springs, edges, now.u)
     return total
 
 
@@ -79,21 +80,19 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
 
 def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     n = posed.space.mesh.n_nodes
-    keys = edge_keys(edges.outer_edges, n)
-    order = np.argsort(keys)
-    total = np.zeros((len(keys), 2))
+    total = np.zeros((len(edges.outer), 2))
     for load in posed.loads:
         if isinstance(load, InitialStresses) or load.edges is None:
             continue
-        at = order[np.searchsorted(keys, edge_keys(load.edges, n), sorter=order)]
-        np.add.at(total, at, load.forces(t))
+        np.add.at(total, positions(load.edges, edges.outer_edges, n), load.forces(t))
     return total
 
 
 def _spread(edges: Skeleton, nodes: Ints, normals: Floats, traction: Floats) -> Floats:
     """Integrals over edges of tractions given at nodes and sides, linear between them."""
     length = np.linalg.norm(edges.outer_normals, axis=1)
-    return 0.5 * length[:, None] * at_ends(edges, nodes, normals, traction).sum(axis=1)
+    force: Floats = 0.5 * length[:, None] * at_ends(edges, nodes, normals, traction).sum(axis=1)
+    return force
 
 
 def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Floats:
@@ -116,15 +115,13 @@ def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Fl
     return found
 
 
-def _springs(posed: PosedScene, edges: Skeleton, u: Floats) -> Floats:
+def _springs(springs: sp.csr_matrix, edges: Skeleton, u: Floats) -> Floats:
     """Springs pull where both ends of an edge have some."""
-    stiff = posed.springs.diagonal().reshape(-1, 2).max(axis=1) > 0
+    stiff = springs.diagonal().reshape(-1, 2).max(axis=1) > 0
     sprung = stiff[edges.outer_edges].all(axis=1)
     length = np.linalg.norm(edges.outer_normals, axis=1)
-    share = np.bincount(
-        edges.outer_edges[sprung].ravel(), np.repeat(0.5 * length[sprung], 2), minlength=posed.space.mesh.n_nodes
-    )
-    pull = -(posed.springs @ u.ravel()).reshape(-1, 2) / np.where(share > 0, share, 1.0)[:, None]
+    share = totals(edges.outer_edges[sprung].ravel(), np.repeat(0.5 * length[sprung], 2), len(u))
+    pull = -(springs @ u.ravel()).reshape(-1, 2) / np.where(share > 0, share, 1.0)[:, None]
     total = np.zeros(edges.outer_normals.shape)
     total[sprung] = 0.5 * length[sprung, None] * pull[edges.outer_edges[sprung]].sum(axis=1)
     return total

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Ints
-from vemcvx.meshes.polygons.topology import directed_edges, edge_keys, shared_edges
+from vemcvx.meshes.polygons.topology import directed_edges, positions, shared_edges
 from vemcvx.meshes.tessellation import Tessellation
 
 
@@ -28,8 +28,7 @@ class Edges:
 
     def find(self, pairs: Ints, n_nodes: int) -> Ints:
         """Numbers of the edges given by their nodes (m, 2) in any order; all must exist."""
-        keys = edge_keys(self.ends, n_nodes)
-        return np.searchsorted(keys, edge_keys(pairs, n_nodes))
+        return positions(pairs, self.ends, n_nodes)
 
 
 def edges_of(mesh: Tessellation) -> Edges:

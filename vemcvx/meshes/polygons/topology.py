@@ -51,6 +51,13 @@ def edge_keys(edges: Ints, n_nodes: int) -> Ints:
     return np.minimum(edges[:, 0], edges[:, 1]) * n_nodes + np.maximum(edges[:, 0], edges[:, 1])
 
 
+def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
+    """Where each wanted edge (k, 2) stands among the edges (m, 2), in either direction; all must be there."""
+    keys = edge_keys(edges, n_nodes)
+    order = np.argsort(keys)
+    return order[np.searchsorted(keys, edge_keys(wanted, n_nodes), sorter=order)]
+
+
 @dataclass(frozen=True, eq=False)
 class SharedEdges:
     """Corners of a mesh sorted by the undirected edge they start.

@@ -102,7 +102,7 @@ def read_archive(path: Path) -> Results:
 def _about(arrays: Arrays) -> dict[str, Any]:
     if "about" not in arrays:
         raise ValueError(f"it holds {', '.join(sorted(arrays)) or 'nothing'}")
-    about = json.loads(str(arrays["about"]))
+    about: dict[str, Any] = json.loads(str(arrays["about"]))
     if about["format"] != FORMAT:
         raise ValueError(f"found the format {about['format']!r}, wanted {FORMAT!r}")
     return about
@@ -166,5 +166,5 @@ def _mesh(arrays: Arrays) -> PolygonMesh:
     return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=_under("cell_data.", arrays))
 
 
-def _under(prefix: str, arrays: Arrays) -> Arrays:
+def _under(prefix: str, arrays: Arrays) -> dict[str, Any]:
     return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}

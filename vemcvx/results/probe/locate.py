@@ -88,7 +88,7 @@ class _Sides:
     @property
     def holds(self) -> Bools:
         """Whether each candidate's closed cell holds its point."""
-        odd = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
+        odd: Bools = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
         return odd | np.logical_or.reduceat(self._on, self._begin)
 
     def nearest(self) -> tuple[Ints, Ints, Ints, Floats]:

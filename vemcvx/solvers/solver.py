@@ -98,7 +98,7 @@ class Solver(ABC):
         ----------
         operators : Operators
             K, B, D and the compliances, scaled: they are the same in every step. Where K is dense, n is the number of
-            unknowns that contact and friction read; `operators.factor` solves with K.
+            unknowns that norm terms and limits read; `operators.factor` solves with K.
 
         Raises
         ------

@@ -107,12 +107,12 @@ class KernelBalance:
     def nearest(
         self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats]
     ) -> tuple[Floats, Floats, Floats]:
-        """The multipliers nearest to (lam, p) with |lam_i| <= w_i, p >= 0 and grip'lam + stop'p = push; what is left.
+        """The multipliers nearest to (lam, p) with |lam_i| <= w_i, p >= 0 and G'lam + H'p = push; what is left.
 
-        In the metric sum |dlam_i|^2 / ease_i + sum dp_j^2 / ease_j: lam(c) = P_w(lam + ease grip c),
-        p(c) = (p + ease stop c)_+ with c the minimiser of a convex, piecewise smooth function of k unknowns whose
-        gradient is grip'lam(c) + stop'p(c) - push: a line-searched Newton method. Where there are no such multipliers,
-        c grows without bound and what is left points along a motion that nothing can hold.
+        In the metric sum |dlam_i|^2 / ease_i + sum dp_j^2 / ease_j, with G the friction modes and H the contact modes:
+        lam(c) = P_w(lam + ease G c), p(c) = (p + ease H c)_+ with c the minimiser of a convex, piecewise smooth
+        function of k unknowns whose gradient is G'lam(c) + H'p(c) - push: a line-searched Newton method. Where there
+        are no such multipliers, c grows without bound and what is left points along a motion that nothing can hold.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class KernelBalance:
         return left if self.loses(left, w, push) else None
 
     def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:
-        """push - grip'lam - stop'p (k,), and what rounding may leave of it; `pushed` is |N|'|g|."""
+        """push - G'lam - H'p (k,), and what rounding may leave of it; `pushed` is |N|'|g|."""
         left = push - np.einsum("ijk,ij->k", self.friction_modes, lam) - self.contact_modes.T @ p
         size = np.einsum("ijk,ij->k", np.abs(self.friction_modes), np.abs(lam)) + np.abs(self.contact_modes).T @ p
         return left, 8 * EPS * (pushed + size)

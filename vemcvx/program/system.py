@@ -184,7 +184,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class System:
-    """K, the load, and the norm terms; the load already includes minus the dirichlet_force of moving supports.
+    """K, the load, and the norm terms; the load already includes minus the Dirichlet force of moving supports.
 
     Parameters
     ----------

@@ -59,8 +59,8 @@ def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> No
     pressed = at_nodes[:, terms.nodes]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
-    shut = pressed > CLOSED * pressed.max(initial=0.0)
-    gone = ~(shut[1:] | shut[:-1]) & np.isin(terms.nodes, obstacles.nodes)
+    closed = pressed > CLOSED * pressed.max(initial=0.0)
+    gone = ~(closed[1:] | closed[:-1]) & np.isin(terms.nodes, obstacles.nodes)
     gone &= np.isin(terms.nodes, np.concatenate([friction.nodes for friction in asked]))
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > CLOSED * total:

@@ -41,7 +41,7 @@ class StepData:
 
     t: float
     force: Reduced
-    """load minus dirichlet_force"""
+    """load minus Dirichlet force"""
     dirichlet_force: Reduced | None
     prescribed_slip: Floats
     carried: Floats | None

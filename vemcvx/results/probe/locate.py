@@ -68,7 +68,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
 
 
 class _Sides:
-    """The sides of candidates: pairs of a point i and a cell that may hold it, within `remaining_gap` of its sides."""
+    """The sides of candidates: pairs of a point i and a cell that may hold it, within `reach` of its sides."""
 
     def __init__(self, mesh: PolygonMesh, points: Floats, i: Ints, cells: Ints, reach: Floats):
         counts = np.diff(mesh.offsets)[cells]

@@ -2,8 +2,18 @@
 
 from vemcvx.linear.default import choose_linear
 from vemcvx.linear.dense import DenseCholesky
-from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Scaled
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, Scaled
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.superlu import SuperLU
 
-__all__ = ["SAMPLES", "DenseCholesky", "Factor", "LinearSolver", "Multigrid", "Scaled", "SuperLU", "choose_linear"]
+__all__ = [
+    "SAMPLES",
+    "DenseCholesky",
+    "Factor",
+    "LinearSolver",
+    "Matrix",
+    "Multigrid",
+    "Scaled",
+    "SuperLU",
+    "choose_linear",
+]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.linear.factor import Factor, singular
+from vemcvx.linear.factor import Factor, Matrix, singular
 
 
 class DenseCholesky(Factor):
     """K = R'R."""
+
+    _upper: Floats
 
     def __init__(self, K: Floats):
         # LAPACK without SciPy's checks: they take longer than factorising 100 unknowns.
@@ -20,5 +23,5 @@ class DenseCholesky(Factor):
     def solve(self, b: Floats) -> Floats:
         return dpotrs(self._upper, b, lower=0)[0] if len(self._upper) else b.copy()
 
-    def within(self, K_FF: Floats, F: Ints) -> DenseCholesky:
-        return DenseCholesky(K_FF)
+    def within(self, K_FF: Matrix, F: Ints) -> DenseCholesky:
+        return DenseCholesky(K_FF if isinstance(K_FF, np.ndarray) else K_FF.toarray())

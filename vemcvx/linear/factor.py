@@ -15,6 +15,9 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted, SceneError
 
+Matrix = Floats | sp.csr_matrix
+"""Of a program: dense where it was condensed, sparse where it was not."""
+
 SAMPLES = 8
 """Random forces from which the energy of others is estimated."""
 
@@ -37,7 +40,7 @@ class Factor(Protocol):
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, len(size)))
         return float(np.mean([self.energy(size * sign) for sign in signs]))
 
-    def within(self, K_FF: sp.csr_matrix, F: Ints) -> Factor:
+    def within(self, K_FF: Matrix, F: Ints) -> Factor:
         """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness; to solve with."""
 
 
@@ -54,7 +57,7 @@ class Scaled(Factor):
     def energy(self, b: Floats) -> float:
         return self._kappa * self._factor.energy(b / self._D)
 
-    def within(self, K_FF: sp.csr_matrix, F: Ints) -> Scaled:
+    def within(self, K_FF: Matrix, F: Ints) -> Scaled:
         D = self._D[F]
         undo = sp.diags_array(1.0 / D)
         plain = sp.csr_matrix(undo @ K_FF @ undo) * self._kappa

@@ -26,16 +26,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh_tridiagonal
+from scipy.sparse.linalg import LinearOperator, cg
 
 from vemcvx.arguments import part, whole
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.linear.factor import Factor, LinearSolver, singular
+from vemcvx.linear.factor import Factor, LinearSolver, Matrix, singular
 from vemcvx.linear.superlu import SuperLU
 
 EPS = float(np.finfo(float).eps)
@@ -88,7 +88,7 @@ class Multigrid(LinearSolver):
 class MultigridFactor(Factor):
     """K with a multigrid cycle M as preconditioner, and a bound from below on the eigenvalues of MK."""
 
-    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: Any, lowest: float):
+    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: LinearOperator[np.float64], lowest: float):
         self._settings, self._K, self._cycle, self._lowest = settings, K, cycle, lowest
 
     def solve(self, b: Floats) -> Floats:
@@ -112,28 +112,30 @@ class MultigridFactor(Factor):
             return 0.0
         x, _ = self._descended(b, ROUGH)
         left = b - self._K @ x
-        return abs(float(b @ x + x @ left + left @ (self._cycle @ left) / self._lowest))
+        return abs(float(b @ x + x @ left + left @ (self._cycle.matvec(left)) / self._lowest))
 
-    def within(self, K_FF: sp.csr_matrix, F: Ints) -> MultigridFactor:
+    def within(self, K_FF: Matrix, F: Ints) -> MultigridFactor:
         """The cycle for all of K, restricted to F, is a preconditioner there too: symmetric positive definite."""
 
         def cycle(b: Floats) -> Floats:
             whole = np.zeros(self._K.shape[0])
             whole[F] = b
-            return (self._cycle @ whole)[F]
+            return self._cycle.matvec(whole)[F]
 
-        restricted = sp.linalg.LinearOperator(K_FF.shape, matvec=cycle, dtype=float)
-        return MultigridFactor(self._settings, K_FF, restricted, self._lowest)
+        restricted = LinearOperator((len(F), len(F)), matvec=cycle, dtype=np.float64)
+        return MultigridFactor(self._settings, sp.csr_matrix(K_FF), restricted, self._lowest)
 
     def _descended(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
+        """An approximation of K^{-1} b, and how many iterations did not suffice for it; 0 if they did."""
         most = self._settings.max_iterations
-        return sp.linalg.cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
+        found: tuple[Floats, int] = cg(self._K, b, rtol=tolerance, atol=0.0, maxiter=most, M=self._cycle)
+        return found
 
 
 SUITED = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
 
 
-def lowest_eigenvalue(K: sp.csr_matrix, cycle: Any) -> float:
+def lowest_eigenvalue(K: sp.csr_matrix, cycle: LinearOperator[np.float64]) -> float:
     """A bound from below on the eigenvalues of MK, see above.
 
     Raises
@@ -157,13 +159,13 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: Any) -> float:
     )
 
 
-def _ritz_values(K: sp.csr_matrix, cycle: Any) -> Iterator[tuple[float, float]]:
+def _ritz_values(K: sp.csr_matrix, cycle: LinearOperator[np.float64]) -> Iterator[tuple[float, float]]:
     """The extreme Ritz values of MK after every step of Lanczos' method in the inner product of M."""
     diagonal: list[float] = []
     beside: list[float] = []
     force, before = np.random.default_rng(0).normal(size=K.shape[0]), np.zeros(K.shape[0])
     while True:
-        answer = cycle @ force
+        answer = cycle.matvec(force)
         square = float(force @ answer)
         if not diagonal:
             start = square

@@ -9,21 +9,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, singular
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular
 
 EPS = float(np.finfo(float).eps)
 
 # Symmetric mode: pivots stay on the diagonal, which a positive definite matrix allows, and halves the
 # time of the default (1.3 s against 3.1 s at 100k unknowns). Equilibration is off because powers of two
 # in the data must stay powers of two in the factors.
-SYMMETRIC = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True, "Equil": False}}
+PIVOTS = 0.0
+SYMMETRIC = {"SymmetricMode": True, "Equil": False}
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,11 @@ class SparseFactor(Factor):
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None):
         self._order = np.arange(K.shape[0]) if order is None else order
-        columns = "MMD_AT_PLUS_A" if order is None else "NATURAL"
+        columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
         self._diagonal = ordered.diagonal()
         try:
-            self._lu = splu(ordered, permc_spec=columns, **SYMMETRIC)
+            self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=PIVOTS, options=SYMMETRIC)
         except RuntimeError as error:
             raise singular() from error
 
@@ -72,10 +73,11 @@ class SparseFactor(Factor):
         """(n,) the diagonal of K^{-1}, estimated once: the mean squares of x = K^{-1} b for the forces b of _random."""
         x = self.solve(self._forces)
         del self._forces
-        return self._unit * (x * x).mean(axis=1)
+        mean: Floats = (x * x).mean(axis=1)
+        return self._unit * mean
 
-    def within(self, K_FF: sp.csr_matrix, F: Ints) -> SparseFactor:
-        return SparseFactor(K_FF, None)
+    def within(self, K_FF: Matrix, F: Ints) -> SparseFactor:
+        return SparseFactor(sp.csr_matrix(K_FF), None)
 
     def trailing(self, m: int) -> Floats:
         """L_cc U_cc of the last m unknowns in the order, (m, m).
@@ -96,12 +98,12 @@ class SparseFactor(Factor):
         self._unit, self._forces = self._random(L, U.diagonal())
         # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
         place = self._lu.perm_c[len(self._order) - m :]
-        S = (L[:, place][place] @ U[:, place][place]).toarray()
+        S: Floats = (L[:, place][place] @ U[:, place][place]).toarray()
         for copied in (L, U):
             _release(copied)
         return 0.5 * (S + S.T)
 
-    def _random(self, L: sp.csc_matrix, D: Floats) -> tuple[float, Floats]:
+    def _random(self, L: sp.csc_array, D: Floats) -> tuple[float, Floats]:
         """A unit u, and forces (n, SAMPLES) L (D / u)^{1/2} z of the covariance K / u; z is normal.
 
         Their responses are of the covariance K^{-1} / u. With u a power of two roots are taken of the same numbers in
@@ -114,7 +116,7 @@ class SparseFactor(Factor):
         return unit, forces
 
 
-def _release(factor: sp.csc_matrix) -> None:
+def _release(factor: sp.csc_array) -> None:
     """Give back the memory of a copy of a factor.
 
     SciPy makes these copies beside the factors it solves with and keeps them for the next time they are asked for:

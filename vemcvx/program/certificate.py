@@ -127,17 +127,16 @@ def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[flo
     operators, r = program.operators, program.residual(d, lam, p)
     equilibrium = 0.5 * operators.factor.energy(r)
     if operators.kernel is not None:
-        left, blur = _imbalance(program, lam, p)
+        left, blur = _imbalance(program, operators.kernel, lam, p)
         equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
     limits = limit_gaps(operators.compliance, p, program.excess(d), program.excess_blur(d))
     # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
     return abs(equilibrium), norm_gaps(program.w, lam, program.slip(d)), limits
 
 
-def _imbalance(program: StepProgram, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
+def _imbalance(program: StepProgram, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
     """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
-    N = program.operators.kernel
-    return program.operators.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))  # type: ignore
+    return program.operators.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))
 
 
 def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
@@ -152,7 +151,7 @@ def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> f
     floor += float(p @ program.excess_blur(d))
     if operators.kernel is not None:
         # A load off balance by so much moves the answer along N, and does work on that motion.
-        floor += float(_imbalance(program, lam, p)[1] @ np.abs(operators.kernel.T @ d))
+        floor += float(_imbalance(program, operators.kernel, lam, p)[1] @ np.abs(operators.kernel.T @ d))
     return floor
 
 
@@ -164,7 +163,8 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     direction[both] = lam[both] / size[both, None] - s[both] / slip[both, None]
     turned = np.einsum("ij,ij->i", direction, direction)
     short = np.where(size >= (1.0 - ROUNDED) * w, 0.0, w - size)
-    return short * slip + 0.5 * size * slip * turned
+    gaps: Floats = short * slip + 0.5 * size * slip * turned
+    return gaps
 
 
 def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,19 +20,25 @@ SYMMETRIC = 1e-10
 SAY = "take the number of a term and say where it acts"
 
 
-def at_instant(function: Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
-    """function(t), or a SceneError that says how it failed."""
+def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
+    """data(t), or a SceneError that says how it failed; the data where they are no function."""
+    if not callable(data):
+        return data
     failed = f"{subject}: its function failed when called as f(t) with t = {t:.6g}"
-    return called(function, (t,), failed, "take an instant and return an array")
+    value: ArrayLike = called(data, (t,), failed, "take an instant and return an array")
+    return value
 
 
-def checked_matrix(raw: object, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
+def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
     """A sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given."""
-    if not sp.issparse(raw) or raw.dtype.kind not in "biuf":  # type: ignore[attr-defined]
-        raw = as_real_array(raw, subject, "a matrix of real numbers")
-        if raw.ndim != 2:
-            raise SceneError(f"{subject}: found {shape_in_words(raw)}; wanted a matrix, dense or sparse.")
-    matrix = sp.csr_matrix(raw, dtype=float, copy=True)
+    sparse = sp.issparse(raw)
+    if sparse and raw.dtype.kind in "biuf":
+        matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=True)
+    else:
+        dense = as_real_array(raw, subject, "a matrix of real numbers")
+        if dense.ndim != 2:
+            raise SceneError(f"{subject}: found {shape_in_words(dense)}; wanted a matrix, dense or sparse.")
+        matrix = sp.csr_matrix(dense)
     finite(matrix.data, subject)
     if shape is not None and matrix.shape != shape:
         raise SceneError(f"{subject}: found a matrix of shape {matrix.shape}; wanted {shape}.")

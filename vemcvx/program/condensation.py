@@ -34,7 +34,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.program.kernel import anchors
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.ordering import minimum_degree
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import System
@@ -99,7 +99,7 @@ class Condensation:
         block = 1 if norms is None else norms.block
         self.linear = choose_linear(n, linear)
         limits = system.limits
-        D, compliance = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.compliance)
+        D, compliance = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.compliances)
         retained = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
         anchor = _anchors(system, retained, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
@@ -108,14 +108,14 @@ class Condensation:
             order = minimum_degree(self.regular) if system.order is None else system.order
             self.retained: Ints = retained
             self._factor, S = self.linear.eliminate(self.regular, order, retained)
-            rows = {"D": sp.csr_matrix(D[:, retained]), "compliance": compliance}
-            self.operators = Operators(S, sp.csr_matrix(B[:, retained]), block, **rows)
+            B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])
+            self.operators = Operators(S, B, block, D=D, compliance=compliance)
         else:
             self.retained = np.arange(n)
             self._factor = self.linear.factorise(self.regular, system.near_kernel)
             self.operators = Operators(self.regular, B, block, self._factor, D=D, compliance=compliance)
         self._S = self.operators.K
-        if anchor is not None:
+        if anchor is not None and system.kernel is not None:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
         self._inner = np.ones(n, dtype=bool)
         self._inner[self.retained] = False
@@ -178,16 +178,17 @@ class Condensation:
         """x, xi and tau of a force phi (n,), one below the other."""
         x, c = self._factor.solve(phi), self.retained
         xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
-        tau = self._S @ x[c] if self.system.kernel is None else phi[c] - self._rows @ xi
-        if self.system.kernel is not None:
+        N = self.operators.kernel
+        tau = self._S @ x[c] if N is None else phi[c] - self._rows @ xi
+        if N is not None:
             # Whatever digits xi has lost, the force on K's kernel is that of phi.
-            tau += self.operators.kernel @ (self._motions.T @ phi - self.operators.kernel.T @ tau)  # type: ignore[operator, union-attr]
+            tau += N @ (self._motions.T @ phi - N.T @ tau)
         return np.concatenate([x, xi, tau])
 
     @cached_property
     def _motions(self) -> Floats:
         """(n, k) the kernel of K; on the retained unknowns it is that of the form."""
-        modes = self.system.kernel.modes  # type: ignore[union-attr]
+        modes = np.zeros((self.system.n, 0)) if self.system.kernel is None else self.system.kernel.modes
         return modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
 
     def _held(self, phi: Floats, x: Floats | None = None) -> Floats:
@@ -237,14 +238,12 @@ def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | N
 
 def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
     """The form of K itself, from that of K with the anchors' stiffness."""
-    added = sp.diags_array(anchor)
-    K = sp.csr_matrix(operators.K - added) if sp.issparse(operators.K) else operators.K - np.diag(anchor)
     kernel = np.linalg.qr(modes)[0]
     return Operators(
-        K=K,
+        K=shifted(operators.K, -anchor),
         B=operators.B,
         block=operators.block,
-        factor=operators.factor,
+        given_factor=operators.factor,
         kernel=kernel,
         anchor=anchor,
         D=operators.D,

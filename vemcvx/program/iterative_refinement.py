@@ -15,10 +15,11 @@ from scipy.special import fdtri
 
 from vemcvx.arrays import Bools, Floats
 from vemcvx.linear import SAMPLES
-from vemcvx.program.certificate import EPS, Certificate
+from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
 from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import EPS
 from vemcvx.program.system import System
 from vemcvx.program.tolerances import COARSE_FACTORS
 
@@ -60,7 +61,7 @@ def refined(
     """
     held = np.zeros(len(condensation.retained), dtype=bool)
     # Rows of B, then rows of D: each reads one unknown of its own.
-    columns = np.concatenate([operators.rows.columns, operators.limits.columns])  # type: ignore[list-item]
+    columns = np.concatenate([operators.rows.columns, operators.limits.columns])
     coefficient = np.concatenate([operators.B.data, operators.D.data])
     act = np.concatenate([np.repeat(stick, operators.block), p > 0])
     held[columns[act]] = True

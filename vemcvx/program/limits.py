@@ -39,7 +39,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
-        compliance = self._shaped(self.compliance, "Limits: compliance")
+        compliance = self.compliances
         if (compliance < 0).any():
             j = int(np.argmin(compliance))
             raise SceneError(f"Limits: found the compliance {compliance[j]:.6g} of {self.name(j)}; it must be >= 0.")
@@ -47,6 +47,11 @@ class Limits:
         function(self.places, "Limits: found places", "a function of j that says where limit j acts")
         if not callable(self.e):
             object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
+
+    @property
+    def compliances(self) -> Floats:
+        """c (r,)."""
+        return self._shaped(self.compliance, "Limits: compliance")
 
     @property
     def count(self) -> int:
@@ -59,7 +64,9 @@ class Limits:
 
     def remaining_gap(self, t: float) -> Floats:
         """e (r,) at the instant `t`."""
-        return self._shaped(at_instant(self.e, t, "Limits: e"), "Limits: e") if callable(self.e) else self.e  # type: ignore
+        e = self.e
+        # An array was checked when it was given.
+        return e if isinstance(e, np.ndarray) else self._shaped(at_instant(e, t, "Limits: e"), "Limits: e")
 
     def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
         wanted = f"a number, or ({self.count},) of them, one a limit"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
-from vemcvx.linear import DenseCholesky, Factor, SuperLU
+from vemcvx.arrays import Floats, Ints
+from vemcvx.linear import DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.program.rows import Rows
 
@@ -20,6 +20,10 @@ BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
 ROUNDED = 64 * float(np.finfo(float).eps)
 """Of motions, in parts of their largest entries: they are made orthonormal, in columns of many entries."""
+
+
+def _none() -> sp.csr_matrix:
+    return sp.csr_matrix((0, 0))
 
 
 @dataclass(frozen=True)
@@ -33,8 +37,8 @@ class Operators:
         Rows i * block ... (i + 1) * block make the vector B_i d of norm term i: a slip, but for the motion of supports.
     block : int
         Components of such a vector: 1 makes absolute values, more make second-order cones.
-    factor : Factor, optional
-        K factorised (with the anchors' stiffness), ready to be solved with; made if it is not given.
+    given_factor : Factor, optional
+        `factor`, K (with the anchors' stiffness) ready to be solved with; made if it is not given.
     kernel : (n, k) array, optional
         Where K is only semidefinite: its kernel, orthonormal (:mod:`vemcvx.program.kernel`).
     anchor : (n,) array, optional
@@ -45,31 +49,35 @@ class Operators:
         c_j >= 0 of the limits; zero makes them bounds.
     """
 
-    K: Floats | sp.csr_matrix
+    K: Matrix
     B: sp.csr_matrix
     block: int = 1
-    factor: Factor = None  # type: ignore[assignment]
+    given_factor: Factor | None = None
     kernel: Floats | None = None
     anchor: Floats | None = None
-    D: sp.csr_matrix = None  # type: ignore[assignment]
-    compliance: Floats = None  # type: ignore[assignment]
+    D: sp.csr_matrix = field(default_factory=_none)
+    compliance: Floats = field(default_factory=lambda: np.zeros(0))
+    factor: Factor = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.D is None:
+        if self.D.shape[0] == 0:
             object.__setattr__(self, "D", sp.csr_matrix((0, self.B.shape[1])))
-            object.__setattr__(self, "compliance", np.zeros(0))
-        if self.factor is None:
-            K = self.regular.K
-            object.__setattr__(self, "factor", SuperLU().factorise(K) if sp.issparse(K) else DenseCholesky(K))
+        elif len(self.compliance) == 0:
+            object.__setattr__(self, "compliance", np.zeros(self.D.shape[0]))
+        object.__setattr__(self, "factor", self.given_factor or self._factorised())
+
+    def _factorised(self) -> Factor:
+        if self.anchor is not None:
+            return self.regular.factor
+        return DenseCholesky(self.K) if isinstance(self.K, np.ndarray) else SuperLU().factorise(self.K)
 
     @cached_property
     def regular(self) -> Operators:
         """The operators with K + diag(anchor), which is positive definite; itself where there is no kernel."""
         if self.anchor is None:
             return self
-        added = sp.diags_array(self.anchor)
-        K = sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + np.diag(self.anchor)
-        return Operators(K, self.B, self.block, self.factor, D=self.D, compliance=self.compliance)
+        K = shifted(self.K, self.anchor)
+        return Operators(K, self.B, self.block, self.given_factor, D=self.D, compliance=self.compliance)
 
     @cached_property
     def hold(self) -> KernelBalance:
@@ -83,7 +91,7 @@ class Operators:
 
     def force(self, d: Floats) -> Floats:
         """K d, which does no work on K's kernel: what it rounds to does not either."""
-        force = self.K @ d
+        force: Floats = self.K @ d
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
     @cached_property
@@ -97,18 +105,17 @@ class Operators:
         return Rows(self.D)
 
     @cached_property
-    def separate(self) -> bool:
-        """Whether every row of B and D reads one unknown of its own."""
-        columns = self.rows.columns, self.limits.columns
-        if columns[0] is None or columns[1] is None:
-            return False
-        both = np.concatenate([columns[0], columns[1]])
-        return len(np.unique(both)) == len(both)
+    def own_columns(self) -> tuple[Ints, Ints] | None:
+        """The unknowns that the rows of B and of D read, if each reads one of its own; else None."""
+        rows, limits = self.rows.columns, self.limits.columns
+        if rows is None or limits is None or len(np.union1d(rows, limits)) < len(rows) + len(limits):
+            return None
+        return rows, limits
 
     @cached_property
-    def absolute(self) -> Floats | sp.csr_matrix:
+    def absolute(self) -> Matrix:
         """|K|, entry by entry, for bounds on rounding."""
-        return abs(self.K)
+        return np.abs(self.K) if isinstance(self.K, np.ndarray) else sp.csr_matrix(abs(self.K))
 
     @property
     def count(self) -> int:
@@ -130,7 +137,8 @@ class Operators:
     @cached_property
     def norm_flexibility(self) -> Floats:
         """(m,) largest diagonal entry of B_i K^{-1} B_i': |s_i| <= compliance^{1/2} |d|_K."""
-        return self.blocks(self._response(self.B)).max(axis=1)
+        largest: Floats = self.blocks(self._response(self.B)).max(axis=1)
+        return largest
 
     @cached_property
     def limit_flexibility(self) -> Floats:
@@ -139,18 +147,24 @@ class Operators:
 
     def _response(self, rows: sp.csr_matrix) -> Floats:
         dense = rows.toarray()
-        return np.einsum("ij,ji->i", dense, self.factor.solve(np.ascontiguousarray(dense.T)))
+        response: Floats = np.einsum("ij,ji->i", dense, self.factor.solve(np.ascontiguousarray(dense.T)))
+        return response
 
-    def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Floats | sp.csr_matrix:
+    def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Matrix:
         """K + B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
-        added = sp.csr_matrix(self.K.shape)
+        added: sp.csr_matrix = sp.csr_matrix(self.K.shape)
         if self.count:
-            H = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
-            added = sp.csr_matrix(self.B.T @ H @ self.B)
+            blocks = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
+            added = sp.csr_matrix(self.B.T @ blocks @ self.B)
         if stiffness is not None and len(stiffness):
-            added = added + self.D.T @ sp.diags_array(stiffness) @ self.D
-        return sp.csr_matrix(self.K + added) if sp.issparse(self.K) else self.K + added.toarray()
+            added = sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D)
+        return self.K + added.toarray() if isinstance(self.K, np.ndarray) else sp.csr_matrix(self.K + added)
 
     def blocks(self, x: Floats) -> Floats:
         """View (m * block,) entries as (m, block)."""
         return x.reshape(self.count, self.block)
+
+
+def shifted(K: Matrix, diagonal: Floats) -> Matrix:
+    """K + diag(diagonal)."""
+    return K + np.diag(diagonal) if isinstance(K, np.ndarray) else sp.csr_matrix(K + sp.diags_array(diagonal))

@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import SceneError
-from vemcvx.linear import Scaled
+from vemcvx.linear import Matrix, Scaled
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
@@ -143,32 +143,29 @@ def scaling(operators: Operators) -> Scaling:
     tau = power_of_two(_size(operators.D, D))
     B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, operators.block)) @ operators.B @ sp.diags_array(D))
     E = sp.csr_matrix(sp.diags_array(1.0 / tau) @ operators.D @ sp.diags_array(D))
-    limits = {"D": E, "compliance": operators.compliance * kappa / tau**2}
     kernel, anchor = operators.kernel, operators.anchor
-    if kernel is not None:
+    if kernel is not None and anchor is not None:
         kernel, anchor = np.linalg.qr(kernel / D[:, None])[0], D * anchor * D / kappa
-    if sp.issparse(operators.K):
-        K = sp.csr_matrix(sp.diags_array(D) @ operators.K @ sp.diags_array(D / kappa))
-        scaled = Operators(
-            K=K,
-            B=B,
-            block=operators.block,
-            factor=Scaled(operators.factor, D, kappa),
-            kernel=kernel,
-            anchor=anchor,
-            **limits,
-        )
-    else:
-        scaled = Operators(
-            K=D[:, None] * operators.K * (D / kappa),
-            B=B,
-            block=operators.block,
-            factor=None,
-            kernel=kernel,
-            anchor=anchor,
-            **limits,
-        )
+    dense = isinstance(operators.K, np.ndarray)
+    scaled = Operators(
+        K=_scaled(operators.K, D, kappa),
+        B=B,
+        block=operators.block,
+        # A small dense matrix is factorised anew.
+        given_factor=None if dense else Scaled(operators.factor, D, kappa),
+        kernel=kernel,
+        anchor=anchor,
+        D=E,
+        compliance=operators.compliance * kappa / tau**2,
+    )
     return Scaling(scaled, kappa, D, sigma, tau)
+
+
+def _scaled(K: Matrix, D: Floats, kappa: float) -> Matrix:
+    """D K D / kappa."""
+    if isinstance(K, np.ndarray):
+        return D[:, None] * K * (D / kappa)
+    return sp.csr_matrix(sp.diags_array(D) @ K @ sp.diags_array(D / kappa))
 
 
 def _diagonal(operators: Operators) -> Floats:

@@ -72,7 +72,8 @@ class StepProgram:
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return self.g - self.held(lam, p) - self.operators.K @ d
+        r: Floats = self.g - self.held(lam, p) - self.operators.K @ d
+        return r
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""
@@ -94,7 +95,8 @@ class StepProgram:
         over = size > self.w
         scale = np.ones_like(size)
         scale[over] = self.w[over] / size[over]
-        return lam * scale[:, None]
+        nearest: Floats = lam * scale[:, None]
+        return nearest
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
         """The multipliers nearest to (lam, p): |lam_i| <= w_i, p >= 0, in balance on K's kernel.

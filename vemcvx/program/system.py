@@ -93,7 +93,9 @@ class Norms:
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`."""
-        return self._checked(at_instant(self.w, t, "Norms: w")) if callable(self.w) else self.w  # type: ignore[return-value]
+        w = self.w
+        # An array was checked when it was given.
+        return w if isinstance(w, np.ndarray) else self._checked(at_instant(w, t, "Norms: w"))
 
     def weights_under(self, t: float, p: Floats) -> Floats:
         """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
@@ -105,7 +107,8 @@ class Norms:
 
     def _ask(self, name: str, t: float, p: Floats) -> ArrayLike:
         failed = f"Norms: {name}: its function failed when called as f(t, p) with t = {t:.6g}"
-        return called(getattr(self, name), (t, p), failed, "return weights, or their derivative")
+        value: ArrayLike = called(getattr(self, name), (t, p), failed, "return weights, or their derivative")
+        return value
 
     def tilt(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
@@ -119,8 +122,7 @@ class Norms:
         if self.bias is None:
             return np.zeros(rows)
         wanted = f"({rows},) forces, one a row of B"
-        raw = at_instant(self.bias, t, "Norms: bias") if callable(self.bias) else self.bias
-        c = as_real_array(raw, "Norms: bias", wanted)
+        c = as_real_array(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted)
         if c.shape != (rows,):
             raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
         finite(c, "Norms: bias")
@@ -234,12 +236,10 @@ class System:
         instance(self.damping, Damping, "System: found damping", "Damping(C)")
         instance(self.dragged, DraggedTerms, "System: found dragged", "DraggedTerms")
         instance(self.kernel, Kernel, "System: found kernel", "a Kernel(modes, names)")
-        for what, matrix in (("norms", self.norms and self.norms.B), ("limits", self.limits and self.limits.D)):
-            if matrix is not None and matrix.shape[1] != self.n:
-                raise SceneError(
-                    f"System: found {what} over {matrix.shape[1]} unknowns, but K has {self.n}; "
-                    f"{'B' if what == 'norms' else 'D'} must have one column an unknown."
-                )
+        if self.norms is not None:
+            self._check_columns(self.norms.B, "norms", "B")
+        if self.limits is not None:
+            self._check_columns(self.limits.D, "limits", "D")
         if self.damping is not None and self.damping.C.shape != self.K.shape:
             raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
         if self.motion is not None:
@@ -252,6 +252,13 @@ class System:
             object.__setattr__(self, "near_kernel", motions(self.near_kernel, self.n))
         if self.kernel is not None:
             self._check_kernel(self.kernel)
+
+    def _check_columns(self, matrix: sp.csr_matrix, what: str, name: str) -> None:
+        if matrix.shape[1] != self.n:
+            raise SceneError(
+                f"System: found {what} over {matrix.shape[1]} unknowns, but K has {self.n}; "
+                f"{name} must have one column an unknown."
+            )
 
     def _check_kernel(self, kernel: Kernel) -> None:
         N = kernel.modes

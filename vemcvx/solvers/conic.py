@@ -14,7 +14,7 @@ it as a slack of its own: on the strip of problems/membrane_with_friction.py Cla
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -41,6 +41,8 @@ from vemcvx.solvers.solver import Solver
 if TYPE_CHECKING:
     import cvxpy as cp
 
+    Data = Floats | cp.Parameter
+    Cost = cp.Expression | float
 
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
@@ -59,7 +61,7 @@ class CvxpyStep:
     p: Callable[[], Floats]
 
 
-def to_cvxpy(operators: Operators, g: Any, w: Any, b: Any, e: Any, cones: bool = True) -> CvxpyStep:
+def to_cvxpy(operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bool = True) -> CvxpyStep:
     """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
     import cvxpy as cp
 
@@ -74,8 +76,8 @@ def to_cvxpy(operators: Operators, g: Any, w: Any, b: Any, e: Any, cones: bool =
 
 
 def _norms(
-    operators: Operators, d: cp.Variable, w: Any, b: Any, cones: bool
-) -> tuple[list[Any], Any, Callable[[], Floats]]:
+    operators: Operators, d: cp.Variable, w: Data, b: Data, cones: bool
+) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
     import cvxpy as cp
 
     if operators.count == 0:
@@ -88,7 +90,7 @@ def _norms(
     return [upper, lower], w @ t, lambda: (upper.dual_value - lower.dual_value)[:, None]
 
 
-def _limits(operators: Operators, d: cp.Variable, e: Any) -> tuple[list[Any], Any, Callable[[], Floats]]:
+def _limits(operators: Operators, d: cp.Variable, e: Data) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
     import cvxpy as cp
 
     soft = np.flatnonzero(operators.compliance > 0)
@@ -163,7 +165,9 @@ class ThroughCvxpy(Solver):
         import cvxpy as cp
         from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC
 
-        return self.solver in SOLVER_MAP_CONIC and cp.SOC in SOLVER_MAP_CONIC[self.solver].SUPPORTED_CONSTRAINTS
+        known = self.solver in SOLVER_MAP_CONIC
+        constraints: Sequence[object] = SOLVER_MAP_CONIC[self.solver].SUPPORTED_CONSTRAINTS if known else ()
+        return cp.SOC in constraints
 
     @property
     def accepts(self) -> frozenset[str]:
@@ -235,10 +239,11 @@ class _PreparedConic:
         operators, data = self._form, (program.g, program.w, program.b, program.e)
         with COMPILING:
             if sp.issparse(operators.K):
-                return to_cvxpy(operators, *data, cones)
+                return to_cvxpy(operators, program.g, program.w, b=program.b, e=program.e, cones=cones)
             if cones not in self._compiled:
                 parameters = tuple(cp.Parameter(len(x), nonneg=x is program.w) for x in data)
-                self._compiled[cones] = parameters, to_cvxpy(operators, *parameters, cones)
+                g, w, b, e = parameters
+                self._compiled[cones] = parameters, to_cvxpy(operators, g, w, b=b, e=e, cones=cones)
         parameters, posed = self._compiled[cones]
         for parameter, value in zip(parameters, data, strict=True):
             parameter.value = value

@@ -70,7 +70,7 @@ class WeightLaw:
         """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
         return WeightLaw(
             lambda p: up * self.weights(down * p),
-            lambda p: sp.csr_matrix(self.slope(down * p).multiply(up[:, None]).multiply(down)),
+            lambda p: sp.csr_matrix(sp.diags_array(up) @ self.slope(down * p) @ sp.diags_array(down)),
         )
 
 
@@ -109,7 +109,8 @@ def settled(
     found = found or _settled(program, law, start=start, response=response, rounds=rounds, w=program.w)
     if found is not None:
         return found
-    softer = _settled(program, law.scaled(np.ones(1), np.full(len(start.p), SOFTER)), start, response, rounds)
+    soft = law.scaled(np.ones(len(program.w)), np.full(len(start.p), SOFTER))
+    softer = _settled(program, soft, start, response, rounds)
     if softer is None:
         return None
     point = softer.point
@@ -125,7 +126,8 @@ def _settled(
     w: Floats | None = None,
 ) -> Settled | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
-    shift, point, met = Shifts.of(program.operators) * SHIFT, start, set()
+    shift, point = Shifts.of(program.operators) * SHIFT, start
+    met: set[bytes] = set()
     for _ in islice(rounds, MOST_ROUNDS):
         sets, pressed = _sets(program, law, point, shift, None if met else w)
         mark = sets.stick.tobytes() + sets.direction.tobytes() + sets.act.tobytes()
@@ -220,7 +222,8 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
 
 
 def _size(s: Floats) -> Floats:
-    return np.linalg.norm(s, axis=1)
+    size: Floats = np.linalg.norm(s, axis=1)
+    return size
 
 
 def _on_sets(program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, response: Response) -> _Found:
@@ -241,7 +244,7 @@ def _on_sets(program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, 
         wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
         step, more = solve(program.residual(d, operators.blocks(lam), p), wanted)
         d, x = d + step, x + more
-        error = float(np.sqrt(max(step @ (operators.K @ step), 0.0)))
+        error = float(np.sqrt(max(float(step @ (operators.K @ step)), 0.0)))
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
     force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
     # What anchors answer to a motion is no force of the step: it is as large as any error of that motion.
@@ -260,7 +263,8 @@ def _on_sets(program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, 
 def _bend(sets: Sets, s: Floats) -> Floats:
     """h (I - q q') s, (m, block)."""
     along = np.einsum("ij,ij->i", sets.direction, s)
-    return sets.curvature[:, None] * (s - along[:, None] * sets.direction)
+    bent: Floats = sets.curvature[:, None] * (s - along[:, None] * sets.direction)
+    return bent
 
 
 def _factorised(

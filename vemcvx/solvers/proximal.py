@@ -17,9 +17,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
+from vemcvx.linear import Matrix
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts
 
@@ -71,7 +71,7 @@ def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts
     return d + length * step, True
 
 
-def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Floats | sp.csr_matrix:
+def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matrix:
     """K + B'HB + D'diag D with H_i = a on sticking blocks, a (w/|q|)(I - qq'/|q|^2) on slipping ones."""
     operators = program.operators
     size = np.linalg.norm(q, axis=1)

@@ -19,15 +19,15 @@ class Response:
 
     def __init__(self, operators: Operators):
         n = operators.B.shape[1]
-        anchored = np.zeros(0, dtype=np.int64) if operators.anchor is None else np.flatnonzero(operators.anchor)
+        anchor = np.zeros(n) if operators.anchor is None else operators.anchor
+        anchored = np.flatnonzero(anchor)
         R = sp.csr_matrix((np.ones(len(anchored)), (np.arange(len(anchored)), anchored)), shape=(len(anchored), n))
         self.operators, self.A = operators, sp.csr_matrix(sp.vstack([operators.B, operators.D, R]))
         self.compliance = np.zeros(self.A.shape[0])
         self.norms = slice(0, operators.B.shape[0])
         self.limits = slice(operators.B.shape[0], operators.B.shape[0] + operators.D.shape[0])
         self.compliance[self.limits] = operators.compliance
-        if len(anchored):
-            self.compliance[self.limits.stop :] = -1.0 / operators.anchor[anchored]  # type: ignore[index]
+        self.compliance[self.limits.stop :] = -1.0 / anchor[anchored]
         self.matrix = self.A @ operators.factor.solve(self.A.T.toarray())
         self.absolute = abs(self.A)
 

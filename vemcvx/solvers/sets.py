@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.linear import Matrix
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
@@ -144,8 +145,12 @@ def answer_on(program: StepProgram, sets: Sets) -> Iterate:
         load = load + operators.rows.pull(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
     stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
     stop = np.flatnonzero(sets.act & ~soft)
-    solve = _held_coordinates if operators.separate else _held
-    d, reaction, stopped = solve(M, load, program, stick, stop)
+    own = operators.own_columns
+    if own is None:
+        d, reaction, stopped = _held(M, load, program, stick, stop)
+    else:
+        columns = np.concatenate([own[0][stick], own[1][stop]])
+        d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns)
     lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else pull).ravel()
     lam[stick] = reaction
     p = spring * program.excess(d)
@@ -153,9 +158,7 @@ def answer_on(program: StepProgram, sets: Sets) -> Iterate:
     return Iterate(d, operators.blocks(lam), p)
 
 
-def _held(
-    M: Floats | sp.csr_matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
-) -> tuple[Floats, Floats, Floats]:
+def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints) -> tuple[Floats, Floats, Floats]:
     """Minimise 1/2 d'Md - load'd subject to B_i d = b_i and D_j d = e_j on the rows given; d and the reactions."""
     operators = program.operators
     A = sp.vstack([operators.B[stick], operators.D[stop]], format="csr")
@@ -178,11 +181,10 @@ def _held(
 
 
 def _held_coordinates(
-    M: Floats | sp.csr_matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints
+    M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints, columns: Ints
 ) -> tuple[Floats, Floats, Floats]:
-    """The same where every row reads its own unknown: the held unknowns are known."""
+    """The same where every row reads its own unknown, those of the rows given `columns`: the held ones are known."""
     operators = program.operators
-    columns = np.concatenate([operators.rows.columns[stick], operators.limits.columns[stop]])  # type: ignore[index]
     coefficient = np.concatenate([operators.B.data[stick], operators.D.data[stop]])
     value = np.concatenate([program.b[stick], program.e[stop]])
     d = np.zeros(len(load))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from copy import copy
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class Solver(ABC):
     """
 
     accuracy: float = 1e-6
-    semidefinite: bool = False
+    semidefinite: ClassVar[bool] = False
     max_iterations: float = np.inf
 
     def __post_init__(self) -> None:

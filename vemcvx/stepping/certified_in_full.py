@@ -8,10 +8,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
-from vemcvx.program.certificate import EPS, limit_gaps, norm_gaps
+from vemcvx.program.certificate import limit_gaps, norm_gaps
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
-from vemcvx.program.step_program import Answer
+from vemcvx.program.step_program import EPS, Answer
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats
 from vemcvx.linear import LinearSolver
-from vemcvx.program.certificate import EPS, Certificate
+from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
+from vemcvx.program.step_program import EPS
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, choose
 from vemcvx.solvers.response import Response
@@ -167,7 +168,7 @@ def prepare(
     condensation = Condensation(system, condense, linear)
     chosen = choose(condensation.operators, solver)
     scales = scaling(condensation.operators)
-    plain = condensation.operators.separate and not condensation.operators.compliance.any()
+    plain = condensation.operators.own_columns is not None and not condensation.operators.compliance.any()
     refines = plain and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,

@@ -19,7 +19,7 @@ from vemcvx.stepping.trajectory import Trajectory
 Arrays = dict[str, NDArray[Any]]
 
 NAME = "vemcvx history"
-FORMAT = f"{NAME} 1"
+FORMAT = f"{NAME} 2"
 # What not every scene has.
 MAYBE = ("prestress", "out_of_plane", "out_of_plane_prestress", "dragged_ends", "dragged_friction")
 SHAPES = {

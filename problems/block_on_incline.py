@@ -16,8 +16,9 @@ Before sliding, the block creeps up from its pushed end; its lower edge may lift
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.canvas import light_grid
 from vemcvx.plots import body_and_graph
-from vemcvx.plots.palette import GRID, SLIP, STICK
+from vemcvx.plots.palette import SLIP, STICK
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)
@@ -71,7 +72,7 @@ def picture(history):
     graph.axhline(impending(), color="black", linewidth=1.3, label="impending motion")
     for chosen, colour, words in ((~slides, STICK, "some of it sticks"), (slides, SLIP, "all of it slides")):
         graph.plot(push[chosen], ratio[chosen], "o", color=colour, markersize=4, label=words)
-    graph.grid(**GRID)
+    light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
     graph.set(xlabel="pushed by (length)", ylabel="push / weight")
     return figure

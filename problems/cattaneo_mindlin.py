@@ -18,8 +18,9 @@ import numpy as np
 
 import vemcvx as vx
 from hertz_contact import HALF_WIDTH, RADIUS, REACH, YOUNG, fitted, graded, grid
+from vemcvx.canvas import light_grid
 from vemcvx.plots import body_and_graph
-from vemcvx.plots.palette import GRID, SLIP, STICK
+from vemcvx.plots.palette import SLIP, STICK
 
 POISSON, FRICTION = 0.4999, 0.4
 PRESS, DRAG = 7e-4, 4.5e-4
@@ -80,6 +81,6 @@ def picture(history):
     graph.plot(line, slipping - spared, color="black", linewidth=1.3, label="Cattaneo, Mindlin")
     graph.set(xlabel="$x_1$ (length)", ylabel="friction (force per area)", ylim=(0, 1.35 * bound))
     graph.set_title("stick zone moved as by a bulk stress", fontsize="small")
-    graph.grid(**GRID)
+    light_grid(graph)
     graph.legend(frameon=False, fontsize="small", ncols=2, loc="upper center")
     return figure

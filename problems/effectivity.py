@@ -24,8 +24,8 @@ import feng_han_huang as paper
 import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
-from vemcvx.canvas import new_figure
-from vemcvx.plots.palette import COMPUTED, GRID, SECOND, THIRD
+from vemcvx.canvas import light_grid, new_figure
+from vemcvx.plots.palette import COMPUTED, SECOND, THIRD
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
 NEARLY = 0.4999995
@@ -110,7 +110,7 @@ def picture(found):
     ax.set_yticklabels(["0.5", "1", "2", "5"])
     ax.minorticks_off()
     ax.set_xticks(range(len(FAMILIES)), FAMILIES)
-    ax.grid(axis="y", **GRID)
+    light_grid(ax, axis="y")
     ax.legend(frameon=False, ncols=2, fontsize="small", loc="lower left")
     return figure
 

@@ -19,8 +19,9 @@ contact slips.
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.canvas import light_grid
 from vemcvx.plots import body_and_graph
-from vemcvx.plots.palette import GRID, SLIP, STICK
+from vemcvx.plots.palette import SLIP, STICK
 
 SMALL = {"n": 16, "steps": 32}
 
@@ -60,7 +61,7 @@ def picture(history):
     graph.axhline(-contact.bound.max(), color="0.5", linestyle="--", linewidth=1.0)
     for colour, words in ((SLIP, "slips"), (STICK, "sticks")):
         graph.plot([], [], "o", color=colour, markersize=4, label=words)
-    graph.grid(**GRID)
+    light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
     graph.set(xlabel="$x_1$ (length)", ylabel="friction on the body (force per length)")
     return figure

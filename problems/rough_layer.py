@@ -19,9 +19,9 @@ import numpy as np
 
 import hertz_contact as hertz
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots import beside_closed_form
-from vemcvx.plots.palette import COMPUTED, GRID, SECOND, THIRD
+from vemcvx.plots.palette import COMPUTED, SECOND, THIRD
 
 WIDTH, HEIGHT, YOUNG, POISSON, LAYER, GAP, DEPTH = 1.0, 2.0, 100.0, 0.3, 50.0, 0.01, 0.05
 SMALL = {"n": 6, "steps": 10, "accuracy": 1e-6}
@@ -91,5 +91,5 @@ def picture(history):
     )
     right.set_title("a block pressed as far on a rough cylinder", fontsize="small")
     right.legend(frameon=False, fontsize="small")
-    right.grid(**GRID)
+    light_grid(right)
     return figure

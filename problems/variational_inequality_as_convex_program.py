@@ -200,8 +200,8 @@ for size in 10.0 ** -np.arange(0, 7, 2):
 
 
 def main(file):
-    from vemcvx.canvas import new_figure
-    from vemcvx.plots.palette import COMPUTED, GRID, SLIP, STICK
+    from vemcvx.canvas import light_grid, new_figure
+    from vemcvx.plots.palette import COMPUTED, SLIP, STICK
 
     figure = new_figure(9.4, 3.9)
     left, right = figure.subplots(1, 2)
@@ -216,8 +216,7 @@ def main(file):
     right.loglog(errors, errors, "-", color="black", linewidth=1.3, label="the true error")
     right.set(xlabel="true error (energy norm)", ylabel="certified error", title="no certificate below the error")
     for axes in (left, right):
-        axes.grid(**GRID)
-        axes.set_axisbelow(True)
+        light_grid(axes)
         axes.legend(frameon=False, fontsize="small")
     figure.savefig(file, dpi=110)
 

@@ -6,17 +6,18 @@ Figures are made through matplotlib's objects, never through pyplot: no window, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import VemcvxError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
+    from matplotlib.quiver import Quiver
 
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
@@ -43,11 +44,36 @@ def distinct(colours: Sequence[str]) -> ListedColormap:
     return ListedColormap(list(colours))
 
 
+def light_grid(
+    ax: Axes, *, which: Literal["major", "minor", "both"] = "major", axis: Literal["x", "y", "both"] = "both"
+) -> None:
+    """Draw grid lines that stay behind the data."""
+    ax.grid(which=which, axis=axis, color="0.9", linewidth=0.6)
+    ax.set_axisbelow(True)
+
+
+def draw_arrows(
+    ax: Axes, places: Floats, vectors: Floats, *, colour: object, pivot: Literal["tip", "mid"], width: float
+) -> Quiver:
+    """Draw vectors (m, 2) at places (m, 2), in units of the axes."""
+    return ax.quiver(
+        *places.T,
+        *vectors.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
+        color=colour,
+        pivot=pivot,
+        width=width,
+        zorder=3,
+    )
+
+
 def draw_cells(
-    points: NDArray[np.float64],
-    offsets: NDArray[np.int64],
-    vertices: NDArray[np.int64],
-    values: NDArray[np.float64] | None,
+    points: Floats,
+    offsets: Ints,
+    vertices: Ints,
+    values: Floats | None,
     ax: Axes | None,
     style: Mapping[str, object],
 ) -> Axes:

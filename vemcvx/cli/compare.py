@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, Ints
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.solver_names import NAMES, named_solver
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError
@@ -30,6 +29,7 @@ from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 from vemcvx.solvers.conic import installed
+from vemcvx.stepping.time_loop import checked_times
 from vemcvx.stepping.trajectory import Trajectory
 
 COLUMNS = "solver      asked  certified  floor  distance  allowed  kept  iterations  safeguards"
@@ -50,15 +50,14 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one solver made of the problem: a trajectory with its seconds, or why there is none."""
+    """What one solver made of the problem, and the seconds it took."""
 
     solver: Solver
-    trajectory: Trajectory | None = None
-    seconds: dict[str, float] | None = None
-    refusal: str = ""
+    trajectory: Trajectory
+    seconds: dict[str, float]
 
     @property
-    def missed(self) -> NDArray[np.int64]:
+    def missed(self) -> Ints:
         """The steps whose certified error is above the accuracy asked for."""
         return np.flatnonzero(self.trajectory.certificate > self.solver.accuracy)
 
@@ -66,6 +65,14 @@ class Outcome:
     def allowed(self) -> Floats:
         """(N + 1,) how far the certificates allow the states to be from the exact ones, in energy norm."""
         return np.cumsum(np.sqrt(2 * self.trajectory.gap) + np.sqrt(2 * self.trajectory.floor))
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a solver made nothing of it."""
+
+    solver: Solver
+    words: str
 
 
 @dataclass(frozen=True)
@@ -97,15 +104,15 @@ def compare_solvers(problem: Problem, asked: Comparison) -> Found:
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     times = problem.times(asked.steps)
 
-    def attempt(solver: Solver) -> Outcome:
+    def attempt(solver: Solver) -> Outcome | Refusal:
         try:
             history = simulate(scene, mesh, times, solver=solver, initial=problem.initial, check=False)
         except (NotAccepted, NotCertified, NotContracting) as error:
-            return Outcome(solver, refusal=clause(str(error)))
+            return Refusal(solver, clause(str(error)))
         return Outcome(solver, history.trajectory, history.seconds)
 
     with warned_once():
-        system = pose_scene(scene, mesh, times).system
+        system = pose_scene(scene, mesh, checked_times(times).tolist()).system
         outcomes = [attempt(solver) for solver in solvers]
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"
     return judged(f"{problem.name}: {problem.title}\n{size}", system, outcomes)
@@ -121,24 +128,25 @@ def warned_once() -> Iterator[None]:
         warnings.warn(words, kind, stacklevel=2)
 
 
-def judged(title: str, system: System, outcomes: list[Outcome]) -> Found:
+def judged(title: str, system: System, outcomes: Sequence[Outcome | Refusal]) -> Found:
     """The table of all outcomes, each against the most certain one."""
-    answered = [outcome for outcome in outcomes if outcome.trajectory is not None]
+    answered = [outcome for outcome in outcomes if isinstance(outcome, Outcome)]
     best = min(answered, key=lambda outcome: outcome.allowed[-1], default=None)
     rigorous = bounds_distance(system)
     lines, trustworthy = [title, "", COLUMNS + "".join(f"{name:>10}" for name in SECONDS)], False
     broken = []
     for outcome in outcomes:
-        if outcome.trajectory is None or best is None:
-            lines.append(f"{outcome.solver.name:<11} cannot: {outcome.refusal}")
+        if isinstance(outcome, Refusal):
+            lines.append(f"{outcome.solver.name:<11} cannot: {outcome.words}")
             continue
         trustworthy = trustworthy or len(outcome.missed) == 0
-        apart = None if outcome is best else distance(system, best, outcome)
+        apart = None if best is None or outcome is best else distance(system, best, outcome)
         lines.append(_line(outcome, apart, rigorous))
         if rigorous and apart is not None and not apart.kept:
             broken.append(outcome.solver.name)
     lines += ["", *_remarks(answered, best, rigorous)]
-    lines += [f"WRONG: {name} is farther from {best.solver.name} than both certificates allow" for name in broken]
+    if best is not None:
+        lines += [f"WRONG: {name} is farther from {best.solver.name} than both certificates allow" for name in broken]
     return Found("\n".join(lines), trustworthy and not broken)
 
 

@@ -5,20 +5,16 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
 from vemcvx.cli.problem_file import Problem, read_problem
+from vemcvx.cli.progress import LEFT, progress_bar
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
-from vemcvx.cost.sweeping import JOURNAL, Told
-from vemcvx.cost.table import REFUSED, table
+from vemcvx.cost.sweeping import JOURNAL
+from vemcvx.cost.table import REFUSED, answers, table
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
 from vemcvx.owned_files import Owned
@@ -87,9 +83,21 @@ def cost_of_accuracy(problem: Problem, wanted: Wanted) -> str:
     # What is wrong with the problem itself is an error here, and not in every point.
     recipe(grid.coarsest)
     _refuse_early(folder)
-    with progress_bar() as told:
-        options = {"workers": wanted.workers, "scheduler": wanted.scheduler, "fresh": wanted.fresh}
-        found = sweep(recipe, grid, folder, **options, told=told)
+    with progress_bar("starting", LEFT) as shown:
+
+        def told(what: str, finished: int, total: int, left: float | None) -> None:
+            if shown is not None:
+                shown(what, finished, total, "" if left is None else f"about {_duration(left)} left")
+
+        found = sweep(
+            recipe,
+            grid,
+            folder,
+            workers=wanted.workers,
+            scheduler=wanted.scheduler,
+            fresh=wanted.fresh,
+            told=told,
+        )
     lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
     lines += advice(found.rows, grid.targets)
     return "\n".join([*lines, "", _written(found, grid, folder, problem)])
@@ -174,7 +182,9 @@ def _of_reference(found: Sweep) -> list[str]:
 def _of_points(found: Sweep) -> list[str]:
     rows = found.rows
     lines = [f"points      {len(rows)}, {found.kept} of them finished before"]
-    ratios = [row.estimated / row.error for row in rows if row.done and row.estimated is not None and row.error > 0]
+    ratios = [
+        one.row.estimated / one.error for one in answers(rows) if one.row.estimated is not None and one.error > 0
+    ]
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
     failed = [row for row in rows if not row.done]
@@ -206,24 +216,6 @@ def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
         except VemcvxError as error:
             return f"{files}\npicture     none: {error}"
     return f"{files}, {PICTURE}"
-
-
-@contextmanager
-def progress_bar() -> Iterator[Told | None]:
-    """A bar with the time left on standard error while it is a terminal, and nothing otherwise."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}")
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None, left="")
-
-        def advance(what: str, finished: int, total: int, left: float | None) -> None:
-            words = "" if left is None else f"about {_duration(left)} left"
-            bar.update(task, description=what, completed=finished, total=total, left=words)
-
-        yield advance
 
 
 def _duration(seconds: float) -> str:

@@ -13,13 +13,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from vemcvx.arrays import brief
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, PolygonMesh
 from vemcvx.scene import Scene
 
+Part = TypeVar("Part", Scene, PolygonMesh)
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 
 
@@ -84,7 +85,7 @@ class Problem:
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         return _own(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named))
 
-    def _checked(self, made: Any, kind: type, part: str, wanted: str) -> Any:
+    def _checked(self, made: object, kind: type[Part], part: str, wanted: str) -> Part:
         if not isinstance(made, kind):
             raise ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {wanted}.")
         return made
@@ -105,11 +106,11 @@ def read_problem(file: str | Path) -> Problem:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a problem file is Python and ends in .py.")
-    module = importlib.util.module_from_spec(spec)
+    module, loader = importlib.util.module_from_spec(spec), spec.loader
     with _neighbours(path):
         # Dataclasses look their module up by name.
         sys.modules[spec.name] = module
-        _own(path, "executing it", lambda: spec.loader.exec_module(module))
+        _own(path, "executing it", lambda: loader.exec_module(module))
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
     if missing:
         raise ProblemError(

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import TimeRemainingColumn
 
 from vemcvx.cli.problem_file import Problem
+from vemcvx.cli.progress import progress_bar
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
@@ -57,7 +56,10 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
     _refuse_early(asked, drawings)
     # Held until the history is written: of two runs with one folder the second is refused.
     with nullcontext() if asked.out is None else Folder(asked.out / ROWS, asked.resume) as rows:
-        history, told = _simulated(problem, asked, rows) if asked.target is None else _adapted(problem, asked)
+        if asked.target is None:
+            history, told = _simulated(problem, asked, rows)
+        else:
+            history, told = _adapted(problem, asked, asked.target)
         lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
         lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
         if rows is not None:
@@ -69,12 +71,12 @@ def _simulated(problem: Problem, asked: RunOptions, rows: Folder | None) -> tupl
     """On the mesh and at the instants asked for."""
     solver, made = named_solver(asked.solver, asked.accuracy), []
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
-    with progress_bar() as progress:
+    with progress_bar("assembling", TimeRemainingColumn()) as shown:
 
         def advance(n: int, steps: int) -> None:
             made.append(n)
-            if progress:
-                progress(n, steps)
+            if shown is not None:
+                shown("marching", n, steps)
 
         history = simulate(
             scene,
@@ -92,7 +94,7 @@ def _simulated(problem: Problem, asked: RunOptions, rows: Folder | None) -> tupl
     return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if asked.resume else []
 
 
-def _adapted(problem: Problem, asked: RunOptions) -> tuple[History, list[str]]:
+def _adapted(problem: Problem, asked: RunOptions, target: float) -> tuple[History, list[str]]:
     """On a mesh, and at instants, chosen for the accuracy asked; those asked for are where it begins."""
     if asked.resume or asked.store != "all" or asked.linear is not None or not asked.condense:
         raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
@@ -100,7 +102,7 @@ def _adapted(problem: Problem, asked: RunOptions) -> tuple[History, list[str]]:
         problem.scene(asked.settings),
         problem.mesh(asked.n, asked.family),
         problem.times(asked.steps),
-        asked.target,
+        target,
         solver=named_solver(asked.solver, asked.accuracy),
         initial=problem.initial,
     )
@@ -109,7 +111,7 @@ def _adapted(problem: Problem, asked: RunOptions) -> tuple[History, list[str]]:
 
 def _refuse_early(asked: RunOptions, drawings: Path) -> None:
     """What could not be gone on with, written or drawn is not worth simulating for."""
-    if asked.resume and not os.path.isfile(asked.out / ROWS / CHECKPOINT):  # type: ignore[operator]
+    if asked.resume and not (asked.out and os.path.isfile(asked.out / ROWS / CHECKPOINT)):
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
     if asked.plot:
         from vemcvx.canvas import new_figure
@@ -134,20 +136,3 @@ def _drawn(history: History, folder: Path) -> list[str]:
     from vemcvx.plots import write_plots
 
     return [f"pictures    {folder}: {', '.join(path.name for path in write_plots(history, folder))}"]
-
-
-@contextmanager
-def progress_bar() -> Iterator[bool | Callable[[int, int], None]]:
-    """A bar on standard error while it is a terminal, and nothing otherwise: what `simulate` takes for progress."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield False
-        return
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("assembling", total=None)
-
-        def advance(step: int, steps: int) -> None:
-            bar.update(task, description="marching", completed=step, total=steps)
-
-        yield advance

@@ -32,7 +32,7 @@ def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[st
 def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...] = ()) -> Table:
     """The scene as rows of a name and words."""
     scene, mesh = problem.scene(settings), problem.mesh(n, family)
-    posed = pose_scene(scene, mesh, checked_times(problem.times(INSTANTS)))
+    posed = pose_scene(scene, mesh, checked_times(problem.times(INSTANTS)).tolist())
     seen = Condensation(posed.system)
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}"
     rows = [

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from vemcvx.errors import ProblemError
 from vemcvx.linear import LinearSolver, Multigrid, SuperLU
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 
-LINEAR = {"superlu": SuperLU, "multigrid": Multigrid}
-NAMES = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
+LINEAR: dict[str, Callable[[], LinearSolver]] = {"superlu": SuperLU, "multigrid": Multigrid}
+NAMES: dict[str, Callable[..., Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 
 def named_solver(name: str, accuracy: float | None, option: str = "--solver") -> Solver:
@@ -18,15 +20,15 @@ def named_solver(name: str, accuracy: float | None, option: str = "--solver") ->
     ProblemError
         It is neither; whether cvxpy finds it shows when it is prepared.
     """
-    settings = {} if accuracy is None else {"accuracy": accuracy}
     if name.lower() in NAMES:
-        return NAMES[name.lower()](**settings)
+        solver = NAMES[name.lower()]
+        return solver() if accuracy is None else solver(accuracy=accuracy)
     if name != name.upper():
         raise ProblemError(
             f"{option}: there is no solver {name!r}; there are {', '.join(NAMES)}, and those that cvxpy finds, "
             "in capitals: SCS, HIGHS, ..."
         )
-    return ThroughCvxpy(name, **settings)
+    return ThroughCvxpy(name) if accuracy is None else ThroughCvxpy(name, accuracy)
 
 
 def named_linear(name: str | None) -> LinearSolver | None:

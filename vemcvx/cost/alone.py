@@ -14,11 +14,13 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
-from typing import IO, Any
+from typing import IO, Any, ParamSpec, TypeVar
 
 from vemcvx.errors import VemcvxError
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 PROGRAM = "from vemcvx.cost.alone import main; main()"
 
 
@@ -30,38 +32,39 @@ class Crashed(Exception):
     """The process died, or raised anything else; what is known of why."""
 
 
-def alone(function: Callable[..., Any], *given: Any) -> Any:
+def alone(function: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
     """Call a function of a module in a new process, with arguments and result that can be pickled.
 
     Raises
     ------
     Refused, Crashed
     """
-    request = pickle.dumps((function, given))
+    request = pickle.dumps((function, given, named))
     path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
     # A file without a name: nothing is left of it, whatever happens.
     with tempfile.TemporaryFile() as said:
         pipe, command = subprocess.PIPE, [sys.executable, "-c", PROGRAM]
         with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=said) as process:
-            reply = _asked(process, request)
+            reply = _asked(process.stdin, process.stdout, request) if process.stdin and process.stdout else b""
             code = process.wait()
         if code or not reply:
             raise Crashed(_why(code, said))
-    result, refusal = pickle.loads(reply)
+    answer: tuple[Result, str | None] = pickle.loads(reply)
+    result, refusal = answer
     if refusal is not None:
         raise Refused(refusal)
     return result
 
 
-def _asked(process: subprocess.Popen[bytes], request: bytes) -> bytes:
-    """What the process answers; nothing if it dies before."""
+def _asked(stdin: IO[bytes], stdout: IO[bytes], request: bytes) -> bytes:
+    """What a process answers; nothing if it dies before."""
     try:
-        process.stdin.write(request)  # type: ignore[union-attr]
-        process.stdin.flush()  # type: ignore[union-attr]
+        stdin.write(request)
+        stdin.flush()
     except OSError:
         return b""
-    return process.stdout.read()  # type: ignore[union-attr]
+    return stdout.read()
 
 
 def _why(code: int, said: IO[bytes]) -> str:
@@ -78,11 +81,11 @@ def main() -> None:
     # What the function prints must not come between.
     reply = os.dup(1)
     os.dup2(2, 1)
-    function, given = pickle.load(sys.stdin.buffer)
+    function, given, named = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer: tuple[Any, str | None]
     try:
-        answer = (function(*given), None)
+        answer = (function(*given, **named), None)
     except VemcvxError as error:
         answer = (None, str(error))
     with os.fdopen(reply, "wb") as stream:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from vemcvx.canvas import new_figure
-from vemcvx.cost.table import Row, front, percent
-from vemcvx.plots.palette import GRID
+from vemcvx.canvas import light_grid, new_figure
+from vemcvx.cost.table import Row, answers, front, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B")
 UNIFORM, ADAPTIVE = "o", "D"
@@ -39,17 +37,17 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
     """
     figure = new_figure(10.0, 4.4)
     left, right = figure.subplots(1, 2, sharey=True)
-    done = [row for row in rows if row.done and row.error > 0]
+    found = [answer for answer in answers(rows) if answer.error > 0]
+    done, errors = [answer.row for answer in found], [answer.error for answer in found]
     for ax, cost in ((left, "seconds"), (right, "unknowns")):
-        _draw(ax, done, cost)
+        _draw(ax, done, [getattr(answer, cost) for answer in found], errors)
         for level in levels:
             ax.axhline(level, color="0.75", linewidth=0.8, linestyle=(0, (5, 4)), zorder=0)
         if resolved is not None:
             ax.axhspan(resolved / 10, resolved, color="0.93", zorder=0)
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
-        ax.grid(**GRID)
-        ax.set_axisbelow(True)
-    _error_axis(left, done, resolved)
+        light_grid(ax)
+    _error_axis(left, errors, resolved)
     left.set_ylabel("true error, relative, in the energy norm")
     if resolved is not None:
         right.text(
@@ -61,10 +59,9 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
     return figure
 
 
-def _draw(ax: Axes, done: Sequence[Row], cost: str) -> None:
-    costs, errors = np.array([getattr(row, cost) for row in done]), np.array([row.error for row in done])
-    best = front(costs.tolist(), errors.tolist())
-    ax.plot(costs[best], errors[best], "-", color="0.25", linewidth=1.1, zorder=2)
+def _draw(ax: Axes, done: Sequence[Row], costs: Sequence[float], errors: Sequence[float]) -> None:
+    best = front(costs, errors)
+    ax.plot([costs[k] for k in best], [errors[k] for k in best], "-", color="0.25", linewidth=1.1, zorder=2)
     colours = _colours(done)
     for row, x, y in zip(done, costs, errors, strict=True):
         newton, adaptive = row.solver == done[0].solver, row.target is not None
@@ -79,9 +76,8 @@ def _colours(done: Sequence[Row]) -> dict[str | None, str]:
     return {family: COLOURS[k % len(COLOURS)] for k, family in enumerate(families)}
 
 
-def _error_axis(ax: Axes, done: Sequence[Row], resolved: float | None) -> None:
+def _error_axis(ax: Axes, errors: Sequence[float], resolved: float | None) -> None:
     """Error marks in per cent, one, two and five of every power of ten."""
-    errors = [row.error for row in done]
     low, high = min([*errors, *([resolved] if resolved else [])]) / 1.25, max(errors) * 1.25
     ticks = [m * 10.0**e for e in range(-9, 2) for m in (1, 2, 5)]
     shown = [tick for tick in ticks if low <= tick <= high]
@@ -90,14 +86,15 @@ def _error_axis(ax: Axes, done: Sequence[Row], resolved: float | None) -> None:
     ax.minorticks_off()
 
 
-def _legend(ax: Axes, done: Sequence[Row]) -> list[object]:
-    def mark(label: str, **style: object) -> object:
-        return ax.plot([], [], **{"linestyle": "", "color": "0.25", "marker": UNIFORM, **style}, label=label)[0]
+def _legend(ax: Axes, done: Sequence[Row]) -> list[Line2D]:
+    def mark(label: str, color: str = "0.25", marker: str = UNIFORM, face: str | None = None) -> Line2D:
+        face = face or color
+        return ax.plot([], [], linestyle="", color=color, marker=marker, markerfacecolor=face, label=label)[0]
 
     made = [mark(family or "own mesh", color=colour) for family, colour in _colours(done).items()]
     kinds = {row.target is not None for row in done}
     made += [mark("uniform")] if False in kinds else []
     made += [mark("adaptive", marker=ADAPTIVE)] if True in kinds else []
     others = sorted({row.solver for row in done} - {done[0].solver})
-    made += [mark(", ".join(others), markerfacecolor="white")] if others else []
+    made += [mark(", ".join(others), face="white")] if others else []
     return [*made, ax.plot([], [], "-", color="0.25", linewidth=1.1, label="Pareto front")[0]]

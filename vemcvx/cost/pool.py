@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.pool import ThreadPool
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from vemcvx.errors import ProblemError
 
@@ -19,6 +19,28 @@ CONNECT = 10.0
 """Seconds that a scheduler has to answer."""
 
 Given = list[tuple[Any, ...]]
+Result = TypeVar("Result")
+
+
+class Future(Protocol):
+    """A result to come."""
+
+    def result(self) -> Any:
+        """The result, waited for."""
+
+
+class Cluster(Protocol):
+    """What is asked of a client of dask.distributed, which has no annotations."""
+
+    def nthreads(self) -> dict[str, int]:
+        """Threads of each worker."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, pure: bool) -> Future:
+        """Call a function on some worker."""
+
+    def __enter__(self) -> Cluster: ...
+
+    def __exit__(self, kind: object, error: object, trace: object, /) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -28,7 +50,7 @@ class Pool:
     workers: int
     results: Callable[[Callable[..., Any], Given], Iterator[Any]]
 
-    def __call__(self, function: Callable[..., Any], given: Given) -> Iterator[Any]:
+    def __call__(self, function: Callable[..., Result], given: Given) -> Iterator[Result]:
         """The results."""
         return self.results(function, given)
 
@@ -53,8 +75,10 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
         raise ProblemError(
             "--scheduler needs distributed, which is not installed: pip install 'vemcvx[cluster]'"
         ) from None
+    connect: Callable[..., Cluster] = Client
+    completed: Callable[[list[Future]], Iterator[Future]] = as_completed
     try:
-        client = Client(scheduler, timeout=CONNECT)
+        client = connect(scheduler, timeout=CONNECT)
     except (OSError, ValueError) as error:
         raise ProblemError(
             f"--scheduler: no dask scheduler answers at {scheduler!r} ({error}); start one with `dask scheduler`, and "
@@ -67,7 +91,7 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
 
         def results(function: Callable[..., Any], given: Given) -> Iterator[Any]:
             asked = [client.submit(function, *arguments, pure=False) for arguments in given]
-            return (future.result() for future in as_completed(asked))
+            return (future.result() for future in completed(asked))
 
         yield Pool(count, results)
 

@@ -94,7 +94,7 @@ class Reference:
         same = self.problem == problem and self.instants == tuple(instants)
         if not self.adapted or self.common:
             return same and self.n >= finest.n and self.steps >= (finest.steps or 0) and self.goal <= goal
-        return same and min(self.estimated, self.goal) <= goal
+        return same and self.estimated is not None and min(self.estimated, self.goal) <= goal
 
     @property
     def mark(self) -> str:
@@ -125,13 +125,12 @@ def build_reference(
     made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
     common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > SAME_AREA)
     wanted, mesh = np.append(made.times[0], instants), fine.mesh if common else made.mesh
-    options = {"solver": made.solver, "initial": made.initial, "most_unknowns": MOST_UNKNOWNS, "theta": THETA}
     try:
-        adaptive = adapt(made.scene, mesh, wanted, goal, **options)
-        history, estimated = adaptive.history, adaptive.passes[-1].total
+        history, estimated = _adapted(replace(made, mesh=mesh), wanted, goal)
+        adapted = True
     except (SceneError, MeshError):
-        adaptive = None
         history, estimated = _uniform(fine, instants)
+        adapted = False
     reference = Reference(
         problem=recipe.mark,
         instants=tuple(instants.tolist()),
@@ -139,7 +138,7 @@ def build_reference(
         estimated=estimated,
         n=finest.n,
         steps=finest.steps or 0,
-        adapted=adaptive is not None,
+        adapted=adapted,
         common=common,
         cells=history.mesh.n_cells,
         unknowns=history.trajectory.state.shape[1],
@@ -147,6 +146,21 @@ def build_reference(
         seconds=time.perf_counter() - start,
     )
     return _write(folder, history, reference)
+
+
+def _adapted(coarse: Ingredients, wanted: Floats, goal: float) -> tuple[History, float | None]:
+    """On a mesh adapted from a coarse one, and its estimate."""
+    found = adapt(
+        coarse.scene,
+        coarse.mesh,
+        wanted,
+        goal,
+        solver=coarse.solver,
+        initial=coarse.initial,
+        most_unknowns=MOST_UNKNOWNS,
+        theta=THETA,
+    )
+    return found.history, found.passes[-1].total
 
 
 def _uniform(fine: Ingredients, instants: Floats) -> tuple[History, float | None]:

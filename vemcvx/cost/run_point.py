@@ -124,8 +124,9 @@ def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[Histor
 def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], float | None]:
     if point.target is None:
         steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
-        options = {"solver": made.solver, "initial": made.initial, "store": steps.tolist()}
-        history = simulate(made.scene, made.mesh, made.times, **options)
+        history = simulate(
+            made.scene, made.mesh, made.times, solver=made.solver, initial=made.initial, store=steps.tolist()
+        )
         return history, {**history.seconds, "adapt": 0.0}, None
     wanted, start = np.append(made.times[0], instants), time.perf_counter()
     adapted = adapt(made.scene, made.mesh, wanted, point.target, solver=made.solver, initial=made.initial)

@@ -10,6 +10,7 @@ from itertools import product
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import ProblemError
@@ -71,7 +72,7 @@ class Ingredients:
     mesh: PolygonMesh
     times: Floats
     solver: Solver
-    initial: object = None
+    initial: ArrayLike | str | None = None
 
 
 class Recipe(Protocol):

@@ -98,7 +98,7 @@ def sweep(
         for row in run(finished_row, [(recipe, point, key, folder, reference) for key, point in waiting.items()]):
             append(journal, row)
             rows[row.key] = row
-            finished.append((waiting.pop(row.key).work, row.wall))
+            finished.append((waiting.pop(row.key).work, row.wall or 0.0))
             left = seconds_left(finished, [point.work for point in waiting.values()], run.workers)
             told("points", len(rows), len(keys), left)
             log.info("%d of %d: %s: %s", len(rows), len(keys), row.settings, row.status)

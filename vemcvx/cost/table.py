@@ -33,7 +33,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
 
@@ -121,14 +121,34 @@ def _order(row: Row) -> tuple[object, ...]:
     )
 
 
+class Answer(NamedTuple):
+    """A row that has an answer, with its error and what it costs."""
+
+    row: Row
+    error: float
+    seconds: float
+    unknowns: int
+
+
+def answers(rows: Sequence[Row]) -> list[Answer]:
+    """The rows that have one."""
+    return [
+        Answer(row, row.error, row.seconds, row.unknowns)
+        for row in rows
+        if row.done and row.error is not None and row.seconds is not None and row.unknowns is not None
+    ]
+
+
 def table(rows: Sequence[Row]) -> str:
     """All rows as CSV, in the order of their settings."""
     rows = sorted(rows, key=_order)
-    done = [row for row in rows if row.done]
-    fronts = {
-        f"front_{what}": {done[k].key for k in front([getattr(r, what) for r in done], [r.error for r in done])}
-        for what in ("seconds", "unknowns")
+    found = answers(rows)
+    costs: dict[str, Sequence[float]] = {
+        "front_seconds": [one.seconds for one in found],
+        "front_unknowns": [one.unknowns for one in found],
     }
+    errors = [one.error for one in found]
+    fronts = {name: {found[k].row.key for k in front(cost, errors)} for name, cost in costs.items()}
     text = io.StringIO()
     writer = csv.DictWriter(text, [*(field.name for field in fields(Row)), *fronts], lineterminator="\n")
     writer.writeheader()
@@ -151,25 +171,22 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     return kept
 
 
-def cheapest(rows: Sequence[Row], level: float) -> Row | None:
-    """The run that takes the fewest seconds with an error of no more than `level`; None if there is none."""
-    return min((row for row in rows if row.done and row.error <= level), key=lambda row: row.seconds, default=None)
-
-
 def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
     """One line a level."""
-    best = min((row for row in rows if row.done), key=lambda row: row.error, default=None)
+    found = answers(rows)
+    best = min(found, key=lambda one: one.error, default=None)
     lines = []
     for level in levels:
-        row = cheapest(rows, level)
-        if row is not None:
+        cheapest = min((one for one in found if one.error <= level), key=lambda one: one.seconds, default=None)
+        if cheapest is not None:
+            row, error, seconds, unknowns = cheapest
             lines.append(
-                f"for {percent(level)}: use {row.settings}: costs {row.seconds:.2g} s, error {percent(row.error)} "
-                f"({row.unknowns} unknowns, {row.steps} steps, {row.peak_mb or float('nan'):.0f} MB)"
+                f"for {percent(level)}: use {row.settings}: costs {seconds:.2g} s, error {percent(error)} "
+                f"({unknowns} unknowns, {row.steps} steps, {row.peak_mb or float('nan'):.0f} MB)"
             )
         elif best is not None:
             lines.append(
-                f"for {percent(level)}: no run of this sweep is as good; the best is {best.settings} with "
+                f"for {percent(level)}: no run of this sweep is as good; the best is {best.row.settings} with "
                 f"{percent(best.error)}. Ask for larger --n, or a smaller --target."
             )
         else:

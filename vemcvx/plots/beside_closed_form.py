@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.plots.palette import COMPUTED, EXACT, GRID
+from vemcvx.canvas import light_grid
+from vemcvx.plots.palette import COMPUTED, EXACT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +36,6 @@ def beside_closed_form(
     line = EXACT if colour == COMPUTED else colour
     ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
     ax.plot(x[shown], y[shown], marker, color=colour, markersize=4, alpha=0.85, label=label, zorder=3)
-    ax.grid(**GRID)
-    ax.set_axisbelow(True)
+    light_grid(ax)
     ax.legend(frameon=False, fontsize="small")
     return ax

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import HistoryError
 from vemcvx.results.history import History
 
@@ -48,7 +47,8 @@ class ContactLine:
 
     def along(self, vectors: Floats) -> Floats:
         """(..., m) components along the line of vectors (..., m, 2) at the contact nodes, in the line's order."""
-        return np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
+        components: Floats = np.einsum("...md,md->...m", vectors[..., self.order, :], self.tangents)
+        return components
 
     @property
     def gaps(self) -> Ints:
@@ -60,7 +60,7 @@ class ContactLine:
         """Positions and values (m,), with NaN where the line is broken."""
         return np.insert(self.position, self.gaps, np.nan), np.insert(values, self.gaps, np.nan)
 
-    def spans(self, chosen: NDArray[np.bool_]) -> Floats:
+    def spans(self, chosen: Bools) -> Floats:
         """(k, 2) stretches of the line that the chosen nodes (m,), in the line's order, own together."""
         starts = chosen & ~np.append(False, chosen[:-1])
         starts[self.gaps] |= chosen[self.gaps]
@@ -114,7 +114,8 @@ def _edges(history: History) -> Ints:
     outward = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.linalg.norm(chord, axis=1)[:, None]
     cosines = np.einsum("end,ed->en", normal[edges], outward)
     # Nodes without contact have no normal, and cosine 0.
-    return edges[cosines.max(axis=1) > ALONG]
+    touching: Bools = cosines.max(axis=1) > ALONG
+    return edges[touching]
 
 
 def _walk(edges: Ints, history: History) -> tuple[Ints, Floats]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import draw_arrows, new_figure
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
 from vemcvx.results.history import History
@@ -45,8 +45,9 @@ def deformed_mesh(history: History, step: int = -1) -> Figure:
     figure = new_figure(6.0, 1.6 + 4.2 * _slenderness(mesh.points))
     ax = mesh.plot(ax=figure.add_subplot(), displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.75")
     cells = ax.collections[0]
-    cells.set_array(cell_means(history, np.linalg.norm(u, axis=1)))
-    cells.set(cmap="viridis", clim=(0.0, cells.get_array().max() or 1.0))
+    size = cell_means(history, np.linalg.norm(u, axis=1))
+    cells.set_array(size)
+    cells.set(cmap="viridis", clim=(0.0, size.max() or 1.0))
     # In axes of its own beside these, the bar stays as high as the body's frame, whatever its shape.
     figure.colorbar(cells, cax=ax.inset_axes((1.04, 0.0, 0.045, 1.0)), label="$|u|$ (units of length)")
     _outline(ax, history)
@@ -109,10 +110,9 @@ def _arrows(ax: Axes, history: History, row: int, points: Floats) -> float:
     spacing = np.linalg.norm(np.diff(centres, axis=0), axis=1).min(initial=0.1 * size)
     forces = contact.traction[row, shown] * (0.9 * spacing / largest if largest else 1.0)
     sticks = contact.sticking[row, shown]
-    style = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "pivot": "mid", "width": 0.006}
     for chosen, colour, word in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
         if chosen.any():
-            ax.quiver(*centres[chosen].T, *forces[chosen].T, color=colour, **style)
+            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=0.006)
             ax.plot([], [], color=colour, linewidth=3, label=word)
     ax.update_datalim(centres)
     return largest

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import light_grid, new_figure
 from vemcvx.errors import HistoryError
-from vemcvx.plots.palette import DISSIPATED, GRID, NUMERICAL, STORED, WORK
+from vemcvx.plots.palette import DISSIPATED, NUMERICAL, STORED, WORK
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
@@ -37,8 +37,7 @@ def energy_ledger(history: History) -> Figure:
     _certificates(right, history)
     for ax in (left, right):
         ax.set_xlabel("t (units of time)")
-        ax.grid(**GRID)
-        ax.set_axisbelow(True)
+        light_grid(ax)
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
     return figure
 

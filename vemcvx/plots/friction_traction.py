@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.canvas import new_figure
+from vemcvx.arrays import Floats
+from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots.contact_line import ContactLine, contact_line
-from vemcvx.plots.palette import GRID, SLIP, STICK
+from vemcvx.plots.palette import SLIP, STICK
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
@@ -49,13 +49,12 @@ def friction_traction(history: History, step: int = -1) -> Figure:
         ylabel="friction on the body\n(units of force per length)",
         title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip",
     )
-    ax.grid(**GRID)
-    ax.set_axisbelow(True)
+    light_grid(ax)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 
-def _range(history: History, row: int, line: ContactLine) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _range(history: History, row: int, line: ContactLine) -> tuple[Floats, Floats]:
     """The least and the largest friction along the line: against slip forward, and against slip backward."""
     contact = history.contact
     tangents = np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])

@@ -5,7 +5,6 @@ STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
 """Areas: light, middle, dark; slip towards larger and towards smaller positions."""
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE = "0.45"
-GRID = {"color": "0.9", "linewidth": 0.6}
 COMPUTED, EXACT = "#0072B2", "#000000"
 SECOND, THIRD = "#D55E00", "#009E73"
 """Marks of what was computed, the line of a closed form, and further curves beside these."""

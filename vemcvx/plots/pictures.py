@@ -85,5 +85,5 @@ def _ours(path: Path) -> bool:
 
 
 def _has(history: History, name: str) -> bool:
-    contact, steps = len(history.contact.nodes) > 0, (history.stored > 0).any()
+    contact, steps = len(history.contact.nodes) > 0, bool((history.stored > 0).any())
     return (contact or name not in OF_CONTACT) and (steps or name not in OF_STEPS)

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats
-from vemcvx.canvas import new_figure
+from vemcvx.arrays import Bools, Floats
+from vemcvx.canvas import draw_arrows, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.deformed_mesh import magnification
@@ -136,25 +135,40 @@ def body_and_graph(
         body, graph = figure.subplots(2, 1, height_ratios=shares)
     else:
         body, graph = figure.subplots(1, 2, width_ratios=shares)
-    figure.get_layout_engine().set(w_pad=0.1)
-    shown = {"forces": forces, "window": window, "stretch": stretch, "mirrors": mirrors}
-    stressed_body(body, history, step=step, stress=stress, **shown)
+    figure.set_layout_engine("constrained", w_pad=0.1)
+    stressed_body(
+        body,
+        history,
+        step=step,
+        stress=stress,
+        forces=forces,
+        window=window,
+        stretch=stretch,
+        mirrors=mirrors,
+    )
     return figure, graph
 
 
-def _inside(points: Floats, window: Window | None) -> NDArray[np.bool_]:
+def _inside(points: Floats, window: Window | None) -> Bools:
     if window is None:
         return np.ones(len(points), dtype=bool)
     low, high = np.transpose(window)
-    return ((points >= low) & (points <= high)).all(axis=1)
+    within: Bools = ((points >= low) & (points <= high)).all(axis=1)
+    return within
 
 
 def _image(ax: Axes, history: History, moved: Floats, signs: tuple[int, int]) -> None:
     """The body in the mirror, coloured like the body itself."""
     cells, mesh = ax.collections[0], history.mesh
     turned = [cell[:: signs[0] * signs[1]] for cell in mesh.cells]
-    style = {"linewidth": 0, "antialiased": False, "cmap": cells.get_cmap(), "clim": cells.get_clim()}
-    PolygonMesh((mesh.points + moved) * signs, turned).plot(ax=ax, array=cells.get_array(), **style)
+    PolygonMesh((mesh.points + moved) * signs, turned).plot(
+        ax=ax,
+        array=cells.get_array(),
+        linewidth=0,
+        antialiased=False,
+        cmap=cells.get_cmap(),
+        clim=cells.get_clim(),
+    )
 
 
 def _colour(cells: Collection, values: Floats, unsigned: bool) -> None:
@@ -194,8 +208,7 @@ def _arrows(
     arrows = force[shown] * longest / largest / [1.0, stretch]
     slips = ~contact.sticking[row, shown]
     colours = np.where(slips, SLIP, STICK) if contact.bound.any() else PUSH
-    style = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "pivot": "tip" if together else "mid", "zorder": 3}
-    drawn = ax.quiver(*heads.T, *arrows.T, color=colours, width=0.0055, **style)
+    drawn = draw_arrows(ax, heads, arrows, colour=colours, pivot="tip" if together else "mid", width=0.0055)
     drawn.set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest

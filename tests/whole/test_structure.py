@@ -131,6 +131,13 @@ def test_files_are_short(name):
     assert modules()[name].read_text().count("\n") <= 320
 
 
+@pytest.mark.parametrize("name", modules())
+def test_long_calls_name_their_arguments(name):
+    for node in ast.walk(ast.parse(modules()[name].read_text())):
+        if isinstance(node, ast.Call) and not ast.unparse(node.func).startswith("log."):
+            assert len(node.args) <= 5, f"{modules()[name]}:{node.lineno}: {len(node.args)} positional arguments"
+
+
 def test_names_of_functions_hide_no_modules():
     for name, path in modules().items():
         # A picture is a file with one function of its name.

@@ -31,10 +31,63 @@ from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space
+from vemcvx.vem.boundary import BoundaryRows
 
 QUADRATURES = ("nodes", "integral")
+BACKWARD = "backward bound"
 STEEP = 1e6
 """Pressures below a millionth of the bound count as grazing."""
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """The bounds g+ forward and g- backward, as weights (m,) of nodes and at points; g- = g+ unless it is given."""
+
+    subject: str
+    forward: data.Datum
+    backward: data.Datum | None
+    rows: BoundaryRows
+    points: Floats
+    quadrature: str
+
+    def mean(self, t: float) -> Floats:
+        """Weights (g+ + g-) / 2 of the norm terms."""
+        forward = self._weights(self.forward, t, "bound")
+        return forward if self.backward is None else 0.5 * (forward + self._weights(self.backward, t, BACKWARD))
+
+    def bias(self, t: float) -> Floats:
+        """(g+ - g-) / 2."""
+        return self._weights(self.forward, t, "bound") - self.mean(t)
+
+    def ramp(self, t: float, forces: Floats) -> Floats:
+        """Weights under normal forces (m,) of contact, for friction that needs touch."""
+        return np.minimum(STEEP * np.maximum(forces, 0.0), self.mean(t))
+
+    def slope(self, t: float, forces: Floats) -> Floats:
+        """The derivative of the ramp."""
+        return np.where(STEEP * forces < self.mean(t), STEEP, 0.0)
+
+    def at(self, x: Floats, t: float, pressure: Floats | None) -> Floats:
+        """g+ and g-, (2, k), at points (k, dim); on the ramp if a pressure (k,) is given."""
+        forward = self._checked(self.forward, x, t, "bound")
+        if pressure is not None:
+            forward = np.minimum(STEEP * np.maximum(pressure, 0.0), forward)
+        return np.stack([forward, forward if self.backward is None else self._checked(self.backward, x, t, BACKWARD)])
+
+    def _weights(self, value: data.Datum, t: float, name: str) -> Floats:
+        if self.quadrature == "nodes":
+            return self.rows.lengths * self._checked(value, self.points, t, name)
+        return self.rows.matrix @ self._checked(value, self.rows.points, t, name)
+
+    def _checked(self, value: data.Datum, x: Floats, t: float, name: str) -> Floats:
+        g = data.scalar(value, x, t, f"{self.subject}: {name}")
+        if (g < 0).any():
+            worst = int(np.argmin(g))
+            raise SceneError(
+                f"{self.subject}: found the {name} {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; "
+                "a friction bound is a force per length and must be >= 0."
+            )
+        return g
 
 
 @dataclass(frozen=True)
@@ -85,49 +138,23 @@ class TrescaFriction(Effect):
         part = space.part(self.on, "TrescaFriction")
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
-
-        def bound(value: data.Datum, x: Floats, t: float, name: str) -> Floats:
-            g = data.scalar(value, x, t, f"{subject}: {name}")
-            if (g < 0).any():
-                worst = int(np.argmin(g))
-                raise SceneError(
-                    f"{subject}: found the {name} {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; "
-                    "a friction bound is a force per length and must be >= 0."
-                )
-            return g
-
-        def weights(value: data.Datum, t: float, name: str) -> Floats:
-            if self.quadrature == "nodes":
-                return rows.lengths * bound(value, points, t, name)
-            return rows.matrix @ bound(value, rows.points, t, name)
-
-        def mean(t: float) -> Floats:
-            forward = weights(self.bound, t, "bound")
-            return forward if self.backward is None else 0.5 * (forward + weights(self.backward, t, "backward bound"))
-
-        def bias(t: float) -> Floats:
-            return weights(self.bound, t, "bound") - mean(t)
-
-        def both(x: Floats, t: float, pressure: Floats) -> Floats:
-            forward = bound(self.bound, x, t, "bound")
-            forward = np.minimum(STEEP * np.maximum(pressure, 0.0), forward) if self.while_closed else forward
-            return np.stack([forward, forward if self.backward is None else bound(self.backward, x, t, "backward")])
-
-        def law(t: float, forces: Floats) -> Floats:
-            return np.minimum(STEEP * np.maximum(forces, 0.0), mean(t))
-
-        def slope(t: float, forces: Floats) -> Floats:
-            return np.where(STEEP * forces < mean(t), STEEP, 0.0)
-
-        none, tilted = np.zeros(len(rows.nodes)), None if self.backward is None else bias
+        bounds = _Bounds(
+            subject, self.bound, backward=self.backward, rows=rows, points=points, quadrature=self.quadrature
+        )
         own = subject, rows.nodes, rows.normals, rows.lengths
-        friction = Friction(*own, mean, bias=tilted, ends=rows.ends, in_the_air=self.while_closed is None)
-        if self.while_closed:
-            friction = Friction(*own, lambda t: none, law, ends=rows.ends, slope=slope)
+        bias = None if self.backward is None else bounds.bias
+        friction = Friction(*own, bounds.mean, bias=bias, ends=rows.ends, in_the_air=self.while_closed is None)
+        if closed:
+            none = np.zeros(len(rows.nodes))
+            friction = Friction(*own, lambda t: none, bounds.ramp, ends=rows.ends, slope=bounds.slope)
+
+        def given(x: Floats, t: float, pressure: Floats) -> Floats:
+            return bounds.at(x, t, pressure if closed else None)
+
         return Contribution(
             frictions=(friction,),
             surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
-            given=(Given(subject, "bound", both, part.edges),) if varies(self.bound, self.backward) else (),
+            given=(Given(subject, "bound", given, part.edges),) if varies(self.bound, self.backward) else (),
         )
 
     def describe(self) -> str:

@@ -85,9 +85,20 @@ def run(
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
         folder, going_on = (out, False) if resume is None else (resume, True)
         usual = 64 if target is None else 8
-        sizes = n or usual, steps or usual
         asked = RunOptions(
-            mesh, *sizes, solver, accuracy, folder, plot, store, condense, tuple(settings), going_on, linear, target
+            family=mesh,
+            n=n or usual,
+            steps=steps or usual,
+            solver=solver,
+            accuracy=accuracy,
+            out=folder,
+            plot=plot,
+            store=store,
+            condense=condense,
+            settings=tuple(settings),
+            resume=going_on,
+            linear=linear,
+            target=target,
         )
         typer.echo(simulate_problem(read_problem(file), asked))
 

@@ -119,11 +119,22 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     pressure = _pressure(posed, trajectory, forces[:, nodes] + pull, place)
     along = np.einsum("smd,md->sm", u[:, nodes], normals)
     slip = u[:, nodes] - along[:, :, None] * normals
-    sticking = _sticking(trajectory, slip, at)
-    closed = _closed(posed, trajectory, u, place, m)
-    fields = slip, traction, *_bounds(posed, trajectory, at, length), pressure, sticking
-    wear = _per_length(trajectory.worn, at, length)
-    return Contact(nodes, points[nodes], normals, *fields, wear, closed, surface.lengths, length)
+    bound, backward = _bounds(posed, trajectory, at, length)
+    return Contact(
+        nodes=nodes,
+        points=points[nodes],
+        normals=normals,
+        slip=slip,
+        traction=traction,
+        bound=bound,
+        backward=backward,
+        pressure=pressure,
+        sticking=_sticking(trajectory, slip, at),
+        wear=_per_length(trajectory.worn, at, length),
+        closed=_closed(posed, trajectory, u, place, m),
+        lengths=surface.lengths,
+        friction_lengths=length,
+    )
 
 
 def _pull(posed: PosedScene, trajectory: Trajectory, at: Ints, m: int) -> Floats:

@@ -95,11 +95,20 @@ def friction_terms(
 
     rows = tangential_rows(nodes[first][kept], normals[first][kept], points)
     laws = [f for f in frictions if f.law is not None]
-    depends = pressed if laws else None
-    follows = slope if laws and all(f.slope is not None for f in laws) else None
-    tilts = bias if any(f.bias is not None for f in frictions) else None
-    edges = len(acting), held.dragged[kept], ends, owns[1]
-    return Terms(rows, nodes[first][kept], lengths_of(ends), weights, depends, frictions, follows, tilts, *edges)
+    return Terms(
+        rows=rows,
+        nodes=nodes[first][kept],
+        lengths=lengths_of(ends),
+        weights=weights,
+        pressed=pressed if laws else None,
+        frictions=frictions,
+        slope=slope if laws and all(f.slope is not None for f in laws) else None,
+        bias=bias if any(f.bias is not None for f in frictions) else None,
+        acting=len(acting),
+        dragged=held.dragged[kept],
+        ends=ends,
+        names=owns[1],
+    )
 
 
 def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:

@@ -195,7 +195,7 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     operators = run.operators
     none, nothing = np.zeros(len(run.condensation.retained)), np.zeros((operators.count, operators.block))
     zero = now.force - now.force
-    drive = StepData(
+    data = StepData(
         t=before.t,
         force=zero,
         dirichlet_force=None,
@@ -206,5 +206,19 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
         pushed=zero,
     )
     certificate = Certificate(0.0, np.zeros(operators.count), 0.0, np.zeros(len(operators.compliance)))
-    start = (none, none, drive, before.weights, before.weights, before.lam, before.p, nothing)
-    return State(before.t, *start, certificate, Ledger.opening(0.0, operators.count), before.scale, 0, size=before.size)
+    return State(
+        t=before.t,
+        y=none,
+        unbalanced=none,
+        data=data,
+        weights=before.weights,
+        capped_weights=before.weights,
+        lam=before.lam,
+        p=before.p,
+        slip=nothing,
+        certificate=certificate,
+        ledger=Ledger.opening(0.0, operators.count),
+        scale=before.scale,
+        iterations=0,
+        size=before.size,
+    )

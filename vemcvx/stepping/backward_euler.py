@@ -15,6 +15,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.program.step_program import Answer
+from vemcvx.program.system import Norms
 from vemcvx.stepping.certified_in_full import refined_state
 from vemcvx.stepping.fixed_point import Dependent, resolved
 from vemcvx.stepping.ledger import StepData, drive
@@ -52,12 +53,12 @@ def solved(run: PreparedRun, before: State, now: StepData, weights: Floats, n: i
     """The step to what drives the system now; `weights` (m,) are those to begin with, if they depend on the answer."""
     norms, attempt = run.system.norms, pose_step(run, before, now, weights)
     if norms is not None and norms.law is not None:
-        return _under_pressure(run, before, now, weights, n)
+        return _under_pressure(run, before, now, norms=norms, weights=weights, n=n)
     refuse_unheld(attempt, n)
     return attempt.solve()
 
 
-def _under_pressure(run: PreparedRun, before: State, now: StepData, weights: Floats, n: int) -> State:
+def _under_pressure(run: PreparedRun, before: State, now: StepData, norms: Norms, weights: Floats, n: int) -> State:
     """The step where weights depend on the forces of the limits."""
 
     def pose(run: PreparedRun, w: Floats) -> PosedStep:
@@ -66,4 +67,5 @@ def _under_pressure(run: PreparedRun, before: State, now: StepData, weights: Flo
     # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
     free = run.operators.kernel is not None
     start = np.full(len(weights), np.abs(pose(run, weights).program.g).sum()) if free else weights
-    return resolved(Dependent(run, now.t, n, pose, partial(refuse_unheld, n=n)), start)
+    step = Dependent(run=run, norms=norms, t=now.t, n=n, pose=pose, check=partial(refuse_unheld, n=n))
+    return resolved(step, start)

@@ -54,7 +54,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         safeguards=state.safeguards,
         p=p,
     )
-    between, ends = (before.data, state.data), (before.full, y)
+    between, ends = (before.data, state.data), (before.unknowns, y)
     ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip, w=state.capped_weights)
     return replace(
         state,

@@ -78,7 +78,8 @@ def _mark(*parts: object) -> Ints:
 
 
 def _pieces(value: Any) -> Iterator[bytes]:
-    if sp.issparse(value):
+    sparse = sp.issparse(value)
+    if sparse:
         yield from _pieces((value.shape, *(np.asarray(part) for part in (value.data, value.indices, value.indptr))))
     elif isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape}:".encode()
@@ -107,7 +108,7 @@ def check_same(marks: Arrays, arrays: Arrays) -> None:
     if not np.array_equal(_seal(arrays), arrays.get(SEAL, ())):
         raise HistoryError("checkpoint: incomplete, or changed since it was made. Remove the folder and run again.")
     kept = dict(zip(marks, arrays["marks"], strict=False))
-    other = [name for name, mark in marks.items() if not np.array_equal(mark, kept.get(name))]
+    other = [name for name, mark in marks.items() if not np.array_equal(mark, kept.get(name, ()))]
     if other:
         raise HistoryError(
             f"resume: the folder holds a run of another scene, mesh, times or store, or with other settings (what "
@@ -169,13 +170,14 @@ def record_of(kind: type, arrays: Arrays, prefix: str = "", known: Mapping[str, 
     hints, values = get_type_hints(kind), dict(known)
     for field in fields(kind):
         name = prefix + field.name
-        inner = [part for part in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(part)]
+        parts = hints[field.name], *get_args(hints[field.name])
+        inner = [part for part in parts if isinstance(part, type) and is_dataclass(part)]
         if name in known:
             continue
         if f"{ABSENT}.{name}" in arrays:
             values[field.name] = None
         elif inner:
-            values[field.name] = record_of(inner[0], arrays, f"{name}.")  # type: ignore[arg-type]
+            values[field.name] = record_of(inner[0], arrays, f"{name}.")
         else:
             values[field.name] = arrays[name] if arrays[name].ndim else arrays[name].item()
     return kind(**values)

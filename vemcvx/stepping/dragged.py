@@ -25,10 +25,9 @@ STILL = 16 * float(np.finfo(float).eps)
 def at_rest(system: System, t: float, p: Floats) -> Dragged:
     """Nothing has been dragged yet."""
     terms = system.dragged
-    q = 0 if terms is None else terms.count
-    weights = np.zeros(0) if terms is None else terms.weights(t, p)
-    like = system.norms if terms is None else terms
-    return Dragged(weights, np.zeros((q, 1 if like is None else like.block)), np.ones(q, dtype=bool), np.zeros(q))
+    if terms is None:
+        return Dragged.nothing(0, 1 if system.norms is None else system.norms.block)
+    return replace(Dragged.nothing(terms.count, terms.block), weights=terms.weights(t, p))
 
 
 def drag(system: System, before: State, state: State) -> State:

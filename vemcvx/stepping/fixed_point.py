@@ -43,6 +43,7 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.system import Norms
 from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
@@ -65,6 +66,7 @@ class Dependent:
     """A step whose weights depend on the forces of its limits."""
 
     run: PreparedRun
+    norms: Norms
     t: float
     n: int
     """the step, for messages"""
@@ -93,10 +95,9 @@ class Dependent:
 
         None if no solution is found, in as many sets as are left of the iterations.
         """
-        known = self.run.system.norms.slope is not None  # type: ignore[union-attr]
-        most = int(min(self.run.most - spent, sys.maxsize)) if known else 0
+        most = 0 if self.norms.slope is None else int(min(self.run.most - spent, sys.maxsize))
         rounds = iter(range(most))
-        return self.pose(self.run, state.weights).settled(state, rounds), most - length_hint(rounds)
+        return self.pose(self.run, state.weights).settled(state, self.norms, rounds), most - length_hint(rounds)
 
     def certified(self, state: State, certificate: Certificate) -> State:
         """The state under the weights of its own pressures, with that certificate."""
@@ -109,12 +110,12 @@ class Dependent:
 
     def law(self, p: Floats) -> Floats:
         """Weights (m,) under the forces p (r,)."""
-        return self.run.system.norms.weights_under(self.t, p)  # type: ignore[union-attr]
+        return self.norms.weights_under(self.t, p)
 
     def distance(self, one: State, other: State) -> float:
         """Energy norm of the difference."""
         apart = one.y - other.y
-        return float(np.sqrt(max(apart @ (self.run.operators.K @ apart), 0.0)))
+        return float(np.sqrt(max(float(apart @ (self.run.operators.K @ apart)), 0.0)))
 
     def work_apart(self, one: State, other: State) -> float:
         """The work of the difference of their weights on the larger of their slips, over the norm of states."""
@@ -138,7 +139,9 @@ def resolved(step: Dependent, start: Floats) -> State:
         Sets do not settle, and successive iterates do not come closer, or too slowly.
     """
     n, accuracy = step.n, step.run.accuracy
-    w, before, increments, iterations, safeguards = start, None, [], 0, 0
+    w, iterations, safeguards = start, 0, 0
+    before: State | None = None
+    increments: list[float] = []
     for count in range(1, MOST_PROGRAMS + 1):
         state = step.solve(w, before, iterations)
         iterations, safeguards = iterations + state.iterations, safeguards + state.safeguards

@@ -48,7 +48,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
         ledger = Ledger.opening(strain_energy(run.system, y, t), run.operators.count)
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
-    jump = _norm(run, settled.full - y)  # type: ignore[operator]
+    jump = _norm(run, settled.unknowns - y)
     scale = max(state.ledger.norm, _norm(run, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_violation(run, state, jump / scale if scale > 0 else np.inf))
@@ -131,7 +131,7 @@ def _at_rest(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.data, state.p)
     if run.refines:
-        start = strain_energy(run.system, state.full, state.t)  # type: ignore[arg-type]
+        start = strain_energy(run.system, state.unknowns, state.t)
     ledger = Ledger.opening(start, run.operators.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
     size, noise = caused_beside(run.condensation, state.data, ledger.norm, floor, accuracy)

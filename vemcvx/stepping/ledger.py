@@ -22,7 +22,8 @@ a kernel x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,22 +37,36 @@ from vemcvx.program.system import System
 
 
 @dataclass(frozen=True)
+class Carried:
+    """What supports that move bring about at an instant."""
+
+    dirichlet_force: Reduced
+    field: Floats
+    """(n_u,) u_m, what they alone bring about, seen from the body"""
+    pair: Callable[[Floats, Floats], float]
+    """a of two such fields"""
+
+
+@dataclass(frozen=True)
 class StepData:
     """What drives the system at an instant: its force, and the motion of its supports."""
 
     t: float
     force: Reduced
     """load minus Dirichlet force"""
-    dirichlet_force: Reduced | None
     prescribed_slip: Floats
-    carried: Floats | None
-    """(n_u,) u_m, what the supports alone bring about, seen from the body"""
     remaining_gap: Floats
     """(r,) what the limits leave free"""
     bias: Floats
     """(m * block,) of the norm terms, minus B' of which is part of the force"""
     pushed: Reduced
     """the force without that part: what there is to hold"""
+    carried: Carried | None = None
+    """None if no supports move"""
+
+    @property
+    def _dirichlet_force(self) -> Floats:
+        return np.zeros(0) if self.carried is None else self.carried.dirichlet_force.phi
 
     def still_as(self, other: StepData) -> bool:
         """Whether nothing differs between the two instants."""
@@ -59,9 +74,7 @@ class StepData:
             np.array_equal(self.force.phi, other.force.phi)
             and np.array_equal(self.prescribed_slip, other.prescribed_slip)
             and np.array_equal(self.remaining_gap, other.remaining_gap)
-            and (
-                self.dirichlet_force is None or np.array_equal(self.dirichlet_force.phi, other.dirichlet_force.phi)  # type: ignore[union-attr]
-            )
+            and np.array_equal(self._dirichlet_force, other._dirichlet_force)
         )
 
 
@@ -92,29 +105,15 @@ def drive(system: System, condensation: Condensation, t: float) -> StepData:
     pushed = in_range(condensation.reduce(system.push(t)), t)
     force = condensation.less(pushed, bias)
     remaining_gap = system.remaining_gap(t)
-    if system.motion is None:
-        return StepData(
-            t=t,
-            force=force,
-            dirichlet_force=None,
-            prescribed_slip=np.zeros_like(bias),
-            carried=None,
-            remaining_gap=remaining_gap,
-            bias=bias,
-            pushed=pushed,
-        )
-    motion = system.motion
-    dirichlet_force = condensation.reduce(motion.dirichlet_force(t))
-    return StepData(
-        t=t,
-        force=force,
-        dirichlet_force=dirichlet_force,
-        prescribed_slip=motion.prescribed_slip(t),
-        carried=motion.frame(t, -dirichlet_force.x),
-        remaining_gap=remaining_gap,
-        bias=bias,
-        pushed=pushed,
+    motion, still = system.motion, np.zeros_like(bias)
+    data = StepData(
+        t=t, force=force, prescribed_slip=still, remaining_gap=remaining_gap, bias=bias, pushed=pushed, carried=None
     )
+    if motion is None:
+        return data
+    dirichlet_force = condensation.reduce(motion.dirichlet_force(t))
+    carried = Carried(dirichlet_force, motion.frame(t, -dirichlet_force.x), motion.pair)
+    return replace(data, prescribed_slip=motion.prescribed_slip(t), carried=carried)
 
 
 def in_range(force: Reduced, t: float) -> Reduced:
@@ -129,13 +128,12 @@ def in_range(force: Reduced, t: float) -> Reduced:
 def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:
     """1/2 a(u, u), and what soft limits store."""
     pressed = float(p @ (condensation.operators.compliance * p))
-    if now.dirichlet_force is None:
+    carried = now.carried
+    if carried is None:
         return 0.5 * (condensation.square(y, now.force) + pressed)
-    c = condensation.retained
-    z, load = y + now.dirichlet_force.x[c], now.force + now.dirichlet_force
-    carried = condensation.system.motion.pair(now.carried, now.carried)  # type: ignore[union-attr]
-    crossed = _crossed(condensation, now.dirichlet_force, z)
-    return 0.5 * (condensation.square(z, load) + carried + pressed) + crossed
+    z, load = y + carried.dirichlet_force.x[condensation.retained], now.force + carried.dirichlet_force
+    crossed = _crossed(condensation, carried.dirichlet_force, z)
+    return 0.5 * (condensation.square(z, load) + carried.pair(carried.field, carried.field) + pressed) + crossed
 
 
 def strain_energy(system: System, y: Floats, t: float) -> float:
@@ -166,14 +164,14 @@ def advance(
     last, now = between
     change = now.force - last.force
     work = -float(answer.p @ (now.remaining_gap - last.remaining_gap))
-    if now.dirichlet_force is None or last.dirichlet_force is None:
+    if now.carried is None or last.carried is None:
         work += condensation.work(now.force, answer.d, change)
     else:
-        c, motion = condensation.retained, condensation.system.motion
-        moved = now.dirichlet_force - last.dirichlet_force
-        work += condensation.work(now.force + now.dirichlet_force, answer.d + moved.x[c], change + moved)
-        work += motion.pair(now.carried, now.carried - last.carried)  # type: ignore[union-attr, operator, arg-type]
-        work += _crossed(condensation, moved, y + now.dirichlet_force.x[c])
+        c, reaction = condensation.retained, now.carried.dirichlet_force
+        moved = reaction - last.carried.dirichlet_force
+        work += condensation.work(now.force + reaction, answer.d + moved.x[c], change + moved)
+        work += now.carried.pair(now.carried.field, now.carried.field - last.carried.field)
+        work += _crossed(condensation, moved, y + reaction.x[c])
         held = condensation.operators.rows.pull(answer.lam.ravel()) + condensation.operators.limits.pull(answer.p)
         work -= float(held @ moved.x[c])
         work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))

@@ -16,6 +16,7 @@ from vemcvx.arrays import Floats
 from vemcvx.program.certificate import Certificate, certify, limit_gaps, norm_gaps, rounding_floor
 from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
 from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.system import Norms
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
 from vemcvx.solvers.sets import Iterate
@@ -73,21 +74,22 @@ class PosedStep:
             return self._still(self.before.lam, "nothing pushes that counts")
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
-        best: State | None = None
-        free, spent = alpha, 0
-        for _ in range(ATTEMPTS):
-            state = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near or self.before, spent)
-            spent += state.iterations
-            if best is not None and state.certificate.gap >= best.certificate.gap:
-                break
-            best = state
+        free, near = alpha, near or self.before
+        best = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near, 0)
+        spent = best.iterations
+        for _ in range(ATTEMPTS - 1):
             if best.accepted(accuracy) or spent >= self.run.most:
                 break
             size = ASKED_AGAIN * min(size, best.unit(accuracy))
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
-        return replace(best, iterations=spent)  # type: ignore[type-var]
+            state = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near, spent)
+            spent += state.iterations
+            if state.certificate.gap >= best.certificate.gap:
+                break
+            best = state
+        return replace(best, iterations=spent)
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""
@@ -109,14 +111,14 @@ class PosedStep:
         certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.state_after(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 
-    def settled(self, state: State, rounds: Iterator[int]) -> State | None:
+    def settled(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
         """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
-        scales, norms, t = self.run.scaling, self.run.system.norms, self.data.t
+        scales, t = self.run.scaling, self.data.t
         alpha = scales.size(self.program)
         if alpha == 0.0:
             return replace(state, certificate=state.certificate.away(0.0))
         up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
-        law = WeightLaw(partial(norms.weights_under, t), partial(norms.slope_under, t)).scaled(up, down)  # type: ignore
+        law = WeightLaw(partial(norms.weights_under, t), partial(norms.slope_under, t)).scaled(up, down)
         start = Iterate(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
         scaled = scales.scale(self.program, alpha)
         found = settled(scaled, law, start, self.run.response, rounds)
@@ -191,6 +193,6 @@ class PosedStep:
 
 def refuse_unheld(posed: PosedStep, n: int) -> None:
     """Raise SceneError when nothing balances the load of step `n` on a motion that K does not feel."""
-    run = posed.run
-    if run.operators.kernel is not None:
-        refuse_unbalanced(posed.program, run.system.kernel, run.condensation.retained, n, posed.data.t)
+    kernel = posed.run.system.kernel
+    if kernel is not None:
+        refuse_unbalanced(posed.program, kernel, posed.run.condensation.retained, n, posed.data.t)

@@ -155,10 +155,10 @@ class Recorder:
         )
         self._enter(n, "scalars", scalars)
         if n == 0:
-            self._enter(0, "initial", state.full)
+            self._enter(0, "initial", state.unknowns)
         if stored:
             row = self._row[n]
-            self._enter(row, "state", state.full)
+            self._enter(row, "state", state.unknowns)
             lam = state.lam + state.data.bias.reshape(state.lam.shape)
             self._enter(row, "multipliers", np.concatenate([lam, dragged.lam]))
             self._enter(row, "pressures", state.p)

@@ -52,14 +52,14 @@ def refuse_unbalanced(program: StepProgram, kernel: Kernel, retained: Ints, n: i
     retained : (m,) array
         The unknowns of `kernel` that the program has.
     """
-    operators = program.operators
-    motion = operators.hold.unheld(program.w, operators.kernel.T @ program.g)  # type: ignore[union-attr]
-    if motion is None:
+    operators, N = program.operators, program.operators.kernel
+    motion = None if N is None else operators.hold.unheld(program.w, N.T @ program.g)
+    if N is None or motion is None:
         return
-    field = operators.kernel @ motion  # type: ignore[operator]
+    field = N @ motion
     field /= np.abs(field).max()
     felt = np.linalg.norm(operators.blocks(operators.rows.read(field)), axis=1)
-    parts = np.linalg.lstsq(kernel.modes[retained], field, rcond=None)[0]
+    parts = np.linalg.lstsq(kernel.modes[retained], field, rcond=None)[0].astype(float)
     refuse_unheld(kernel, parts, push=float(field @ program.g), holds=float(program.w @ felt), n=n, t=t)
 
 
@@ -72,7 +72,7 @@ def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Fl
     lam, p = program.admissible(lam, p, d)
     best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
     iterations = safeguards = 0
-    centres = _Centres(np.flatnonzero(operators.anchor))  # type: ignore[arg-type]
+    centres = _Centres(np.flatnonzero(np.zeros(len(d)) if operators.anchor is None else operators.anchor))
     for _ in range(MOST_POINTS):
         answer = ask(program.proximal(d), target, lam, p, iterations)
         iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards

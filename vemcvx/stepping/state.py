@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Bools, Floats
 from vemcvx.linear import LinearSolver
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
@@ -89,10 +88,15 @@ class Dragged:
     """(q,)"""
     lam: Floats
     """(q, block) multipliers, the bias included"""
-    still: NDArray[np.bool_]
+    still: Bools
     """(q,) which did not slip"""
     worn: Floats
     """(q,) cumulative loss"""
+
+    @classmethod
+    def nothing(cls, q: int, block: int) -> Dragged:
+        """No loss and no weight."""
+        return cls(np.zeros(q), np.zeros((q, block)), np.ones(q, dtype=bool), np.zeros(q))
 
 
 @dataclass(frozen=True)
@@ -126,15 +130,22 @@ class State:
     rate: float = np.nan
     """with which the fixed point of pressure-dependent weights contracted"""
     full: Floats | None = None
-    """(n,) all unknowns, once somebody has asked for them"""
+    """(n,) `unknowns`, once somebody has asked for them"""
     size: float = 0.0
     """largest energy norm that the data could cause, looked at while the states are nothing beside it"""
     noise: float = 0.0
     """what friction's own forces could, where this state is but their rounding"""
-    dragged: Dragged | None = None
-    """always known between steps"""
+    dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))
+    """as of the step before while the step is on"""
     velocity: Floats | None = None
     """(n,) their increments over the length of the step, where rates cost"""
+
+    @property
+    def unknowns(self) -> Floats:
+        """(n,) all unknowns, of a state that is certified in full."""
+        if self.full is None:
+            raise LookupError("state: the unknowns inside are not recovered; certified_in_full() does.")
+        return self.full
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.acceptance`."""
@@ -146,14 +157,15 @@ class State:
         return self.certificate.error <= accuracy * self.unit(accuracy)
 
 
-def sticking(run: PreparedRun, state: State) -> NDArray[np.bool_]:
+def sticking(run: PreparedRun, state: State) -> Bools:
     """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
     operators = run.operators
     if operators.count == 0:
         return np.zeros(0, dtype=bool)
     blur = EPS * np.abs(operators.blocks(operators.rows.absolute.read(np.abs(state.y)))).max(axis=1)
     error = state.certificate.error + state.certificate.error_floor
-    return np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(operators.norm_flexibility) + blur
+    sticks: Bools = np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(operators.norm_flexibility) + blur
+    return sticks
 
 
 def asked_of(solver: Solver, scales: Scaling) -> Operators:

@@ -9,6 +9,7 @@ sums of the checkpoint tell whether the disk has it all. Which files are a run's
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -20,6 +21,8 @@ from vemcvx.owned_files import Owned, path_of
 
 Arrays = dict[str, NDArray[Any]]
 CHECKPOINT = "checkpoint.npz"
+SAVE: Callable[..., None] = np.savez
+"""Names of arrays are none of its options."""
 
 
 @runtime_checkable
@@ -145,7 +148,7 @@ class Folder:
         kept, made = self._files.take(CHECKPOINT), self._files.take(f".{CHECKPOINT}")
         try:
             with open(made, "wb") as file:
-                np.savez(file, **arrays)
+                SAVE(file, **arrays)
             os.replace(made, kept)
         except OSError as error:
             raise HistoryError(f"{self.path}: cannot write a checkpoint: {error}.") from error

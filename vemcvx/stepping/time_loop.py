@@ -24,7 +24,7 @@ from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import at_rest, drag
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import Recorder, stored_steps
-from vemcvx.stepping.state import prepare
+from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.storage import Memory, Storage
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.stepping.viscous import ViscousSteps
@@ -92,10 +92,14 @@ def march(
         earlier = 0, replace(first, dragged=at_rest(system, first.t, first.p))
         recorder.add(*earlier)
     begin, state = earlier
-    advance = partial(step, run)
+    advance: Callable[[State, int, float], State] = partial(step, run)
     if system.damping is not None:
         state = certified_in_full(run, state)
-        advance = ViscousSteps(run, instants, lambda timed: prepare(timed, run.solver, False, condense, linear)).step
+
+        def timed(own: System) -> PreparedRun:
+            return prepare(own, run.solver, False, condense, linear)
+
+        advance = ViscousSteps(run, system.damping, instants, timed).step
     for n in range(begin + 1, steps + 1):
         state = drag(system, state, advance(state, n, instants[n]))
         recorder.add(n, state)

@@ -30,7 +30,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import rounding
 from vemcvx.program.step_program import EPS
-from vemcvx.program.system import System
+from vemcvx.program.system import Damping, System
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
@@ -48,15 +48,16 @@ class ViscousSteps:
 
     Parameters
     ----------
-    run : Run
-        The system without its damping.
+    run : PreparedRun
+        Of the system without its damping.
+    damping : Damping
     instants : (N + 1,) array
     prepare : callable (System) -> Run
         For the system of one length of step.
     """
 
-    def __init__(self, run: PreparedRun, instants: Floats, prepare: Callable[[System], PreparedRun]):
-        self._run, self._prepare = run, prepare
+    def __init__(self, run: PreparedRun, damping: Damping, instants: Floats, prepare: Callable[[System], PreparedRun]):
+        self._run, self._damping, self._prepare = run, damping, prepare
         self._lengths = shared_lengths(instants)
         self._runs: OrderedDict[float, tuple[PreparedRun, sp.csr_matrix]] = OrderedDict()
 
@@ -78,13 +79,13 @@ class ViscousSteps:
     def _stepped(self, before: State, n: int, t: float, share: float) -> tuple[State, float]:
         """The state where `share` of the accuracy is asked for, and the norm that this was a part of."""
         k, shared = t - before.t, float(self._lengths[n - 1])
-        (run, lost), y = self._at(shared), before.full
+        (run, lost), y = self._at(shared), before.unknowns
         run = replace(run, share=share)
         now = self._drive(run, y, before.t, t, k)
         norms = run.system.norms
         weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
         stepped = certified_in_full(run, solved(run, _rest(run, before, now), now, weights, n), lost)
-        d = stepped.full
+        d = stepped.unknowns
         ledger = self._ledger(before, stepped, y=y, d=d, t=t, k=k)
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))
         state = replace(
@@ -101,9 +102,8 @@ class ViscousSteps:
     def _at(self, k: float) -> tuple[PreparedRun, sp.csr_matrix]:
         """The run for steps of length k, and what rounding takes off its stiffness."""
         if k not in self._runs:
-            system = self._run.system
-            rate = system.damping.C  # type: ignore[union-attr]
-            stiffness = (system.K + rate / k).tocsr()
+            system, rate = self._run.system, self._damping.C
+            stiffness = sp.csr_matrix(system.K + rate / k)
             exact = system.K.astype(np.longdouble) + rate.astype(np.longdouble) / np.longdouble(k)
             lost = sp.csr_matrix(exact - stiffness.astype(np.longdouble)).astype(float)
             self._runs[k] = self._prepare(replace(system, K=stiffness, damping=None, motion=None)), lost
@@ -114,9 +114,9 @@ class ViscousSteps:
 
     def _floor(self, run: PreparedRun, stepped: State, y: Floats, s: float, off: float) -> float:
         """The rounding floor of a step from y at the instant s; `off`: the relative change of a shared length."""
-        system, d = self._run.system, stepped.full
+        system, d = self._run.system, stepped.unknowns
         blur = np.abs(system.force(stepped.t)) + abs(system.K) @ np.abs(y)
-        moved = system.damping.motion  # type: ignore[union-attr]
+        moved = self._damping.motion
         if moved is not None:
             blur += (np.abs(moved.dirichlet_force(stepped.t)) + np.abs(moved.dirichlet_force(s))) / (stepped.t - s)
         there = y + d
@@ -132,13 +132,13 @@ class ViscousSteps:
     def _drive(self, run: PreparedRun, y: Floats, s: float, t: float, k: float) -> StepData:
         """What drives the increment from the instant s to t."""
         system = self._run.system
-        motion, damping = system.motion, system.damping
+        motion, moved = system.motion, self._damping.motion
         phi = residual(system.push(t), system.K, y, np.zeros(len(y)))
         prescribed_slip = np.zeros(0 if system.norms is None else system.norms.B.shape[0])
         if motion is not None:
             prescribed_slip = motion.prescribed_slip(t) - motion.prescribed_slip(s)
-        if damping.motion is not None:  # type: ignore[union-attr]
-            phi -= (damping.motion.dirichlet_force(t) - damping.motion.dirichlet_force(s)) / k  # type: ignore[union-attr]
+        if moved is not None:
+            phi -= (moved.dirichlet_force(t) - moved.dirichlet_force(s)) / k
         remaining_gap = system.remaining_gap(t)
         if system.limits is not None:
             remaining_gap = remaining_gap - system.limits.D @ y
@@ -149,9 +149,7 @@ class ViscousSteps:
         return StepData(
             t=t,
             force=force,
-            dirichlet_force=None,
             prescribed_slip=prescribed_slip,
-            carried=None,
             remaining_gap=remaining_gap,
             bias=bias,
             pushed=pushed,
@@ -159,7 +157,7 @@ class ViscousSteps:
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
         system, s = self._run.system, before.t
-        C, ahead = system.damping.C, y + d  # type: ignore[union-attr]
+        C, ahead = self._damping.C, y + d
         lost = float(d @ (C @ d)) / k
         work = float(system.force(t) @ d) - float(stepped.p @ (system.remaining_gap(t) - system.remaining_gap(s)))
         motion = system.motion
@@ -167,7 +165,7 @@ class ViscousSteps:
             change = motion.dirichlet_force(t) - motion.dirichlet_force(s)
             work += float(motion.dirichlet_force(t) @ d + ahead @ change) + motion.stored(t, t) - motion.stored(s, t)
             work += float(stepped.lam.ravel() @ (motion.prescribed_slip(t) - motion.prescribed_slip(s)))
-        moved = system.damping.motion  # type: ignore[union-attr]
+        moved = self._damping.motion
         if moved is not None:
             across = float(d @ (moved.dirichlet_force(t) - moved.dirichlet_force(s))) / k
             own = (moved.stored(t, t) - 2 * moved.stored(s, t) + moved.stored(s, s)) / k
@@ -198,9 +196,7 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     data = StepData(
         t=before.t,
         force=zero,
-        dirichlet_force=None,
         prescribed_slip=np.zeros_like(now.prescribed_slip),
-        carried=None,
         remaining_gap=np.zeros_like(now.remaining_gap),
         bias=now.bias,
         pushed=zero,

@@ -90,7 +90,7 @@ def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, suppor
     if pressed is None or len(terms.nodes) == 0:
         return None
     own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
-    press = [
+    press: list[sp.csr_matrix] = [
         sp.csr_matrix((len(rows), len(obstacles.nodes)))
         if f.law is None
         else pressing(obstacles, f, ends[rows], supports)
@@ -100,7 +100,5 @@ def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, suppor
     def law(t: float, p: Floats) -> Floats:
         return pressed(t, [M @ p for M in press])
 
-    def slope(t: float, p: Floats) -> sp.csr_matrix:
-        return terms.slope(t, press, p)  # type: ignore[misc]
-
-    return FrictionLaw(law, None if terms.slope is None else slope)
+    slope = terms.slope
+    return FrictionLaw(law, None if slope is None else lambda t, p: slope(t, press, p))

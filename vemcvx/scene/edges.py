@@ -55,7 +55,7 @@ def united(ends: sp.csr_matrix, group: Ints) -> sp.csr_matrix:
 
 def lengths_of(ends: sp.csr_matrix) -> Floats:
     """int phi_i over the edges of each row."""
-    return np.asarray(ends.sum(axis=1)).ravel()
+    return np.asarray(ends.sum(axis=1)).ravel().astype(float)
 
 
 def borne(by: sp.csr_matrix, force: sp.csr_matrix) -> sp.csr_matrix:

@@ -50,7 +50,7 @@ def freedom(nodes: Ints, normals: Floats, supports: Supports, times: Sequence[fl
     """How these rows are held; whether supports drag them is looked up at all of `times`, if there are any."""
     k, dim = normals.shape
     tangents, across = tangential_rows(nodes, normals, supports.points), normal_rows(nodes, normals, supports.points)
-    slides = np.diff(on_free(tangents, supports).indptr).reshape(k, dim - 1).any(axis=1)
+    slides = np.asarray(np.diff(on_free(tangents, supports).indptr).reshape(k, dim - 1).any(axis=1))
     opens = np.diff(on_free(across, supports).indptr) > 0
     held = np.flatnonzero(~slides)
     dragged = np.zeros(k, dtype=bool)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +23,16 @@ from vemcvx.scene.terms import Terms
 
 Said = list[str]
 
+
+class Named(Protocol):
+    """What has a name for messages."""
+
+    @property
+    def subject(self) -> str:
+        """The name."""
+
+
+T = TypeVar("T", bound=Named)
 # A force of contact under which friction that depends on pressure shows itself, whatever the units.
 PRESSED = 1e100
 
@@ -32,7 +43,7 @@ def without_inactive(effect: Effect, part: Contribution, times: Sequence[float],
     Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
     """
 
-    def alive(things: tuple, value: Callable[..., Callable[[float], Floats]], what: str) -> tuple:
+    def alive(things: tuple[T, ...], value: Callable[[T], Callable[[float], Floats]], what: str) -> tuple[T, ...]:
         keep = [len(times) == 0 or not _zero(value(thing), times) for thing in things]
         said.extend(
             f"{thing.subject}: its {what} is zero at all instants"
@@ -63,9 +74,10 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
     moving = np.arange(len(terms.nodes)) < terms.acting
     if terms.dragged is not None:
         moving = moving | terms.dragged
-    held = [friction for friction in terms.frictions if not np.isin(friction.nodes, terms.nodes[moving]).any()]
-    held += [o for o in obstacles if on_free(normal_rows(o.nodes, o.normals, supports.points), supports).nnz == 0]
-    return [f"{part.subject}: all its nodes are held otherwise" for part in held]
+    held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
+    rows = (normal_rows(o.nodes, o.normals, supports.points) for o in obstacles)
+    held += [o.subject for o, row in zip(obstacles, rows, strict=True) if on_free(row, supports).nnz == 0]
+    return [f"{subject}: all its nodes are held otherwise" for subject in held]
 
 
 def _bound(friction: Friction) -> Callable[[float], Floats]:

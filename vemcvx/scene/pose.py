@@ -9,19 +9,22 @@ projections at the contact nodes,
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.effects import Contribution, Friction, Given, Load, Material, Obstacle
+from vemcvx.effects import ContactSurface, Contribution, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.kernel import Kernel
+from vemcvx.program.motion import Motion
 from vemcvx.program.ordering import nested_dissection
-from vemcvx.program.system import Damping, Motion, System
+from vemcvx.program.system import Damping, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.contact_terms import acting_rows, dragged_terms, friction_law, limits, norm_terms
 from vemcvx.scene.edges import owned
@@ -34,6 +37,8 @@ from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.surface import Surface, contact_surface
 from vemcvx.scene.terms import Terms, friction_terms, warn_of_loose_normals
 from vemcvx.vem import Space, rigid_modes
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -122,11 +127,23 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
         damping=_damping(viscosity, supports, seen),
         dragged=dragged_terms(terms, law, supports),
     )
-    shown = (*_chain(p.surfaces for p in parts), *frictions, *stops)
-    surface = contact_surface(shown, terms, supports, times)
+    shown: tuple[ContactSurface | Friction | Obstacle, ...] = (*_chain(p.surfaces for p in parts), *frictions, *stops)
     return PosedScene(
-        *(scene, space, system, supports, A, loads, terms, surface, material, prestress, obstacles, springs),
-        *(tuple(inactive), _chain(p.given for p in parts), viscosity),
+        scene=scene,
+        space=space,
+        system=system,
+        supports=supports,
+        A=A,
+        loads=loads,
+        terms=terms,
+        surface=contact_surface(shown, terms, supports, times),
+        material=material,
+        prestress=prestress,
+        obstacles=obstacles,
+        springs=springs,
+        inactive=tuple(inactive),
+        given=_chain(p.given for p in parts),
+        viscosity=viscosity,
     )
 
 
@@ -153,8 +170,8 @@ def total_load(loads: Sequence[Load | InitialStresses], n: int, t: float) -> Flo
     return f
 
 
-def _chain(tuples: object) -> tuple:
-    return tuple(item for part in tuples for item in part)  # type: ignore[attr-defined]
+def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
+    return tuple(chain.from_iterable(tuples))
 
 
 def _sum(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix:

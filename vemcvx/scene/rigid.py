@@ -59,7 +59,8 @@ def loose_motions(
     if springs is not None:
         joined = joined @ (sp.eye_array(joined.shape[1]) + _nodes_coupled(springs, dim))
     parts, label = connected_components(joined @ joined.T, directed=False)
-    fields_of, names, motions = [], [], []
+    fields_of, names = [], []
+    motions: list[tuple[str, list[int], Floats]] = []
     for part in range(parts):
         columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
@@ -69,7 +70,7 @@ def loose_motions(
         if loose.shape[1] == 0:
             continue
         which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
-        hinges = [i for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
+        hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
         field = fields[:, columns] @ loose
         rank, rotated = _felt(friction @ field)
         if rank < loose.shape[1]:
@@ -93,7 +94,8 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
     R = _motions(label, np.arange(mesh.n_nodes), mesh.points)
 
     def seen(u: Floats) -> Floats:
-        return u - R @ (R.T @ u)
+        strained: Floats = u - R @ (R.T @ u)
+        return strained
 
     return seen
 
@@ -170,7 +172,8 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
 def _forward(motions: Floats) -> Floats:
     """The motions with the sign that makes their largest component positive."""
     if motions.ndim == 1:
-        return motions * np.sign(motions[np.argmax(np.abs(motions))])
+        forward: Floats = motions * np.sign(motions[np.argmax(np.abs(motions))])
+        return forward
     return np.column_stack([_forward(column) for column in motions.T])
 
 

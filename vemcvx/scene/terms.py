@@ -71,14 +71,16 @@ def friction_terms(
     ends = united(owns[0], term)[kept]
 
     def weights(t: float) -> Floats:
-        return gather @ np.concatenate([f.weights(t) for f in frictions])
+        w: Floats = gather @ np.concatenate([f.weights(t) for f in frictions])
+        return w
 
     def pressed(t: float, forces: Sequence[Floats]) -> Floats:
         parts = [
             f.weights(t) if f.law is None else f.weights(t) + f.law(t, P)
             for f, P in zip(frictions, forces, strict=True)
         ]
-        return gather @ np.concatenate(parts)
+        w: Floats = gather @ np.concatenate(parts)
+        return w
 
     def slope(t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
         each = [
@@ -91,7 +93,8 @@ def friction_terms(
 
     def bias(t: float) -> Floats:
         each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in frictions]
-        return gather @ (np.sign(along) * np.concatenate(each))
+        c: Floats = gather @ (np.sign(along) * np.concatenate(each))
+        return c
 
     rows = tangential_rows(nodes[first][kept], normals[first][kept], points)
     laws = [f for f in frictions if f.law is not None]

@@ -60,9 +60,7 @@ def test_hertz(solver):
 @pytest.mark.parametrize("drag", [1e-4, pytest.param(4e-4, marks=pytest.mark.slow)])
 def test_cattaneo_and_mindlin(drag):
     """The stick half-width within three per cent of sqrt(1 - Q / mu P), for little and for much drag."""
-    history = vx.simulate(
-        cattaneo_mindlin.scene(drag=drag), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8)
-    )
+    history = vx.simulate(cattaneo_mindlin.scene(drag=drag), cattaneo_mindlin.mesh(30), cattaneo_mindlin.times(8))
     Q, P = np.abs(history.reaction("bottom")[-1])
     a, _ = hertz.fitted(history.contact.points[:, 0], history.contact.pressure[-1])
     stuck, _ = cattaneo_mindlin.stick_half_width(history)

@@ -195,9 +195,7 @@ class Body:
     def heat(self, expansion, temperature):
         def load(t):
             sigma = self.blocked * expansion * temperature(*self.centroids.T, t)
-            return self._vector(
-                swelling, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3))
-            )
+            return self._vector(swelling, self.basis, sigma=np.broadcast_to(sigma[:, None], (len(sigma), 3)))
 
         self.loads.append(load)
         return self

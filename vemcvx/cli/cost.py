@@ -182,9 +182,7 @@ def _of_reference(found: Sweep) -> list[str]:
 def _of_points(found: Sweep) -> list[str]:
     rows = found.rows
     lines = [f"points      {len(rows)}, {found.kept} of them finished before"]
-    ratios = [
-        one.row.estimated / one.error for one in answers(rows) if one.row.estimated is not None and one.error > 0
-    ]
+    ratios = [one.row.estimated / one.error for one in answers(rows) if one.row.estimated is not None and one.error > 0]
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
     failed = [row for row in rows if not row.done]

@@ -1,4 +1,4 @@
-"""The limits of one-sided contact, over all nodal values: D^ with one normal a row, and what obstacles leave free.
+"""The limits of one-sided contact, over all nodal values and for a System; what presses on friction.
 
 Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
 their edges; compliant obstacles each act with a force of their own.
@@ -15,10 +15,11 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.errors import SceneError
+from vemcvx.program.limits import Limits
 from vemcvx.scene.edges import borne, lengths_of, united
 from vemcvx.scene.freedom import normal_rows, on_free
 from vemcvx.scene.supports import Supports
-from vemcvx.scene.terms import merged
+from vemcvx.scene.terms import FrictionLaw, Terms, merged
 
 
 @dataclass(frozen=True)
@@ -112,3 +113,35 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
             "NormalCompliance on the same boundary (with BilateralContact, TrescaFriction without while_closed)."
         )
     return M
+
+
+def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
+    """The limits of obstacles, over the free unknowns."""
+    nodes, points = obstacles.nodes, supports.points
+    if len(nodes) == 0:
+        return None
+
+    def place(j: int) -> str:
+        return f"node {nodes[j]} at {tuple(float(x) for x in np.round(points[nodes[j]], 12))}"
+
+    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.compliance, place)
+
+
+def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:
+    """Weights under the forces of the limits, if some depend on them."""
+    pressed = terms.pressed
+    if pressed is None or len(terms.nodes) == 0:
+        return None
+    own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
+    press: list[sp.csr_matrix] = [
+        sp.csr_matrix((len(rows), len(obstacles.nodes)))
+        if f.law is None
+        else pressing(obstacles, f, ends[rows], supports)
+        for f, rows in zip(terms.frictions, own, strict=True)
+    ]
+
+    def law(t: float, p: Floats) -> Floats:
+        return pressed(t, [M @ p for M in press])
+
+    slope = terms.slope
+    return FrictionLaw(law, None if slope is None else lambda t, p: slope(t, press, p))

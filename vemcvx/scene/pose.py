@@ -26,16 +26,15 @@ from vemcvx.program.motion import Motion
 from vemcvx.program.ordering import nested_dissection
 from vemcvx.program.system import Damping, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
-from vemcvx.scene.contact_terms import acting_rows, dragged_terms, friction_law, limits, norm_terms
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
 from vemcvx.scene.inactive import out_of_reach, without_inactive
-from vemcvx.scene.obstacles import Obstacles, gathered
+from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits
 from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.surface import Surface, contact_surface
-from vemcvx.scene.terms import Terms, friction_terms, warn_of_loose_normals
+from vemcvx.scene.terms import Terms, acting_rows, dragged_terms, friction_terms, norm_terms, warn_of_loose_normals
 from vemcvx.vem import Space, rigid_modes
 
 T = TypeVar("T")

@@ -1,4 +1,4 @@
-"""The norm terms of friction, over all nodal values.
+"""The norm terms of friction, over all nodal values, and what a System knows of them.
 
 A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
 weights add up and whose length is that of all their edges. Over u the matrix of the terms is B^ (orthonormal
@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import Friction
 from vemcvx.errors import SceneWarning
+from vemcvx.program.system import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import freedom, normal_rows, on_free, tangential_rows
 from vemcvx.scene.supports import PARALLEL, Supports
@@ -48,6 +49,16 @@ class Terms:
     """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.edges`"""
     names: Ints | None = None
     """(e, 2) of each end its node, and the other node of its edge"""
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """How the weights of all terms follow the forces of the limits."""
+
+    weights: Callable[[float, Floats], Floats]
+    """(t, forces (r,)) -> (m,)"""
+    slope: Callable[[float, Floats], sp.csr_matrix] | None
+    """(t, forces (r,)) -> (m, r), the derivative of weights that are piecewise affine; None if they are not"""
 
 
 def friction_terms(
@@ -112,6 +123,51 @@ def friction_terms(
         ends=ends,
         names=owns[1],
     )
+
+
+def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Norms | None:
+    """The terms that some unknown moves."""
+    m, nodes, points = terms.acting, terms.nodes, supports.points
+    if m == 0:
+        return None
+    under, bias = None if law is None else law.weights, terms.bias
+    slope = None if law is None else law.slope
+
+    def place(i: int) -> str:
+        return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
+
+    block = terms.rows.shape[0] // len(nodes)
+    return Norms(
+        B=on_free(acting_rows(terms), supports),
+        w=lambda t: terms.weights(t)[:m],
+        block=block,
+        places=place,
+        law=None if under is None else lambda t, p: under(t, p)[:m],
+        bias=None if bias is None else lambda t: bias(t)[: m * block],
+        slope=None if slope is None else lambda t, p: slope(t, p)[:m],
+    )
+
+
+def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> DraggedTerms | None:
+    """The terms that none does."""
+    m, q = terms.acting, len(terms.nodes) - terms.acting
+    if q == 0:
+        return None
+    block, bias = terms.rows.shape[0] // len(terms.nodes), terms.bias
+    rows = terms.rows[m * block :]
+    return DraggedTerms(
+        lambda t: rows @ supports.motion(t),
+        lambda t, p: (terms.weights(t) if law is None else law.weights(t, p))[m:],
+        q,
+        block,
+        None if bias is None else lambda t: bias(t)[m * block :],
+    )
+
+
+def acting_rows(terms: Terms) -> sp.csr_matrix:
+    """B^ of the terms that some unknown moves."""
+    block = terms.rows.shape[0] // max(len(terms.nodes), 1)
+    return terms.rows[: terms.acting * block]
 
 
 def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:

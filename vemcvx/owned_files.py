@@ -12,6 +12,7 @@ import errno
 import logging
 import os
 import shutil
+import sys
 from pathlib import Path
 
 from vemcvx.arrays import brief
@@ -135,7 +136,7 @@ def path_of(raw: object, subject: str) -> Path:
         It names none.
     """
     try:
-        text = os.fspath(raw)  # type: ignore[call-overload]
+        text = os.fspath(raw) if isinstance(raw, (str, os.PathLike)) else None
         if isinstance(text, str) and text and b"\0" not in os.fsencode(text):
             return Path(text)
     except (TypeError, UnicodeEncodeError):
@@ -178,12 +179,12 @@ def _hold(descriptor: int, path: Path) -> None:
 
 
 def _lock(descriptor: int) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows
+    if sys.platform == "win32":
         import msvcrt
 
         os.lseek(descriptor, BEYOND, os.SEEK_SET)
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-        return
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

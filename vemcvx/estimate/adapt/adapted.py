@@ -245,7 +245,7 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
     state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
     known, times = course(posed.system, wanted), wanted
     while True:
-        finer = beside_finer(run, times, state.full, known)
+        finer = beside_finer(run, times, state.unknowns, known)
         allowed = TIME_SHARE * target * finer.norm
         split = split_steps(times, finer, allowed)
         if len(split) == len(times) or len(split) > MOST_STEPS:

@@ -30,7 +30,7 @@ class BilateralContact(Effect):
         points = space.mesh.points[rows.nodes]
         return Contribution(
             supports=(Support("BilateralContact", rows.nodes, rows.normals, points, contact=True),),
-            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
+            surfaces=(ContactSurface.of(rows),),
         )
 
     def describe(self) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import data
-from vemcvx.vem import EdgeEnds, elastic_matrix, softest_shear
+from vemcvx.vem import BoundaryRows, EdgeEnds, elastic_matrix, softest_shear
 
 
 @dataclass(frozen=True)
@@ -127,6 +127,11 @@ class ContactSurface:
     """(m,) integrals of the nodal basis functions over the edges with that normal."""
     ends: EdgeEnds | None = None
     """the edges of each row, as of friction"""
+
+    @classmethod
+    def of(cls, rows: BoundaryRows) -> ContactSurface:
+        """The surface of the rows of a part of the boundary."""
+        return cls(rows.nodes, rows.normals, rows.lengths, rows.ends)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from vemcvx.effects import data
 from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.errors import SceneError
 from vemcvx.vem import Space
 
 
@@ -54,37 +53,29 @@ class CoulombFriction(Effect):
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
 
-        def positive(value: data.Datum, x: Floats, t: float, name: str) -> Floats:
-            found = data.scalar(value, x, t, f"{subject}: {name}")
-            if (found < 0).any():
-                worst = int(np.argmin(found))
-                raise SceneError(
-                    f"{subject}: found the {name} {found[worst]:.6g} at {x[worst]} and t = {t:.6g}; it must be >= 0."
-                )
-            return found
+        def read(x: Floats, t: float) -> tuple[Floats, Floats]:
+            mu = data.nonnegative(self.coefficient, x, t, subject, name="coefficient")
+            if self.cap is None:
+                return mu, np.full(len(x), np.inf)
+            return mu, data.nonnegative(self.cap, x, t, subject, name="cap")
 
         def law(t: float, forces: Floats) -> Floats:
-            bound = positive(self.coefficient, points, t, "coefficient") * np.maximum(forces, 0.0)
-            return bound if self.cap is None else np.minimum(bound, positive(self.cap, points, t, "cap") * rows.lengths)
+            mu, cap = read(points, t)
+            return np.minimum(mu * np.maximum(forces, 0.0), cap * rows.lengths)
 
         def under(x: Floats, t: float, pressure: Floats) -> Floats:
-            bound = positive(self.coefficient, x, t, "coefficient") * np.maximum(pressure, 0.0)
-            return (bound if self.cap is None else np.minimum(bound, positive(self.cap, x, t, "cap")))[None]
+            mu, cap = read(x, t)
+            return np.minimum(mu * np.maximum(pressure, 0.0), cap)[None]
 
         def slope(t: float, forces: Floats) -> Floats:
-            mu = positive(self.coefficient, points, t, "coefficient")
-            if self.cap is None:
-                return mu
-            return np.where(mu * forces < positive(self.cap, points, t, "cap") * rows.lengths, mu, 0.0)
+            mu, cap = read(points, t)
+            return np.where(mu * forces < cap * rows.lengths, mu, 0.0)
 
         none = np.zeros(len(rows.nodes))
+        own = subject, rows.nodes, rows.normals, rows.lengths
         return Contribution(
-            frictions=(
-                Friction(
-                    *(subject, rows.nodes, rows.normals, rows.lengths), lambda t: none, law, ends=rows.ends, slope=slope
-                ),
-            ),
-            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
+            frictions=(Friction(*own, lambda t: none, law, ends=rows.ends, slope=slope),),
+            surfaces=(ContactSurface.of(rows),),
             given=(Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else (),
         )
 

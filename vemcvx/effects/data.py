@@ -27,6 +27,15 @@ def scalar(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     return _shaped(_call(value, (x, t), "x, t", subject), (len(x),), subject, wanted, _place(x, t))
 
 
+def nonnegative(value: Datum, x: Floats, t: float, subject: str, *, name: str, rule: str = "it must be >= 0") -> Floats:
+    """Values (m,) of a scalar datum that must not be negative anywhere."""
+    found = scalar(value, x, t, f"{subject}: {name}")
+    if (found < 0).any():
+        worst = int(np.argmin(found))
+        raise SceneError(f"{subject}: found the {name} {found[worst]:.6g} at {x[worst]} and t = {t:.6g}; {rule}.")
+    return found
+
+
 def vector(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     """Values (m, dim) of a vector datum at the points `x` (m, dim) and the instant `t`."""
     wanted = f"{x.shape[1]} components, or an array {x.shape}, one row a point"

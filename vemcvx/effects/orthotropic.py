@@ -77,8 +77,7 @@ class Orthotropic(MaterialLaw):
             C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
             return upper_triangle(C), thermal_stress_moduli
 
-        several = self.poisson if self.plane == "strain" else [self.poisson]
-        constants = (*self.young, *several, self.shear, self.angle)  # type: ignore[misc]
+        constants = (*self._constants("young", 2), *self._constants("poisson", 1), self.shear, self.angle)
         given = (Given(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
         return Contribution(anisotropic_stiffness(space, C), material, given=given)
 
@@ -131,13 +130,16 @@ class Orthotropic(MaterialLaw):
         return S
 
     def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
+        return np.stack([self._read(at, part, name) for part in self._constants(name, in_stress)])
+
+    def _constants(self, name: str, in_stress: int) -> Sequence[Constant]:
         given, count = getattr(self, name), in_stress if self.plane == "stress" else 3
         parts = [given] if count == 1 else given
         several = isinstance(parts, (list, tuple)) or (type(parts) is np.ndarray and parts.ndim > 0)
         if not several or len(parts) != count:
             wanted = {1: "nu12", 2: "(E1, E2)"}.get(count, "(E1, E2, E3)" if name == "young" else "(nu12, nu13, nu23)")
             raise SceneError(f"Orthotropic: found {name} = {brief(given)}; plane {self.plane} takes {wanted}.")
-        return np.stack([self._read(at, part, name) for part in parts])
+        return list(parts)
 
     def _read(self, at: data.InCells, value: Constant, name: str) -> Floats:
         return at.read(value, f"Orthotropic: {name}")

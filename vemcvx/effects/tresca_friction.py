@@ -80,14 +80,8 @@ class _Bounds:
         return self.rows.matrix @ self._checked(value, self.rows.points, t, name)
 
     def _checked(self, value: data.Datum, x: Floats, t: float, name: str) -> Floats:
-        g = data.scalar(value, x, t, f"{self.subject}: {name}")
-        if (g < 0).any():
-            worst = int(np.argmin(g))
-            raise SceneError(
-                f"{self.subject}: found the {name} {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; "
-                "a friction bound is a force per length and must be >= 0."
-            )
-        return g
+        rule = "a friction bound is a force per length and must be >= 0"
+        return data.nonnegative(value, x, t, self.subject, name=name, rule=rule)
 
 
 @dataclass(frozen=True)
@@ -153,7 +147,7 @@ class TrescaFriction(Effect):
 
         return Contribution(
             frictions=(friction,),
-            surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
+            surfaces=(ContactSurface.of(rows),),
             given=(Given(subject, "bound", given, part.edges),) if varies(self.bound, self.backward) else (),
         )
 

@@ -13,7 +13,6 @@ from vemcvx.effects import data
 from vemcvx.effects.contribution import ContactSurface, Contribution, Given, Obstacle
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 
 
@@ -52,9 +51,6 @@ class UnilateralContact(Effect):
 
 def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
     """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
-    points = space.mesh.points[rows.nodes]
-
-    at_nodes = partial(distance, gap, subject, points)
     return Contribution(
         obstacles=(
             Obstacle(
@@ -62,22 +58,15 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
                 nodes=rows.nodes,
                 normals=rows.normals,
                 lengths=rows.lengths,
-                gap=at_nodes,
+                gap=partial(distance, gap, subject, space.mesh.points[rows.nodes]),
                 compliance=compliance,
                 ends=rows.ends,
             ),
         ),
-        surfaces=(ContactSurface(rows.nodes, rows.normals, rows.lengths, rows.ends),),
+        surfaces=(ContactSurface.of(rows),),
     )
 
 
 def distance(gap: data.Datum, subject: str, x: Floats, t: float) -> Floats:
     """The gap (k,) at points x (k, dim) and the instant `t`, checked."""
-    g = data.scalar(gap, x, t, f"{subject}: gap")
-    if (g < 0).any():
-        worst = int(np.argmin(g))
-        raise SceneError(
-            f"{subject}: found the gap {g[worst]:.6g} at {x[worst]} and t = {t:.6g}; a gap is a distance and must be "
-            ">= 0."
-        )
-    return g
+    return data.nonnegative(gap, x, t, subject, name="gap", rule="a gap is a distance and must be >= 0")

@@ -27,7 +27,7 @@ from vemcvx.program.tolerances import ADAPTED
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
 from vemcvx.scene import Scene
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
 from vemcvx.solvers import Solver
 from vemcvx.stepping.certified_in_full import certified_in_full
@@ -167,13 +167,8 @@ def adapt(
         kept = np.searchsorted(instants, wanted).tolist()
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=begin, store=kept)
         history = record(posed, trajectory, time.perf_counter() - start - sum(trajectory.seconds.values()), Memory())
-        rows = [history.row(int(n)) for n in _looked_at(instants, wanted)]
-        fresh = finer is None or (len(passes) > 0 and passes[-1].space <= SOON * target)
-        finer = in_time(posed, trajectory) if fresh or finer is None else finer
-        budget = budget_of(posed, history, rows, finer)
-        if budget.largest["total"] <= target and not fresh:
-            finer = in_time(posed, trajectory)
-            budget = budget_of(posed, history, rows, finer)
+        near = len(passes) > 0 and passes[-1].space <= SOON * target
+        budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
         worst = budget.largest
         now = Pass(
             cells=mesh.n_cells,
@@ -196,6 +191,19 @@ def adapt(
             return Adapted(replace(history, errors={**worst, "target": target}), budget, tuple(passes), target)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
+
+
+def _judged(
+    posed: PosedScene, history: History, steps: Ints, target: float, finer: Finer | None
+) -> tuple[ErrorBudget, Finer]:
+    """The budget at some steps, and the run beside one in finer steps: the one at hand until the target seems met."""
+    rows = [history.row(int(n)) for n in steps]
+    if finer is not None:
+        budget = budget_of(posed, history, rows, finer)
+        if budget.largest["total"] > target:
+            return budget, finer
+    finer = in_time(posed, history.trajectory)
+    return budget_of(posed, history, rows, finer), finer
 
 
 def _for_space(budget: ErrorBudget, target: float) -> float:

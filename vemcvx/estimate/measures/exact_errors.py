@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vemcvx.arrays import totals
 from vemcvx.effects import data
 from vemcvx.estimate.measures.cell_rule import cell_rule
 from vemcvx.estimate.measures.field import Field, field_of
@@ -47,9 +48,8 @@ def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -
     exact = data.tensor(strain, x, field.time, "energy_error: strain (e_xx, e_yy, 2 e_xy)")
     moduli = field.moduli[:, owner]
     missed = exact - field.strain[owner]
-    squares = weights * np.sum(missed * stresses(moduli, missed), axis=1)
-    reference = float(weights @ np.sum(exact * stresses(moduli, exact), axis=1))
-    return measured(np.bincount(owner, squares, field.mesh.n_cells).astype(float), reference)
+    missed, exact = (np.sum(e * stresses(moduli, e), axis=1) for e in (missed, exact))
+    return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
 
 
 def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1) -> Measured:
@@ -79,7 +79,5 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     x, weights, owner = cell_rule(field.space)
     exact = data.vector(displacement, x, field.time, "l2_error: displacement")
     missed = exact - projected_values(field.mesh, owner, x) @ field.displacement
-    squares = weights * np.sum(missed**2, axis=1)
-    return measured(
-        np.bincount(owner, squares, field.mesh.n_cells).astype(float), float(weights @ np.sum(exact**2, axis=1))
-    )
+    missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
+    return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))

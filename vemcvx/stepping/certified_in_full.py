@@ -26,9 +26,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     stick = np.linalg.norm(state.lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.capped_weights
     y = run.condensation.recover(state.y, force)
     y, lam, p = refined(run.condensation, operators, force=force.phi, y=y, lam=state.lam, p=state.p, stick=stick)
-    size = np.linalg.norm(lam, axis=1)
-    share = np.divide(state.capped_weights, size, out=np.ones_like(size), where=size > state.capped_weights)
-    lam, p = lam * share[:, None], np.maximum(p, 0.0)
+    lam, p = replace(attempt.program, w=state.capped_weights).project(lam), np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     y[retained[operators.limits.columns]] -= (
         np.maximum(operators.limits.read(y[retained]) - remaining_gap, 0.0) / operators.D.data

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import data
 from vemcvx.vem import BoundaryRows, EdgeEnds, elastic_matrix, softest_shear
 
@@ -146,7 +145,7 @@ class Material:
     """(n_cells, 3) stress that holds back a unit strain in all three directions of space, with a minus sign"""
     plane: str
     """plane "strain" or "stress"; one for the whole body"""
-    cells: NDArray[np.bool_] | None = None
+    cells: Bools | None = None
     """(n_cells,) which cells; None means all"""
     out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit swelling
@@ -201,7 +200,7 @@ class Given:
     edges: Ints | None = None
     """(m, 2) of a datum on the boundary"""
     load: Load | None = None
-    cells: NDArray[np.bool_] | None = None
+    cells: Bools | None = None
     """(n_cells,) which cells have these moduli; None means all"""
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called
-from vemcvx.arrays import Floats, as_real_array, shape_in_words
+from vemcvx.arrays import Floats, Ints, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 
@@ -90,7 +90,7 @@ class InCells:
 
     mesh: PolygonMesh
     x: Floats
-    cells: NDArray[np.int64]
+    cells: Ints
 
     @classmethod
     def centroids(cls, mesh: PolygonMesh) -> InCells:

@@ -14,10 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vemcvx.arguments import choice
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given, Material
 from vemcvx.effects.data import varies
@@ -109,7 +108,7 @@ class Elasticity(MaterialLaw):
         volume = 3 * lam + 2 * mu if self.plane == "strain" else 2 * (lam + mu)
         return volume, np.column_stack([volume, volume, np.zeros_like(volume)])
 
-    def _lame(self, at: data.InCells, cells: NDArray[np.bool_] | None) -> tuple[Floats, Floats]:
+    def _lame(self, at: data.InCells, cells: Bools | None) -> tuple[Floats, Floats]:
         E, nu = at.read(self.young, "Elasticity: young"), at.read(self.poisson, "Elasticity: poisson")
         if cells is not None:
             E, nu = np.where(cells, E, 1.0), np.where(cells, nu, 0.0)

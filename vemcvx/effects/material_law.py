@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vemcvx.arguments import choice
+from vemcvx.arrays import Bools
 from vemcvx.effects.effect import Effect
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space
@@ -19,7 +19,7 @@ class MaterialLaw(Effect):
     """An effect that says what cells are made of; a scene has at least one, and every cell exactly one."""
 
 
-def region(space: Space, on: str | Sequence[str] | None, subject: str) -> NDArray[np.bool_] | None:
+def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
     """The cells (n_cells,) where one of the cell data named by `on` is nonzero; None for the whole body.
 
     Raises

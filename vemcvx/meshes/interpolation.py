@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.ragged import offsets_of, spans
+from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.meshes.polygons.topology import next_corner, previous_corner
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -39,6 +40,6 @@ def projected_values(mesh: Tessellation, cells: Ints, points: Floats) -> csr_arr
     mean = np.add.reduceat(w[:, None] * x, offsets[:-1], axis=0)
     chord = after - before
     doubled = np.add.reduceat(x[:, 0] * chord[:, 1], offsets[:-1])  # the very sum that makes the gradient of x one
-    slope = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.repeat(doubled, counts)[:, None]
+    slope = right_of(chord) / np.repeat(doubled, counts)[:, None]
     values = w - np.einsum("ij,ij->i", slope, np.repeat(mean, counts, axis=0))
     return csr_array((values, nodes, offsets), shape=shape)

@@ -12,6 +12,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import HistoryError
+from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.results.history import History
 
 # An edge that ends in a held node belongs to Gamma_C if it runs along the contact node's tangent; a corner
@@ -111,7 +112,7 @@ def _edges(history: History) -> Ints:
     normal[contact.nodes] = contact.normals
     edges = history.mesh.boundaries["boundary"]
     chord = points[edges[:, 1]] - points[edges[:, 0]]
-    outward = np.column_stack([chord[:, 1], -chord[:, 0]]) / np.linalg.norm(chord, axis=1)[:, None]
+    outward = right_of(chord) / np.linalg.norm(chord, axis=1)[:, None]
     cosines = np.einsum("end,ed->en", normal[edges], outward)
     # Nodes without contact have no normal, and cosine 0.
     touching: Bools = cosines.max(axis=1) > ALONG

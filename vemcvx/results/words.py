@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Bools
 from vemcvx.results.results import Results
 
 
@@ -31,7 +31,7 @@ def in_words(history: Results) -> str:
     return "\n".join(lines)
 
 
-def _kind(estimated: NDArray[np.bool_]) -> list[str]:
+def _kind(estimated: Bools) -> list[str]:
     """Where the certificates are no bounds."""
     if not estimated.any():
         return []

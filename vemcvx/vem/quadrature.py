@@ -16,6 +16,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.segments import cross
+from vemcvx.meshes.polygons.shapes import polygon_centroids
 from vemcvx.meshes.polygons.triangles import INNER, places, signed_areas
 from vemcvx.meshes.polygons.triangulation import clip_ears
 from vemcvx.vem.space import CellGroup
@@ -44,7 +45,7 @@ def cell_quadrature(group: CellGroup) -> tuple[Floats, Floats, Ints]:
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:
         return _placed(_on_triangles(corners, np.arange(len(corners))), origin)
-    areas, centres = _areas_and_centroids(corners)
+    areas, centres = polygon_centroids(corners)
     about = corners - centres[:, None]
     ring = _ring(about, areas)
     convex = _sees(ring, about, areas)
@@ -62,13 +63,6 @@ def cell_quadrature(group: CellGroup) -> tuple[Floats, Floats, Ints]:
 def _placed(rule: Rule, origin: Floats) -> Rule:
     points, weights, owner = rule
     return points + origin[owner], weights, owner
-
-
-def _areas_and_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    after = np.roll(corners, -1, axis=1)
-    part = cross(corners, after)
-    doubled: Floats = part.sum(axis=1)
-    return 0.5 * doubled, np.einsum("ci,cia->ca", part, corners + after) / (3.0 * doubled[:, None])
 
 
 def _ring(about: Floats, areas: Floats) -> Floats:

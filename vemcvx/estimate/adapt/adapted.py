@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vemcvx.arguments import LARGEST, is_real
-from vemcvx.arrays import Floats, Ints, brief
+from vemcvx.arrays import Bools, Floats, Ints, brief
 from vemcvx.errors import SceneError
 from vemcvx.estimate.adapt.marking import cells_to_refine
 from vemcvx.estimate.adapt.time_steps import split_steps
@@ -36,7 +36,7 @@ from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory
 from vemcvx.stepping.time_loop import checked_times, march
 
-Marks = tuple[NDArray[np.bool_], Floats]
+Marks = tuple[Bools, Floats]
 
 log = logging.getLogger("vemcvx")
 

@@ -114,7 +114,8 @@ class Closer:
         value = load.at(places.x, t).reshape(len(places.x), -1)
         point = np.unique(edges, axis=0, return_inverse=True)[1].ravel()
         assembled = load.at(load.points, t).reshape(len(point), -1)
-        mean = np.stack([np.bincount(point, one) for one in assembled.T], axis=1) / np.bincount(point)[:, None]
+        count = np.bincount(point)
+        mean = np.stack([totals(point, one, len(count)) for one in assembled.T], axis=1) / count[:, None]
         edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
         return self._weight() * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
 

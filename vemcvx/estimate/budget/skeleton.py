@@ -8,7 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex, shared_edges
+from vemcvx.meshes.polygons.segments import right_of
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, shared_edges
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, mean_shear
 
@@ -54,27 +55,20 @@ def skeleton(posed: PosedScene) -> Skeleton:
     """The edges of a posed scene's mesh."""
     mesh = posed.space.mesh
     shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
-    owner, ends = cell_of_corner(mesh.offsets), next_vertex(mesh.offsets, mesh.vertices)
-    first = shared.corners[shared.first]
-    two = shared.counts == 2
+    edges = directed_edges(mesh.offsets, mesh.vertices)
+    normals = right_of(np.diff(mesh.points[edges], axis=1)[:, 0])
+    first, two = shared.corners[shared.first], shared.counts == 2
     inner, outer = first[two], first[~two]
-    pairs = np.column_stack([owner[inner], owner[shared.corners[shared.first[two] + 1]]])
-    edges = np.column_stack([mesh.vertices[outer], ends[outer]])
     return Skeleton(
         sizes=np.sqrt(mesh.areas),
         shear=0.5 * mean_shear(elastic_matrix(posed.material.moduli)),
-        inside=pairs,
-        inside_normals=_normals(mesh.points, mesh.vertices[inner], ends[inner]),
-        outer=owner[outer],
-        outer_edges=edges,
-        outer_normals=_normals(mesh.points, *edges.T),
-        free=_free(posed.supports.P, edges),
+        inside=mesh.neighbours,
+        inside_normals=normals[inner],
+        outer=cell_of_corner(mesh.offsets)[outer],
+        outer_edges=edges[outer],
+        outer_normals=normals[outer],
+        free=_free(posed.supports.P, edges[outer]),
     )
-
-
-def _normals(points: Floats, starts: Ints, ends: Ints) -> Floats:
-    chord = points[ends] - points[starts]
-    return np.column_stack([chord[:, 1], -chord[:, 0]])
 
 
 def _free(P: sp.csr_matrix, edges: Ints) -> Floats:

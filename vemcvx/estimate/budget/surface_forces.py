@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.estimate.budget.skeleton import Skeleton
+from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.meshes.polygons.topology import positions
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
@@ -66,8 +67,7 @@ def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
 
 def normals_of(terms: Terms) -> Floats:
     """The normals (m, 2) of norm terms, of either sign."""
-    tangents = terms.rows.data.reshape(len(terms.nodes), -1, 2)
-    return np.column_stack([tangents[:, 0, 1], -tangents[:, 0, 0]])
+    return right_of(terms.rows.data.reshape(len(terms.nodes), -1, 2)[:, 0])
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:

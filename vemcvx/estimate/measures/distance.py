@@ -16,7 +16,7 @@ import logging
 import numpy as np
 
 from vemcvx.arguments import choice, flag
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, totals
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.field import Field, field_of, step_at
 from vemcvx.estimate.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
@@ -87,7 +87,7 @@ def energy_distance(
     if not common:
         check_covered(rule, u.mesh, v.mesh, subject)
     squares, norm = _integrals(rule, u.moduli, *fields)
-    return measured(np.bincount(rule.first, squares, u.mesh.n_cells).astype(float), norm, _apart(rule, u, v))
+    return measured(totals(rule.first, squares, u.mesh.n_cells), norm, _apart(rule, u, v))
 
 
 def _field(run: Results | Field, step: int, time: float | None, subject: str) -> Field:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Ints
+from vemcvx.arrays import Bools, Ints
 from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
 from vemcvx.meshes.families.padded import padded_mesh
 from vemcvx.meshes.families.squares import square_grid
@@ -64,7 +63,7 @@ def _blocks(nx: int, ny: int) -> Ints:
     return first[:, None] + (np.arange(3)[:, None] * line + np.arange(3)).ravel()
 
 
-def _present(cut: NDArray[np.bool_], blocks: Ints, n_points: int) -> NDArray[np.bool_]:
+def _present(cut: Bools, blocks: Ints, n_points: int) -> Bools:
     """Which nodes of the fine grid exist: corners of large cells, and all of a cell that is cut."""
     present = np.zeros(n_points, dtype=bool)
     present[blocks[:, [0, 2, 6, 8]]] = True

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 
-def padded_mesh(points: Floats, present: NDArray[np.bool_], rows: Ints, box: Box) -> PolygonMesh:
+def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
     """Return the mesh of the nodes ``present`` whose cells are ``rows`` less the absent nodes and the entries -1.
 
     Parameters

@@ -23,6 +23,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.io.blocks import MARK, POLYGONS, Blocks, Data, add_boundaries, cell_blocks, mesh_of
 from vemcvx.meshes.io.groups import physical_groups, take_physical_groups, take_sets
@@ -139,7 +140,7 @@ def _check_target(path: Path) -> str:
     return suffix
 
 
-def _file_of(suffix: str, points: NDArray[np.float64], blocks: Blocks, point_data: Arrays) -> meshio.Mesh:
+def _file_of(suffix: str, points: Floats, blocks: Blocks, point_data: Arrays) -> meshio.Mesh:
     import meshio
 
     spellings: dict[str, Callable[[str], str]] = {".vtu": _xml_name, ".vtk": quote}

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import Ints
 from vemcvx.meshes.io.blocks import PHYSICAL, POLYGONS, Blocks, Data
 
 
-def physical_groups(blocks: Blocks) -> tuple[Data, dict[str, NDArray[np.int64]]]:
+def physical_groups(blocks: Blocks) -> tuple[Data, dict[str, Ints]]:
     """Data that put every named block of lines into a physical group, and the numbers (tag, dimension) of their names.
 
     Other data stay behind: meshio writes them into a Gmsh file in a way that it cannot read.

@@ -20,6 +20,7 @@ from vemcvx.meshes.local_refinement.sides import Splitting
 from vemcvx.meshes.polygons.clipping import left_of
 from vemcvx.meshes.polygons.ragged import offsets_of
 from vemcvx.meshes.polygons.segments import cross
+from vemcvx.meshes.polygons.shapes import polygon_centroids
 from vemcvx.meshes.tessellation import Tessellation
 
 # In diameters: what the centre must be away from the line of every side. A side of a quarter of the diameter
@@ -86,12 +87,6 @@ def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
     for start, along in zip(corners.transpose(1, 0, 2), edge.transpose(1, 0, 2), strict=True):
         kernel, left = left_of(kernel, start, along)
         empty |= ~left
-    arms = kernel - kernel[:, :1]
-    after = np.roll(arms, -1, axis=1)
-    part = cross(arms, after)
-    doubled = part.sum(axis=1)[:, None]
-    moments = np.einsum("ci,cia->ca", part, arms + after)
-    full = (doubled > 0.0) & ~empty[:, None]
-    points = kernel[:, 0] + np.divide(moments, 3.0 * doubled, out=np.zeros_like(moments), where=full)
-    points = np.where(full, points, 0.0)
+    areas, centroids = polygon_centroids(kernel)
+    points = np.where(((areas > 0.0) & ~empty)[:, None], centroids, 0.0)
     return points, np.einsum("cia,cia->ci", points[:, None] - corners, inward).min(axis=1)

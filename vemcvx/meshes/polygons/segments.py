@@ -20,6 +20,11 @@ def cross(a: Floats, b: Floats) -> Floats:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
+def right_of(vectors: Floats) -> Floats:
+    """Vectors (m, 2) turned clockwise by a quarter: the outward normals of counter-clockwise edges, as long as these."""
+    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
+
+
 def rounding(*points: Floats) -> Floats:
     """Length below which a distance between the given points (m, 2) is rounding of their coordinates, (m,)."""
     largest: Floats = np.max([np.abs(point).max(axis=1) for point in points], axis=0)

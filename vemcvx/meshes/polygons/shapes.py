@@ -35,6 +35,17 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
     return 0.5 * doubled, points[vertices[offsets[:-1]]] + shift
 
 
+def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
+    """Signed areas (c,) and centroids (c, 2) of polygons of n vertices each, (c, n, 2)."""
+    arms = corners - corners[:, :1]
+    after = np.roll(arms, -1, axis=1)
+    part = cross(arms, after)
+    doubled: Floats = part.sum(axis=1)
+    moments = np.einsum("ci,cia->ca", part, arms + after)
+    shift = np.divide(moments, 3.0 * doubled[:, None], out=np.zeros_like(moments), where=doubled[:, None] != 0.0)
+    return 0.5 * doubled, corners[:, 0] + shift
+
+
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     """Largest distance of two vertices of each cell, (n_cells,)."""
     counts = np.diff(offsets)

@@ -12,13 +12,13 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.arrays import Floats
 from vemcvx.meshes.io.files import write_cells
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
-Fields = dict[str, NDArray[np.float64]]
+Fields = dict[str, Floats]
 
 
 def write_series(history: Results, path: Path) -> None:

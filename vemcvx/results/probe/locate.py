@@ -14,7 +14,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.ragged import spans
-from vemcvx.meshes.polygons.segments import overlapping_boxes
+from vemcvx.meshes.polygons.segments import cross, overlapping_boxes
 from vemcvx.meshes.polygons.topology import next_vertex
 
 # A point counts as on a side within this part of the cell's diameter,
@@ -82,7 +82,7 @@ class _Sides:
         self._distance = np.linalg.norm(a + self._along[:, None] * side, axis=1)
         self._on = self._distance <= np.repeat(reach, counts)
         # The ray to the right meets a side from below to above if the point lies left of it, and so on.
-        left = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0
+        left = cross(a, b) > 0
         self._crossed = ((a[:, 1] > 0) != (b[:, 1] > 0)) & (left == (b[:, 1] > a[:, 1]))
 
     @property

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, as_real_array, shape_in_words
+from vemcvx.arrays import Floats, Ints, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.interpolation import projected_values
@@ -87,7 +87,7 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
     return x
 
 
-def _outside(mesh: PolygonMesh, x: Floats, out: NDArray[np.int64], subject: str) -> str:
+def _outside(mesh: PolygonMesh, x: Floats, out: Ints, subject: str) -> str:
     first = int(out[0])
     node = int(np.argmin(np.linalg.norm(mesh.points - x[first], axis=1)))
     more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""

@@ -21,7 +21,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def right_of(vectors: Floats) -> Floats:
-    """Vectors (m, 2) turned clockwise by a quarter: the outward normals of counter-clockwise edges, as long as these."""
+    """Vectors (m, 2) turned clockwise by a quarter: outward normals of counter-clockwise edges, as long as these."""
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 

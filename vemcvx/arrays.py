@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import numbers
 import reprlib
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,3 +82,16 @@ def brief(raw: Any) -> str:
 def shape_in_words(array: Floats) -> str:
     """What was found where the shape is wrong."""
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"
+
+
+def sizes_of(record: type) -> dict[str, tuple[tuple[str, ...], str]]:
+    """The arrays among the fields of a record: name -> names of their sizes, and numpy's letter for their kind.
+
+    As their annotations say: ``stress: Annotated[Floats, "S cells 3"]`` has three sizes, the last one given.
+    """
+    found = {}
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        for sizes in getattr(hint, "__metadata__", ()):
+            arrays = (hint.__origin__, *get_args(hint.__origin__))
+            found[name] = tuple(sizes.split()), "b" if Bools in arrays else "i" if Ints in arrays else "f"
+    return found

@@ -13,6 +13,7 @@ by which active sets are chosen, which tells a small pressure from a small dista
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -57,19 +58,19 @@ class Contact:
         int phi_i over the edges of contact, and over those with friction: at a corner, both sides count.
     """
 
-    nodes: Ints
-    points: Floats
-    normals: Floats
-    slip: Floats
-    traction: Floats
-    bound: Floats
-    backward: Floats
-    pressure: Floats
-    sticking: Bools
-    wear: Floats
-    closed: Bools
-    lengths: Floats
-    friction_lengths: Floats
+    nodes: Annotated[Ints, "m"]
+    points: Annotated[Floats, "m dim"]
+    normals: Annotated[Floats, "m dim"]
+    slip: Annotated[Floats, "S m dim"]
+    traction: Annotated[Floats, "S m dim"]
+    bound: Annotated[Floats, "S m"]
+    backward: Annotated[Floats, "S m"]
+    pressure: Annotated[Floats, "S m"]
+    sticking: Annotated[Bools, "S m"]
+    wear: Annotated[Floats, "S m"]
+    closed: Annotated[Bools, "S m"]
+    lengths: Annotated[Floats, "m"]
+    friction_lengths: Annotated[Floats, "m"]
 
     @property
     def stick_count(self) -> Ints:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
@@ -25,19 +26,19 @@ class Results:
     mesh: PolygonMesh
     scene: Scene | None
     effects: tuple[str, ...]
-    displacement: Floats
-    forces: Floats
+    displacement: Annotated[Floats, "S nodes dim"]
+    forces: Annotated[Floats, "S nodes dim"]
     contact: Contact
-    moduli: Floats
+    moduli: Annotated[Floats, "constants cells"]
     trajectory: Trajectory
     seconds: dict[str, float]
-    prestress: Floats | None = None
-    out_of_plane: Floats | None = None
-    out_of_plane_prestress: Floats | None = None
+    prestress: Annotated[Floats | None, "S cells 3"] = None
+    out_of_plane: Annotated[Floats | None, "cells 3"] = None
+    out_of_plane_prestress: Annotated[Floats | None, "S cells"] = None
     inactive: tuple[str, ...] = ()
     errors: dict[str, float] | None = None
-    dragged_ends: Ints | None = None
-    dragged_friction: Floats | None = None
+    dragged_ends: Annotated[Ints | None, "dragged 2"] = None
+    dragged_friction: Annotated[Floats | None, "S dragged dim"] = None
 
     @property
     def steps(self) -> int:

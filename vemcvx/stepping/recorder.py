@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import is_whole
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, sizes_of
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.stepping.acceptance import say_floor
 from vemcvx.stepping.certified_in_full import certified_in_full
@@ -46,11 +46,9 @@ def _numbers(store: Sequence[int], steps: int) -> bool:
     return all(is_whole(n) and 0 <= n <= steps for n in store)
 
 
-SCALARS = (
-    *("energy", "dissipated", "work", "norm", "gap", "floor"),
-    *("iterations", "safeguards", "contraction", "stuck", "estimated", "unit"),
-)
-TYPES = {"iterations": np.int64, "safeguards": np.int64, "stuck": np.int64, "estimated": bool}
+FIELDS = sizes_of(Trajectory)
+SCALARS = {name: kind for name, (sizes, kind) in FIELDS.items() if sizes == ("N",) and name != "times"}
+TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 EVERY_STEP = ("scalars", "data", "initial")
 """Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
 
@@ -79,19 +77,23 @@ class Recorder:
 
     @property
     def _shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
-        operators, rows, dragged = self._run.operators, len(self._kept), self._run.system.dragged
-        terms = operators.count + (0 if dragged is None else dragged.count)
-        block = operators.block if dragged is None else dragged.block
+        operators, system = self._run.operators, self._run.system
+        sizes = {
+            "S": len(self._kept),
+            "n": system.n,
+            "terms": operators.count + (0 if system.dragged is None else system.dragged.count),
+            "block": operators.block if system.dragged is None else system.dragged.block,
+            "limits": len(operators.compliance),
+        }
+        stored = {
+            name: (tuple(sizes[size] for size in names), TYPES[kind])
+            for name, (names, kind) in FIELDS.items()
+            if names[0] == "S" and name != "stored" and not (name == "velocity" and system.damping is None)
+        }
         return {
-            "state": ((rows, self._run.system.n), float),
-            "multipliers": ((rows, terms, block), float),
-            "pressures": ((rows, len(operators.compliance)), float),
-            "weights": ((rows, terms), float),
-            "sticking": ((rows, terms), bool),
-            "worn": ((rows, terms), float),
+            **stored,
             "scalars": ((len(self._times), len(SCALARS)), float),
-            "initial": ((1, self._run.system.n), float),
-            **({"velocity": ((rows, self._run.system.n), float)} if self._run.system.damping is not None else {}),
+            "initial": ((1, system.n), float),
             "data": ((len(self._times) if self._storage.lasting else 0,), np.int64),
         }
 
@@ -148,12 +150,21 @@ class Recorder:
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
         dragged = state.dragged
         sticks = np.concatenate([sticks, dragged.still])
-        scalars = (
-            *(ledger.energy, ledger.dissipated, ledger.work, ledger.norm),
-            *(c.gap, c.floor, state.iterations, state.safeguards, state.rate, sticks.sum(), c.estimate),
-            state.unit(self._run.solver.accuracy),
-        )
-        self._enter(n, "scalars", scalars)
+        scalars = {
+            "energy": ledger.energy,
+            "dissipated": ledger.dissipated,
+            "work": ledger.work,
+            "norm": ledger.norm,
+            "gap": c.gap,
+            "floor": c.floor,
+            "iterations": state.iterations,
+            "safeguards": state.safeguards,
+            "contraction": state.rate,
+            "stuck": sticks.sum(),
+            "estimated": c.estimate,
+            "unit": state.unit(self._run.solver.accuracy),
+        }
+        self._enter(n, "scalars", [scalars[name] for name in SCALARS])
         if n == 0:
             self._enter(0, "initial", state.unknowns)
         if stored:
@@ -192,7 +203,7 @@ class Recorder:
             stored=self._kept,
             **{name: values for name, values in rows.items() if name not in EVERY_STEP},
             initial=rows["initial"][0],
-            **{name: column.astype(TYPES.get(name, float)) for name, column in scalars.items()},
+            **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),
             accuracy=float(self._run.solver.accuracy),

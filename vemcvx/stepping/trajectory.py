@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -65,31 +66,31 @@ class Trajectory:
         (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
     """
 
-    times: Floats
-    stored: Ints
-    state: Floats
-    multipliers: Floats
-    pressures: Floats
-    weights: Floats
-    sticking: Bools
-    worn: Floats
-    stuck: Ints
-    energy: Floats
-    dissipated: Floats
-    work: Floats
-    norm: Floats
-    gap: Floats
-    floor: Floats
-    iterations: Ints
-    safeguards: Ints
-    contraction: Floats
-    estimated: Bools
+    times: Annotated[Floats, "N"]
+    stored: Annotated[Ints, "S"]
+    state: Annotated[Floats, "S n"]
+    multipliers: Annotated[Floats, "S terms block"]
+    pressures: Annotated[Floats, "S limits"]
+    weights: Annotated[Floats, "S terms"]
+    sticking: Annotated[Bools, "S terms"]
+    worn: Annotated[Floats, "S terms"]
+    stuck: Annotated[Ints, "N"]
+    energy: Annotated[Floats, "N"]
+    dissipated: Annotated[Floats, "N"]
+    work: Annotated[Floats, "N"]
+    norm: Annotated[Floats, "N"]
+    gap: Annotated[Floats, "N"]
+    floor: Annotated[Floats, "N"]
+    iterations: Annotated[Ints, "N"]
+    safeguards: Annotated[Ints, "N"]
+    contraction: Annotated[Floats, "N"]
+    estimated: Annotated[Bools, "N"]
     seconds: dict[str, float]
     solver: str
     accuracy: float | None = None
-    unit: Floats | None = None
-    initial: Floats | None = None
-    velocity: Floats | None = None
+    unit: Annotated[Floats | None, "N"] = None
+    initial: Annotated[Floats | None, "n"] = None
+    velocity: Annotated[Floats | None, "S n"] = None
 
     @property
     def certificate(self) -> Floats:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.arrays import sizes_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.results.contact import Contact
@@ -20,30 +21,8 @@ Arrays = dict[str, NDArray[Any]]
 
 NAME = "vemcvx history"
 FORMAT = f"{NAME} 2"
-# What not every scene has.
-MAYBE = ("prestress", "out_of_plane", "out_of_plane_prestress", "dragged_ends", "dragged_friction")
-SHAPES = {
-    **dict.fromkeys(("displacement", "forces"), "S nodes dim"),
-    **{"dragged_ends": "dragged 2", "dragged_friction": "S dragged dim"},
-    **{
-        "moduli": "constants cells",
-        "prestress": "S cells 3",
-        "out_of_plane": "cells 3",
-        "out_of_plane_prestress": "S cells",
-    },
-    **dict.fromkeys(("contact.nodes", "contact.lengths", "contact.friction_lengths"), "m"),
-    **dict.fromkeys(("contact.points", "contact.normals"), "m dim"),
-    **dict.fromkeys(("contact.slip", "contact.traction"), "S m dim"),
-    **{f"contact.{name}": "S m" for name in ("bound", "backward", "pressure", "sticking", "wear", "closed")},
-    **{f"trajectory.{name}": "N" for name in ("times", "energy", "dissipated", "work", "norm", "gap", "floor")},
-    **{f"trajectory.{name}": "N" for name in ("stuck", "iterations", "safeguards", "contraction", "estimated", "unit")},
-    **{f"trajectory.{name}": "S terms" for name in ("weights", "sticking", "worn")},
-    **{"trajectory.stored": "S", "trajectory.state": "S n", "trajectory.multipliers": "S terms block"},
-    **{"trajectory.pressures": "S limits", "trajectory.velocity": "S n", "trajectory.initial": "n"},
-}
-"""Which sizes are the same."""
-WHOLE = "contact.nodes", "trajectory.stored", "dragged_ends"
-FLAGS = "contact.sticking", "contact.closed", "trajectory.sticking", "trajectory.estimated"
+RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}
+SHAPES = {prefix + name: shape for prefix, record in RECORDS.items() for name, shape in sizes_of(record).items()}
 
 
 def write_archive(history: Results, path: Path) -> None:
@@ -57,16 +36,16 @@ def write_archive(history: Results, path: Path) -> None:
         "seconds": history.seconds,
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
+    records = {"": history, "contact.": history.contact, "trajectory.": history.trajectory}
     arrays = {
         "about": np.array(json.dumps(about)),
         **{f"mesh.{name}": getattr(mesh, name) for name in ("points", "offsets", "vertices")},
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
-        **{name: getattr(history, name) for name in ("displacement", "forces", "moduli")},
-        **{name: getattr(history, name) for name in MAYBE if getattr(history, name) is not None},
-        **{f"contact.{name}": value for name, value in vars(history.contact).items()},
-        **{f"trajectory.{name}": value for name, value in run.items() if isinstance(value, np.ndarray)},
     }
+    for prefix, record in records.items():
+        fields = {name: getattr(record, name) for name in sizes_of(RECORDS[prefix])}
+        arrays |= {prefix + name: values for name, values in fields.items() if values is not None}
     np.savez(path, **arrays)
 
 
@@ -116,29 +95,26 @@ def _history(arrays: Arrays, about: dict[str, Any]) -> Results:
         mesh=mesh,
         scene=None,
         effects=tuple(about["effects"]),
-        displacement=arrays["displacement"],
-        forces=arrays["forces"],
         contact=Contact(**_under("contact.", arrays)),
-        moduli=arrays["moduli"],
         trajectory=Trajectory(**_under("trajectory.", arrays), **about["trajectory"]),
         seconds=about["seconds"],
         inactive=tuple(about.get("inactive", ())),
         errors=about.get("errors"),
-        **{name: arrays.get(name) for name in MAYBE},
+        **{name: arrays[name] for name in sizes_of(Results) if name in arrays},
     )
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
     """Raise ValueError unless the arrays go together; `sizes` are those known before."""
-    for name, letters in SHAPES.items():
+    for name, (names, kind) in SHAPES.items():
         if name not in arrays:
             continue
-        array, kinds = arrays[name], "i" if name in WHOLE else "b" if name in FLAGS else "fi"
-        wanted = [int(size) if size.isdecimal() else sizes.get(size) for size in letters.split()]
+        array = arrays[name]
+        wanted = [int(size) if size.isdecimal() else sizes.get(size) for size in names]
         fits = len(wanted) == array.ndim and all(w in (None, n) for w, n in zip(wanted, array.shape, strict=True))
-        if not fits or array.dtype.kind not in kinds:
+        if not fits or array.dtype.kind != kind:
             raise ValueError(f"found {name} of shape {array.shape}, {array.dtype}, which does not go with the rest")
-        sizes.update((size, n) for size, n in zip(letters.split(), array.shape, strict=True) if not size.isdecimal())
+        sizes.update((size, n) for size, n in zip(names, array.shape, strict=True) if not size.isdecimal())
     if sizes["constants"] not in (2, 6):
         raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2 or 6")
     for name, count in (("contact.nodes", sizes["nodes"]), ("trajectory.stored", sizes["N"])):

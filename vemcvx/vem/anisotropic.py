@@ -22,9 +22,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import assemble_cells
-from vemcvx.vem.isotropic import missed_squares
 from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.space import Space
+from vemcvx.vem.stabilisation import add_stabilisation
 
 
 def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
@@ -69,8 +69,5 @@ def general_blocks(corners: Floats, C: Floats, tau: Floats) -> Floats:
     stress = np.einsum("ckl,cjlb->cjkb", C / areas[:, None, None], B)
     blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
     blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
-    if corners.shape[1] > 3:
-        stable = tau[:, None, None] * missed_squares(corners)
-        blocks[..., 0, 0] += stable
-        blocks[..., 1, 1] += stable
+    add_stabilisation(blocks, corners, tau)
     return blocks

@@ -20,8 +20,9 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats
 from vemcvx.errors import SceneError
 from vemcvx.vem.assembly import assemble_cells
-from vemcvx.vem.projection import area_gradients, vertex_values
+from vemcvx.vem.projection import area_gradients
 from vemcvx.vem.space import CellGroup, Space
+from vemcvx.vem.stabilisation import add_stabilisation
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
@@ -91,16 +92,5 @@ def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Float
     blocks[..., 1, 1] = (lam + 2.0 * mu) * yy + mu * xx
     blocks[..., 0, 1] = lam * xy + mu * yx
     blocks[..., 1, 0] = lam * yx + mu * xy
-    if corners.shape[1] > 3:
-        stable = tau[:, None, None] * missed_squares(corners)
-        blocks[..., 0, 0] += stable
-        blocks[..., 1, 1] += stable
+    add_stabilisation(blocks, corners, tau)
     return blocks
-
-
-def missed_squares(corners: Floats) -> Floats:
-    """(I - Pi)'(I - Pi), (c, n, n): the sum of squares of the vertex values that Pi misses."""
-    missed = np.eye(corners.shape[1]) - vertex_values(corners)
-    product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
-    # A matrix product may sum (i, j) and (j, i) in different orders.
-    return 0.5 * (product + product.transpose(0, 2, 1))

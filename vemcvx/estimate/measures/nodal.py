@@ -19,7 +19,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.search import nearest
 from vemcvx.vem import elastic_matrix, strains, stresses
 from vemcvx.vem.anisotropic import softest_shear
-from vemcvx.vem.projection import vertex_values
+from vemcvx.vem.stabilisation import missed_squares
 
 # Nodes are the same if they are closer than this part of the smallest cell's diameter.
 SAME_NODE = 1e-6
@@ -58,10 +58,4 @@ def cell_energies(field: Field, w: Floats) -> Floats:
     """a_K^h(w, w) of nodal displacements w (n_nodes, 2), with the moduli of a field, cell by cell: (n_cells,)."""
     strain = strains(field.space, w)
     energy: Floats = field.mesh.areas * np.sum(strain * stresses(field.moduli, strain), axis=1)
-    tau = softest_shear(elastic_matrix(field.moduli))
-    for group in field.space.groups:
-        if group.nodes.shape[1] > 3:
-            about = w[group.nodes] - w[group.nodes[:, :1]]
-            missed = about - np.matmul(vertex_values(group.corners), about)
-            energy[group.cells] += tau[group.cells] * np.sum(missed**2, axis=(1, 2))
-    return energy
+    return energy + softest_shear(elastic_matrix(field.moduli)) * missed_squares(field.space, w)

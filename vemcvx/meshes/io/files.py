@@ -27,8 +27,7 @@ from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.io.blocks import MARK, POLYGONS, Blocks, Data, add_boundaries, cell_blocks, mesh_of
 from vemcvx.meshes.io.groups import physical_groups, take_physical_groups, take_sets
-from vemcvx.meshes.io.incomplete import impatient
-from vemcvx.meshes.io.unsafe import check_data, check_file
+from vemcvx.meshes.io.unsafe import check_data, opened
 from vemcvx.meshes.tessellation import Tessellation
 
 if TYPE_CHECKING:
@@ -216,9 +215,7 @@ def _read(path: Path) -> tuple[Tessellation, list[str]]:
         # .msh is Ansys' as well as Gmsh's; only the latter begins with a dollar.
         gmsh = suffix == ".msh" and path.read_bytes()[:100].lstrip().startswith(b"$")
         file_format = "gmsh" if gmsh else formats[0]
-        check_file(path, file_format)
-        source = impatient(path, file_format)
-        with contextlib.nullcontext() if source is path else source:
+        with opened(path, file_format) as source:
             file = meshio.read(source, file_format=file_format)
         blocks = _blocks_of(file, suffix)
     with _named(path):

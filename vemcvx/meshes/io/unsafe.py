@@ -4,18 +4,26 @@ meshio looks for a well-known text (WKT) by an expression whose numbers match in
 with one coordinate too few costs it 2^digits steps. The expression `TIN` says the same with groups that are never
 entered again (atomic), so that it takes linear time, and what it accepts meshio finds at its first attempt.
 The reader of Gmsh's files believes the counts of nodes, cells and tags; and compressed files are read whole, whatever
-they unpack to.
+they unpack to. Some readers look for a closing line in a loop that the end of the file does not leave: they get an open
+file, which objects to being read on and on at its end.
 """
 
 from __future__ import annotations
 
 import gzip
+import io
 import re
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vemcvx.errors import MeshError
 from vemcvx.meshes.io.blocks import CELL, MARK, PHYSICAL, Blocks
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
 
 NUMBER = r"(?>[+-]?(?:\d++\.?+\d*+|\.\d++))"
 POINT = rf"(?>{NUMBER}(?:\s++{NUMBER}){{2,3}}+)"
@@ -24,10 +32,24 @@ TIN = re.compile(rf"\s*+TIN\s*+\((?>\s*+{RING}\s*+,?+)*+\s*+\)")
 SECTION = re.compile(rb"^\$(Nodes|Elements|NodeData|ElementData|ElementNodeData)[ \t\r]*\n", re.MULTILINE)
 # Meshes as text compress 3 to 15 times, gzip at best 1030 times; beyond a megabyte that is no mesh.
 UNPACKED, SMALL = 200, 2**20
+# Formats whose readers may wait for ever; at the end of a sound file they ask once or twice.
+WAITING_FOR_TEXT, WAITING_FOR_BYTES, PATIENCE = ("nastran", "off", "tecplot"), ("ply", "mdpa", "ansys"), 100
 
 
-def check_file(path: Path, file_format: str) -> None:
-    """Refuse what a reader of meshio would be at for ever, or in more memory than there is.
+class _Impatient(io.FileIO):
+    misses = 0
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int:
+        count = super().readinto(buffer)
+        self.misses = 0 if count else self.misses + 1
+        if self.misses > PATIENCE:
+            raise EOFError("the file ends too early")
+        return count
+
+
+@contextmanager
+def opened(path: Path, file_format: str) -> Iterator[Path | io.IOBase]:
+    """What to hand to meshio: the path, or an open file; what it would read for ever, or out of memory, is refused.
 
     Raises
     ------
@@ -35,6 +57,18 @@ def check_file(path: Path, file_format: str) -> None:
         A compressed file unpacks to more than 200 times its size; a section of a Gmsh file claims more than the file
         has room for; a well-known text is not of the form TIN (((x y z, x y z, x y z, x y z)), ...).
     """
+    _check_file(path, file_format)
+    if file_format in WAITING_FOR_TEXT:
+        with io.TextIOWrapper(io.BufferedReader(_Impatient(path)), encoding="utf-8") as text:
+            yield text
+    elif file_format in WAITING_FOR_BYTES:
+        with io.BufferedReader(_Impatient(path)) as data:
+            yield data
+    else:
+        yield path
+
+
+def _check_file(path: Path, file_format: str) -> None:
     if path.suffix.lower() == ".gz":
         _check_size(path)
     if file_format == "gmsh":

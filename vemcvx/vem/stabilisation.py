@@ -17,12 +17,17 @@ def add_stabilisation(blocks: Floats, corners: Floats, tau: Floats) -> None:
     """Add tau (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, 2, 2) of cells (c, n, 2)."""
     if corners.shape[1] == 3:
         return
-    missed = np.eye(corners.shape[1]) - vertex_values(corners)
-    product = np.matmul(missed.transpose(0, 2, 1), missed)
-    # A matrix product may sum (i, j) and (j, i) in different orders.
-    stable = tau[:, None, None] * (0.5 * (product + product.transpose(0, 2, 1)))
+    stable = tau[:, None, None] * missed_products(corners)
     blocks[..., 0, 0] += stable
     blocks[..., 1, 1] += stable
+
+
+def missed_products(corners: Floats) -> Floats:
+    """(I - Pi)'(I - Pi), (c, n, n): scalar products of the vertex values that Pi misses."""
+    missed = np.eye(corners.shape[1]) - vertex_values(corners)
+    product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
+    # A matrix product may sum (i, j) and (j, i) in different orders.
+    return 0.5 * (product + product.transpose(0, 2, 1))
 
 
 def missed_squares(space: Space, u: Floats) -> Floats:

@@ -177,8 +177,21 @@ def cost(
         from vemcvx.cli.cost import Wanted, cost_of_accuracy
         from vemcvx.cli.problem_file import read_problem
 
-        asked = (mesh, n, steps, solver, accuracy, target, adaptive, workers, scheduler, out, not resume)
-        typer.echo(cost_of_accuracy(read_problem(file), Wanted(*asked, tuple(settings))))
+        wanted = Wanted(
+            families=mesh,
+            ns=n,
+            steps=steps,
+            solvers=solver,
+            accuracies=accuracy,
+            targets=target,
+            adaptive=adaptive,
+            workers=workers,
+            scheduler=scheduler,
+            out=out,
+            fresh=not resume,
+            settings=tuple(settings),
+        )
+        typer.echo(cost_of_accuracy(read_problem(file), wanted))
 
 
 def _version(wanted: bool) -> None:

@@ -36,7 +36,7 @@ COLUMNS = "solver      asked  certified  floor  distance  allowed  kept  iterati
 SECONDS = ("assemble", "prepare", "solve")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """What the command line asks for."""
 

@@ -26,7 +26,7 @@ TABLE, PICTURE = "cost.csv", "cost.png"
 DPI = 160
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Wanted:
     """What the command line asks for, as it was typed; None where it says nothing."""
 

@@ -24,7 +24,7 @@ ROWS = "rows"
 """Where, in the output folder, a run keeps what it has completed until the history is written."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """What the command line asks for."""
 

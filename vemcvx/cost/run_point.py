@@ -31,7 +31,7 @@ SHORT, REPEATS = 0.3, 3
 PARTS = ("assemble", "prepare", "solve", "adapt")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Ran:
     """A run.
 

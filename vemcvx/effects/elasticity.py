@@ -84,7 +84,7 @@ class Elasticity(MaterialLaw):
             return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu)[1]
 
         given = (Given(subject, "moduli", at, cells=cells),) if varies(self.young, self.poisson) else ()
-        return Contribution(K, material, given=given)
+        return Contribution(stiffness=K, material=material, given=given)
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"

@@ -79,7 +79,7 @@ class Orthotropic(MaterialLaw):
 
         constants = (*self._constants("young", 2), *self._constants("poisson", 1), self.shear, self.angle)
         given = (Given(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
-        return Contribution(anisotropic_stiffness(space, C), material, given=given)
+        return Contribution(stiffness=anisotropic_stiffness(space, C), material=material, given=given)
 
     def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
         """C (k, 3, 3), and as in Material swelling (k, 3) and across (k, 4); zero where not `inside` (k,)."""

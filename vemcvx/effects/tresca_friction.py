@@ -39,7 +39,7 @@ STEEP = 1e6
 """Pressures below a millionth of the bound count as grazing."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Bounds:
     """The bounds g+ forward and g- backward, as weights (m,) of nodes and at points; g- = g+ unless it is given."""
 
@@ -133,7 +133,12 @@ class TrescaFriction(Effect):
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
         bounds = _Bounds(
-            subject, self.bound, backward=self.backward, rows=rows, points=points, quadrature=self.quadrature
+            subject=subject,
+            forward=self.bound,
+            backward=self.backward,
+            rows=rows,
+            points=points,
+            quadrature=self.quadrature,
         )
         own = subject, rows.nodes, rows.normals, rows.lengths
         bias = None if self.backward is None else bounds.bias

@@ -23,7 +23,7 @@ from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Contact:
     """The contact boundary over time: m contact nodes, S stored instants.
 

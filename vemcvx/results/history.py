@@ -19,7 +19,7 @@ from vemcvx.results.results import Results
 from vemcvx.results.words import in_words
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class History(Results):
     """The results of a simulation; arrays over time have one row per stored step.
 

@@ -22,7 +22,7 @@ from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import FrictionLaw, Terms, merged
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Obstacles:
     """The limits of a posed scene."""
 
@@ -74,9 +74,17 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
         np.minimum.at(nearest, limit, np.concatenate([o.gap(t) for o in obstacles]))
         return nearest[moves]
 
-    ends, kept, subjects = united(ends, limit)[moves], first[moves], tuple(o.subject for o in obstacles)
-    each = sp.csr_matrix(rows[moves]), nodes[kept], normals[kept], lengths_of(ends), compliance[kept]
-    return Obstacles(*each, gap, ends, subjects)
+    ends, kept = united(ends, limit)[moves], first[moves]
+    return Obstacles(
+        rows=sp.csr_matrix(rows[moves]),
+        nodes=nodes[kept],
+        normals=normals[kept],
+        lengths=lengths_of(ends),
+        compliance=compliance[kept],
+        gap=gap,
+        ends=ends,
+        subjects=tuple(o.subject for o in obstacles),
+    )
 
 
 def _limits(nodes: Ints, normals: Floats, compliance: Floats) -> tuple[Ints, Ints]:

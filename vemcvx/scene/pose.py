@@ -40,7 +40,7 @@ from vemcvx.vem import Space, rigid_modes
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PosedScene:
     """A scene on a mesh, ready to march."""
 

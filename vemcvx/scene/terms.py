@@ -24,7 +24,7 @@ from vemcvx.scene.freedom import freedom, normal_rows, on_free, tangential_rows
 from vemcvx.scene.supports import PARALLEL, Supports
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Terms:
     """The norm terms of a posed scene, over all nodal values."""
 
@@ -70,8 +70,8 @@ def friction_terms(
     """
     points = supports.points
     if not frictions:
-        none = np.zeros(0)
-        return Terms(sp.csr_matrix((0, points.size)), none.astype(np.int64), none, lambda t: none)
+        none, nodes = np.zeros(0), np.zeros(0, dtype=np.int64)
+        return Terms(rows=sp.csr_matrix((0, points.size)), nodes=nodes, lengths=none, weights=lambda t: none)
     nodes = np.concatenate([f.nodes for f in frictions])
     normals = np.concatenate([f.normals for f in frictions])
     first, term = merged(nodes, normals)

@@ -47,7 +47,7 @@ class Carried:
     """a of two such fields"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StepData:
     """What drives the system at an instant: its force, and the motion of its supports."""
 

@@ -22,7 +22,7 @@ from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.ledger import Ledger, StepData
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PreparedRun:
     """What all steps share."""
 
@@ -99,7 +99,7 @@ class Dragged:
         return cls(np.zeros(q), np.zeros((q, block)), np.ones(q, dtype=bool), np.zeros(q))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class State:
     """Everything known at an instant; retained unknowns only."""
 

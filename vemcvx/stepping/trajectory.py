@@ -10,7 +10,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trajectory:
     """The backward-Euler solution of a System; scalars for all N + 1 instants, arrays for the stored S.
 

@@ -53,7 +53,7 @@ MOST_LOOKED_AT = 8
 """Instants at which the mesh is judged; each costs one back-substitution a pass."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pass:
     """One pass: sizes, the parts of its estimated relative error, and its seconds."""
 
@@ -71,7 +71,7 @@ class Pass:
         return self.algebra + self.space + self.time
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Adapted:
     """What :func:`adapt` returns.
 
@@ -188,7 +188,8 @@ def adapt(
         marked, split = _next(budget, finer, instants, target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
-            return Adapted(replace(history, errors={**worst, "target": target}), budget, tuple(passes), target)
+            history = replace(history, errors={**worst, "target": target})
+            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
 

@@ -29,7 +29,7 @@ from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ErrorBudget:
     """Relative energy errors of a run, part by part.
 

@@ -17,7 +17,7 @@ FREE = 1e-9
 """A direction in which both ends of an edge move by less than this part of their freedom is held."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Skeleton:
     """Edges inside and on the boundary.
 

@@ -100,9 +100,6 @@ def main(folder, store):
     for k, (name, kind) in enumerate(KINDS.items()):
         if os.fork() == 0:
             stream, sent = Path(folder) / name, SIGNALS[k % len(SIGNALS)]
-            # Who started the tests may ignore hang-ups and interrupts, which is inherited.
-            for each, usual in ((signal.SIGHUP, signal.SIG_DFL), (signal.SIGINT, signal.default_int_handler)):
-                signal.signal(each, usual)
             kind.simulate(store=int(store) if store.isdecimal() else store, stream=stream, progress=ending(name, sent))
         os.wait()
 

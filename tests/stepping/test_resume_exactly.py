@@ -90,12 +90,13 @@ def interrupt(kind, folder, step=9, **options):
 def test_records_are_kept_by_their_fields():
     """Also those that somebody adds, and records in them, which may be absent."""
     fields = [(name, Ledger | None, None) for name in ("inner", "other")]
-    more = dataclasses.make_dataclass("More", fields, bases=(State,), frozen=True)
+    more = dataclasses.make_dataclass("More", fields, bases=(State,), frozen=True, kw_only=True)
     still = np.zeros((2, 1))
     certificate, ledger = Certificate(1.0, np.ones(2), 2.0), Ledger(1.0, 2.0, 3.0, np.arange(4.0))
     floats = [np.random.default_rng(k).normal(size=3) for k in range(6)]
     records = certificate, ledger, 1.5, 7, "so", 1, 0.5
-    state = State(0.5, *floats[:2], None, *floats[2:4], still, floats[4], still, *records)
+    values = (0.5, *floats[:2], None, *floats[2:4], still, floats[4], still, *records)
+    state = State(**dict(zip((field.name for field in dataclasses.fields(State)), values, strict=False)))
     told = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
     made = more(**told, inner=ledger, other=None)
     found = record_of(more, dict(arrays_of(made)), known={"data": None})

@@ -49,7 +49,7 @@ MEASURING = threading.Lock()
 """Overlaps of meshes are kept and shared, and the log is quiet meanwhile: one error is measured at a time."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Reference:
     """What is known of a reference besides its fields.
 

@@ -93,7 +93,7 @@ MOST_INSTANTS = 4
 SAME_INSTANT = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Grid:
     """What is swept.
 

@@ -38,7 +38,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Row:
     """One point and what came out; see :mod:`vemcvx.cost.table`. None where there is nothing to say."""
 

@@ -35,7 +35,7 @@ FOLLOWED = 2e-3
 """Data between two finer instants are straight but for this part of their size."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finer:
     """A run beside one of finer steps.
 

@@ -195,6 +195,15 @@ def test_nearest_multipliers(block, modes, limited):
             assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
 
 
+def test_multipliers_are_found_where_all_are_cut_but_for_rounding():
+    """Terms beyond their bounds have no second derivative; that of a limit felt by rounding (1e-15) is none either."""
+    hold = KernelBalance(np.ones((4, 1, 1)), np.array([[1e-15]]))
+    lam, p, left = hold.nearest(np.full((4, 1), 1.1), np.ones(1), np.ones(4), np.ones(1), (np.ones(4), np.ones(1)))
+    assert lam == pytest.approx(np.full((4, 1), 0.25), rel=1e-14)
+    assert p == pytest.approx(1.0, rel=1e-14)
+    assert abs(left) <= 4 * np.finfo(float).eps
+
+
 @pytest.mark.parametrize(
     ("modes", "norms", "message"),
     [

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -124,24 +125,32 @@ class KernelBalance:
         ease : pair of (m,) and (r,) arrays
             How little it costs to change each multiplier, > 0.
         """
-        soft = np.einsum("i,ijk->", ease[0], self.friction_modes**2) + ease[1] @ (self.contact_modes**2).sum(axis=1)
-        lift = 1e-6 * np.eye(len(push)) * soft
         spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
+        at, most = partial(self._at, lam, p, w=w, push=push, ease=ease), self._largest_slope(ease)
+        units = 1 / np.sqrt(np.outer(most.diagonal(), most.diagonal()))
         c = np.zeros(len(push))
-        here = self._at(lam, p, w=w, push=push, ease=ease, c=c)
+        here = at(c=c)
         for _ in range(MOST_NEWTON):
             left = here.left
             if (np.abs(left) <= EPS * here.size).all() or self.loses(left, w, push):
                 break
-            # Where (almost) everything is cut the second derivative vanishes; elsewhere the lift is not wanted.
-            slope = here.slope + lift if np.linalg.cond(here.slope) > 1e12 else here.slope
-            step = np.linalg.solve(slope, left)
-            length, ahead = 1.0, self._at(lam, p, w=w, push=push, ease=ease, c=c + step)
+            length, flat = 1.0, np.linalg.eigvalsh(here.slope * units)[0] <= 1e-12
+            # Where (almost) everything is cut the second derivative vanishes, and the lift makes far too long a step.
+            step = np.linalg.solve(here.slope + 1e-6 * most if flat else here.slope, left)
+            ahead = at(c=c + step)
             while length > 1e-12 and not ahead.better(here, length * float(left @ step), spread):
-                length *= 0.5
-                ahead = self._at(lam, p, w=w, push=push, ease=ease, c=c + length * step)
+                length *= 0.125 if flat else 0.5
+                ahead = at(c=c + length * step)
+            if ahead.level(here, spread) and np.abs(ahead.left).max() >= 0.9 * np.abs(left).max():
+                break
             c, here = c + length * step, ahead
         return here.lam, here.p, here.left
+
+    def _largest_slope(self, ease: tuple[Floats, Floats]) -> Floats:
+        """The second derivative (k, k) where nothing is cut and everything pressed: no other is larger."""
+        slope = np.einsum("i,ijk,ijl->kl", ease[0], self.friction_modes, self.friction_modes)
+        slope += (self.contact_modes.T * ease[1]) @ self.contact_modes
+        return slope + 1e-12 * np.trace(slope) * np.eye(len(slope))
 
     def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
         """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""
@@ -195,9 +204,12 @@ class _Point:
 
     def better(self, before: _Point, descent: float, spread: float) -> bool:
         """Armijo's rule; near the end the value changes by less than its rounding, but what is left still tells."""
-        level = abs(self.value - before.value) <= 64 * EPS * spread
         nearer = np.abs(self.left).max() <= 0.5 * np.abs(before.left).max()
-        return bool(self.value <= before.value - 1e-4 * descent or (level and nearer))
+        return bool(self.value <= before.value - 1e-4 * descent or (self.level(before, spread) and nearer))
+
+    def level(self, before: _Point, spread: float) -> bool:
+        """Whether the values differ by no more than their rounding."""
+        return abs(self.value - before.value) <= 64 * EPS * spread
 
 
 def refuse_unheld(kernel: Kernel, motion: Floats, push: float, holds: float, n: int, t: float) -> None:

@@ -1,4 +1,4 @@
-"""Real numbers out of what a user hands in: one clear error, never numpy's own and never a silent cast."""
+"""Arrays: their types, what users hand in made real numbers of or refused in one sentence, sums, and declared sizes."""
 
 from __future__ import annotations
 

@@ -307,7 +307,7 @@ def at_places(given, t):
         "spring": (t, np.ones(5)),
         "foundation": (),
         "moduli": (cells,),
-        "swelling": (cells, t),
+        "eigenstrain": (cells, t),
     }
     return given.value(x, *more.get(given.kind, (t,)))
 

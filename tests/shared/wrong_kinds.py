@@ -22,7 +22,7 @@ class Hostile:
         raise RuntimeError("hostile")
 
     __array__ = __float__ = __int__ = __index__ = __len__ = __iter__ = __bool__ = __eq__ = _refuse
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
 
 def endless() -> list[Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -159,6 +160,43 @@ def test_importing_the_package_imports_nothing_heavy():
 def test_everything_exported_exists():
     for name in vemcvx.__all__:
         assert getattr(vemcvx, name).__doc__ or name == "__version__", name
+
+
+def exists(name):
+    """Whether a dotted name leads to a module, or to something in one, fields of records included."""
+    parts = name.split(".")
+    for k in range(len(parts), 0, -1):
+        if (module := ".".join(parts[:k])) in modules():
+            found = importlib.import_module(module)
+            for part in parts[k:-1]:
+                found = getattr(found, part)
+            fields = [key for kind in getattr(found, "__mro__", ()) for key in getattr(kind, "__annotations__", ())]
+            return k == len(parts) or hasattr(found, parts[-1]) or parts[-1] in fields
+    return False
+
+
+@pytest.mark.parametrize("name", modules())
+def test_what_docstrings_refer_to_exists(name):
+    text = modules()[name].read_text()
+    assert [to for to in re.findall(r":\w+:`~?(vemcvx[\w.]*)`", text) if not exists(to)] == []
+    local = re.findall(r":\w+:`~?(\w[\w.]*)`", text)
+    assert [to for to in local if not to.startswith("vemcvx") and not exists(f"{name}.{to}")] == []
+
+
+@cache
+def kinds():
+    """Names of all classes and aliases of types in the package."""
+    words = {"None", "ArrayLike", "Axes", "Figure", "Path"}
+    for path in modules().values():
+        words |= {node.name for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ClassDef)}
+        words |= set(re.findall(r"^([A-Z]\w+) = ", path.read_text(), flags=re.MULTILINE))
+    return words
+
+
+@pytest.mark.parametrize("name", modules())
+def test_types_of_documented_parameters_exist(name):
+    documented = re.findall(r"^    +\w+(?:, \w+)* : ([A-Z][a-z]\w+)", modules()[name].read_text(), flags=re.MULTILINE)
+    assert set(documented) <= kinds()
 
 
 def test_the_table_of_tolerances_has_a_line_for_each_and_each_is_used():

@@ -148,8 +148,8 @@ class Material:
     cells: Bools | None = None
     """(n_cells,) which cells; None means all"""
     out_of_plane: Floats | None = None
-    """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit swelling
-    there, with a minus sign; zero in plane stress, None where the law does not say"""
+    """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
+    eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say"""
     stabilisation: Floats | None = None
     """(n_cells,) tau, by which the stiffness weighs what Pi misses; None means :func:`vemcvx.vem.softest_shear`"""
 
@@ -190,7 +190,7 @@ class Given:
         "foundation"    (x) -> (2, k) springs along the normal and the tangent
         "displacement"  (x, t) -> (k,) or (k, dim)
         "moduli"        (x, cells) -> (6, k) upper triangle of the elastic matrix, (k, 3) thermal stress moduli
-        "swelling"      (x, cells, t) -> (k,)
+        "eigenstrain"   (x, cells, t) -> (k,)
         "stress"        (x, t) -> (k, 3)
     """
 

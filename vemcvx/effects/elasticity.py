@@ -104,7 +104,7 @@ class Elasticity(MaterialLaw):
             )
 
     def _blocked(self, lam: Floats, mu: Floats) -> tuple[Floats, Floats]:
-        """What a blocked unit swelling costs, and the stresses (k, 3) of it."""
+        """What a blocked unit eigenstrain costs, and the stresses (k, 3) of it."""
         volume = 3 * lam + 2 * mu if self.plane == "strain" else 2 * (lam + mu)
         return volume, np.column_stack([volume, volume, np.zeros_like(volume)])
 

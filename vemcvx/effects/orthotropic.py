@@ -82,7 +82,7 @@ class Orthotropic(MaterialLaw):
         return Contribution(stiffness=anisotropic_stiffness(space, C), material=material, given=given)
 
     def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
-        """C (k, 3, 3), and as in Material swelling (k, 3) and across (k, 4); zero where not `inside` (k,)."""
+        """C (k, 3, 3), and Material's thermal_stress_moduli (k, 3) and out_of_plane (k, 4); zero where not `inside`."""
         S = self._compliance(at, inside > 0)
         G, angle = self._read(at, self.shear, "shear"), self._read(at, self.angle, "angle")
         self._require(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")

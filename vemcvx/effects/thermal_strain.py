@@ -55,7 +55,7 @@ class ThermalStrain(Effect):
             there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
             return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
-        given = (Given("ThermalStrain", "swelling", at),) if varies(self.expansion, self.temperature) else ()
+        given = (Given("ThermalStrain", "eigenstrain", at),) if varies(self.expansion, self.temperature) else ()
         return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain),), given=given)
 
     def describe(self) -> str:

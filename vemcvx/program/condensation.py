@@ -80,7 +80,7 @@ class Condensation:
 
     Attributes
     ----------
-    operators : Form
+    operators : Operators
         S (dense, or K itself) and B on the retained unknowns.
     retained : (m,) array
         Their numbers.
@@ -187,7 +187,7 @@ class Condensation:
 
     @cached_property
     def _motions(self) -> Floats:
-        """(n, k) the kernel of K; on the retained unknowns it is that of the form."""
+        """(n, k) the kernel of K; on the retained unknowns it is that of the condensed stiffness."""
         modes = np.zeros((self.system.n, 0)) if self.system.kernel is None else self.system.kernel.modes
         return modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
 
@@ -237,7 +237,7 @@ def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | N
 
 
 def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
-    """The form of K itself, from that of K with the anchors' stiffness."""
+    """The operators of K itself, from those of K with the anchors' stiffness."""
     kernel = np.linalg.qr(modes)[0]
     return Operators(
         K=shifted(operators.K, -anchor),

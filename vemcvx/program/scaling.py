@@ -12,9 +12,9 @@ c^ = c kappa / tau^2, p = kappa alpha p^ / tau.
 kappa is the size of diag(K), D that of diag(K / kappa)^{-1/2}, sigma and tau those of the rows of B D and E D, all
 fixed for a run; alpha is the energy norm of the frictionless answer, (g'K^{-1}g / kappa)^{1/2}, step by step.
 
-Weights far above every multiplier are lowered (walls of friction; loads near zero). Where each row of B reads one
-unknown of its own, K^_ii < 2 and coefficients are >= 1/2; with v = K^{-1}g, |v|_K <= 1, and d_b the field that moves
-with b alone,
+Weights far above every multiplier are lowered (friction that never slips; loads near zero). Where each row of B reads
+one unknown of its own, K^_ii < 2 and coefficients are >= 1/2; with v = K^{-1}g, |v|_K <= 1, and d_b the field that
+moves with b alone,
 
     |d* - v|_K <= |d_b - v|_K  gives  |lam_i*| <= 2 (|g_i| + |K d*|_i) < 9 + 8 |b|_1  for every component,
 
@@ -41,7 +41,7 @@ SMALLEST, LARGEST = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
 MOST = 1e150
 """Of scaled weights and of what limits leave free: beyond, they are as good as infinite, and products overflow."""
-WALL = 16.0
+CAP = 16.0
 """Scaled weights beyond this are lowered to it, see above."""
 
 NOTHING = 2.0**-40
@@ -90,7 +90,7 @@ class Scaling:
             e = np.clip(program.e / (alpha * self.tau), -MOST, MOST)
         b = program.b / (alpha * sigma)
         if self.operators.rows.columns is not None and self.operators.kernel is None and len(self.tau) == 0:
-            w = np.minimum(w, WALL * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
+            w = np.minimum(w, CAP * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
         return StepProgram(self.operators, self.D * program.g / force, w, b, e)
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:

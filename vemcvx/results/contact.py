@@ -103,7 +103,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
 
     Parameters
     ----------
-    posed : Posed
+    posed : PosedScene
     trajectory : Trajectory
     u, forces : (S, n_nodes, dim) arrays
         Displacements, and nodal forces A u - f.

@@ -119,7 +119,7 @@ def _prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> F
 
 
 def _out_of_plane_prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> Floats | None:
-    """What swellings add to the stress across the plane at the stored instants, (S, n_cells), if they do."""
+    """What eigenstrains add to the stress across the plane at the stored instants, (S, n_cells), if they do."""
     out_of_plane = posed.material.out_of_plane
     if posed.prestress is None or not posed.prestress.eigenstrains or out_of_plane is None or not out_of_plane.any():
         return None

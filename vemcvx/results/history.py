@@ -81,7 +81,7 @@ class History(Results):
         count : int
             How many points, evenly spaced, the ends among them; at least 2.
         field : {"displacement", "stress", "out_of_plane_stress", "von_mises", "principal_stresses"}
-            Displacements are those of :meth:`probe`; stresses are constant on cells, and where several cells meet the
+            Displacements are those of `probe`; stresses are constant on cells, and where several cells meet the
             mean of theirs is given.
 
         Returns

@@ -154,8 +154,8 @@ class Results:
         """(n_cells,) stress zz across the plane at a stored step; tension positive.
 
         0 in plane stress. In plane strain lam (e_xx + e_yy) = nu (xx + yy), of an orthotropic material as its E3, nu13
-        and nu23 say, minus what blocked swellings cost there (E alpha theta of a body free in the plane). A Prestress
-        has no component across the plane and counts as 0 there.
+        and nu23 say, minus what blocked eigenstrains cost there (E alpha theta of a body free in the plane). A
+        Prestress has no component across the plane and counts as 0 there.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class Results:
         if self.out_of_plane is None:
             raise SceneError(
                 "history: the stress across the plane is not determined, because a material gives its law in the plane "
-                "only (Material.across); principal_stresses(step) and stress(step) do not need it."
+                "only (Material.out_of_plane); principal_stresses(step) and stress(step) do not need it."
             )
         zz: Floats = np.einsum("ck,ck->c", self.out_of_plane, strains(self._space, self.displacement[row]))
         return zz if self.out_of_plane_prestress is None else zz + self.out_of_plane_prestress[row]
@@ -174,7 +174,7 @@ class Results:
     def von_mises(self, step: int) -> Floats:
         """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
 
-        See :mod:`vemcvx.vem.invariants` for the formula, :meth:`out_of_plane_stress` for that component and its errors.
+        See :mod:`vemcvx.vem.invariants` for the formula, `out_of_plane_stress` for that component and its errors.
         """
         return equivalent(self.stress(step), self.out_of_plane_stress(step))
 

@@ -2,9 +2,10 @@
 
 Stresses that need no strain are known only here, where the effects that cause them meet the materials that bear them:
 
-    sigma = C eps(u) + sigma_0,   sigma_0 = sum of initial stresses - b sum of swellings,
+    sigma = C eps(u) + sigma_0,   sigma_0 = sum of initial stresses - b sum of eigenstrains,
 
-with b what a material says that a blocked unit swelling costs. sigma_0 acts as the load -sum_K |K| sigma_0 : eps(Pi v).
+with b what a material says that a blocked unit eigenstrain costs. sigma_0 acts as the load
+-sum_K |K| sigma_0 : eps(Pi v).
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ class InitialStresses:
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
-        """What swellings add to the stress zz across the plane, (n_cells,); None where the material does not say."""
+        """What eigenstrains add to the stress zz across the plane, (n_cells,); None where the material does not say."""
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))

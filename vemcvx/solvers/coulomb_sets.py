@@ -49,7 +49,7 @@ from vemcvx.solvers.response import Response
 from vemcvx.solvers.sets import Iterate, Sets, Shifts, said_once, sets_at
 
 SHIFT = 0.1
-"""As in :mod:`vemcvx.solvers.newton`."""
+"""Newton's shifts times this: less of what is nearly at its bound changes sides."""
 MOST_ROUNDS = 25
 """Sets in a row before another start is wanted; those that settle do so in fewer than ten."""
 SOFTER = 1e-6
@@ -101,7 +101,7 @@ def settled(
     program : StepProgram
         `start` is its answer.
     response : Response
-        Of its form.
+        Of its operators.
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """

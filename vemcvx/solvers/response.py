@@ -15,7 +15,7 @@ from vemcvx.program.operators import Operators
 
 
 class Response:
-    """A K^{-1} A' of a form, and what belongs to its rows A = [B; D; R]: (N, N) with N = m * block + r + anchors."""
+    """A K^{-1} A' for the rows A = [B; D; R] of operators, and its parts: (N, N) with N = m * block + r + anchors."""
 
     def __init__(self, operators: Operators):
         n = operators.B.shape[1]

@@ -58,7 +58,7 @@ class Recorder:
 
     Parameters
     ----------
-    run : Run
+    run : PreparedRun
     times : (N + 1,) array
     kept : (S,) array
         Numbers of the steps to keep.

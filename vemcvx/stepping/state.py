@@ -71,12 +71,12 @@ class PreparedRun:
 
     @cached_property
     def response(self) -> Response:
-        """How norm terms and limits of the scaled form move under each other's forces."""
+        """How norm terms and limits of the scaled operators move under each other's forces."""
         return Response(self.scaling.operators)
 
     @property
     def operators(self) -> Operators:
-        """The condensed form, in the units of the system."""
+        """The condensed operators, in the units of the system."""
         return self.condensation.operators
 
 
@@ -169,7 +169,7 @@ def sticking(run: PreparedRun, state: State) -> Bools:
 
 
 def asked_of(solver: Solver, scales: Scaling) -> Operators:
-    """The scaled form that the solver is asked for: with a kernel only where it takes one."""
+    """The scaled operators that the solver is asked for: with a kernel only where it takes one."""
     return scales.operators if solver.semidefinite else scales.operators.regular
 
 

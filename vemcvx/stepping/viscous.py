@@ -52,7 +52,7 @@ class ViscousSteps:
         Of the system without its damping.
     damping : Damping
     instants : (N + 1,) array
-    prepare : callable (System) -> Run
+    prepare : callable (System) -> PreparedRun
         For the system of one length of step.
     """
 

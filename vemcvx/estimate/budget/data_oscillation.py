@@ -62,7 +62,7 @@ class Closer:
         for given in self.posed.given:
             if given.load is not None and given.load.cells is not None:
                 residual += volume * self._body(given.load, given.load.cells, now.t)
-        if any(given.kind in ("moduli", "swelling", "stress") for given in self.posed.given):
+        if any(given.kind in ("moduli", "eigenstrain", "stress") for given in self.posed.given):
             work += self._stress(now.t, strain)
         return residual, work
 
@@ -101,7 +101,7 @@ class Closer:
                 moduli, blocked[here] = given.value(places.x[here], owner[here])
                 C[here] = elastic_matrix(moduli)
         for given in self.posed.given:
-            if given.kind == "swelling":
+            if given.kind == "eigenstrain":
                 middle = given.value(mesh.centroids, cells, t)[owner]
                 apart += blocked_K * middle[:, None] - blocked * given.value(places.x, owner, t)[:, None]
             if given.kind == "stress":

@@ -67,7 +67,7 @@ def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course
 
     Parameters
     ----------
-    run : Run
+    run : PreparedRun
     times : (N + 1,) array
     initial : (n,) array
         The state at times[0].

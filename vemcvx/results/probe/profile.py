@@ -34,7 +34,7 @@ class Profile(NamedTuple):
 
 
 def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
-    """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.Results.along`."""
+    """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
     if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
         raise SceneError(
             f"along: there is no field {field!r}; there are 'displacement', {', '.join(map(repr, ON_CELLS))}."

@@ -148,9 +148,10 @@ class KernelBalance:
 
     def _largest_slope(self, ease: tuple[Floats, Floats]) -> Floats:
         """The second derivative (k, k) where nothing is cut and everything pressed: no other is larger."""
-        slope = np.einsum("i,ijk,ijl->kl", ease[0], self.friction_modes, self.friction_modes)
+        slope: Floats = np.einsum("i,ijk,ijl->kl", ease[0], self.friction_modes, self.friction_modes)
         slope += (self.contact_modes.T * ease[1]) @ self.contact_modes
-        return slope + 1e-12 * np.trace(slope) * np.eye(len(slope))
+        slope += 1e-12 * np.trace(slope) * np.eye(len(slope))
+        return slope
 
     def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
         """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""

@@ -125,14 +125,10 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
 
 def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     """The limits of obstacles, over the free unknowns."""
-    nodes, points = obstacles.nodes, supports.points
-    if len(nodes) == 0:
+    if len(obstacles.nodes) == 0:
         return None
-
-    def place(j: int) -> str:
-        return f"node {nodes[j]} at {tuple(float(x) for x in np.round(points[nodes[j]], 12))}"
-
-    return Limits(on_free(obstacles.rows, supports), obstacles.gap, obstacles.compliance, place)
+    rows, places = on_free(obstacles.rows, supports), supports.places(obstacles.nodes)
+    return Limits(rows, obstacles.gap, obstacles.compliance, places)
 
 
 def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:

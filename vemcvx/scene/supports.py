@@ -8,7 +8,7 @@ friction term touch its own unknowns alone, and sticking exactly representable: 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,6 +59,10 @@ class Supports:
             contact[at, filled[at]] = slot.support.contact
             filled[at] += 1
         return held, contact
+
+    def places(self, nodes: Ints) -> Callable[[int], str]:
+        """Where the i-th of these nodes is, in words."""
+        return lambda i: f"node {nodes[i]} at {tuple(float(x) for x in np.round(self.points[nodes[i]], 12))}"
 
     def gather(self, f: Floats) -> Floats:
         """P'f, forces on the free unknowns."""

@@ -81,43 +81,19 @@ def friction_terms(
     gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))[kept]
     ends = united(owns[0], term)[kept]
 
-    def weights(t: float) -> Floats:
-        w: Floats = gather @ np.concatenate([f.weights(t) for f in frictions])
-        return w
-
-    def pressed(t: float, forces: Sequence[Floats]) -> Floats:
-        parts = [
-            f.weights(t) if f.law is None else f.weights(t) + f.law(t, P)
-            for f, P in zip(frictions, forces, strict=True)
-        ]
-        w: Floats = gather @ np.concatenate(parts)
-        return w
-
-    def slope(t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
-        each = [
-            0.0 * M if f.slope is None else sp.diags_array(f.slope(t, M @ p)) @ M
-            for f, M in zip(frictions, press, strict=True)
-        ]
-        return sp.csr_matrix(gather @ sp.vstack(each))
-
     along = np.einsum("ij,ij->i", normals, normals[first][term])
-
-    def bias(t: float) -> Floats:
-        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in frictions]
-        c: Floats = gather @ (np.sign(along) * np.concatenate(each))
-        return c
-
+    sums = _Sums(frictions, gather, np.sign(along))
     rows = tangential_rows(nodes[first][kept], normals[first][kept], points)
     laws = [f for f in frictions if f.law is not None]
     return Terms(
         rows=rows,
         nodes=nodes[first][kept],
         lengths=lengths_of(ends),
-        weights=weights,
-        pressed=pressed if laws else None,
+        weights=sums.weights,
+        pressed=sums.weights_under if laws else None,
         frictions=frictions,
-        slope=slope if laws and all(f.slope is not None for f in laws) else None,
-        bias=bias if any(f.bias is not None for f in frictions) else None,
+        slope=sums.slope if laws and all(f.slope is not None for f in laws) else None,
+        bias=sums.bias if any(f.bias is not None for f in frictions) else None,
         acting=len(acting),
         dragged=held.dragged[kept],
         ends=ends,
@@ -125,23 +101,54 @@ def friction_terms(
     )
 
 
+@dataclass(frozen=True)
+class _Sums:
+    """What the rows of all frictions say, added up for every term."""
+
+    frictions: Sequence[Friction]
+    gather: sp.csr_matrix
+    """(m, rows)"""
+    sign: Floats
+    """(rows,) 1 where the tangent of a row is that of its term, else -1"""
+
+    def weights(self, t: float) -> Floats:
+        """Weights (m,) where none depends on the pressure."""
+        return self._added([f.weights(t) for f in self.frictions])
+
+    def weights_under(self, t: float, forces: Sequence[Floats]) -> Floats:
+        """Weights (m,) under the normal forces of every friction's rows."""
+        pairs = zip(self.frictions, forces, strict=True)
+        return self._added([f.weights(t) if f.law is None else f.weights(t) + f.law(t, P) for f, P in pairs])
+
+    def slope(self, t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
+        """Their derivative (m, r), where limits of forces p (r,) press on the rows as `press` says."""
+        pairs = zip(self.frictions, press, strict=True)
+        each = [0.0 * M if f.slope is None else sp.diags_array(f.slope(t, M @ p)) @ M for f, M in pairs]
+        return sp.csr_matrix(self.gather @ sp.vstack(each))
+
+    def bias(self, t: float) -> Floats:
+        """(m,) along the tangent of each term."""
+        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
+        return self._added([self.sign * np.concatenate(each)])
+
+    def _added(self, parts: Sequence[Floats]) -> Floats:
+        total: Floats = self.gather @ np.concatenate(parts)
+        return total
+
+
 def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Norms | None:
     """The terms that some unknown moves."""
-    m, nodes, points = terms.acting, terms.nodes, supports.points
+    m = terms.acting
     if m == 0:
         return None
     under, bias = None if law is None else law.weights, terms.bias
     slope = None if law is None else law.slope
-
-    def place(i: int) -> str:
-        return f"node {nodes[i]} at {tuple(float(x) for x in np.round(points[nodes[i]], 12))}"
-
-    block = terms.rows.shape[0] // len(nodes)
+    block = terms.rows.shape[0] // len(terms.nodes)
     return Norms(
         B=on_free(acting_rows(terms), supports),
         w=lambda t: terms.weights(t)[:m],
         block=block,
-        places=place,
+        places=supports.places(terms.nodes),
         law=None if under is None else lambda t, p: under(t, p)[:m],
         bias=None if bias is None else lambda t: bias(t)[: m * block],
         slope=None if slope is None else lambda t, p: slope(t, p)[:m],

@@ -11,7 +11,7 @@ from vemcvx.arrays import Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
-from vemcvx.program.step_program import EPS, Answer
+from vemcvx.program.step_program import EPS
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full
@@ -44,14 +44,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     depends = run.system.norms is not None and run.system.norms.law is not None
     friction, away = norm_gaps(state.capped_weights, lam, slip), state.certificate.distance if depends else 0.0
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away)
-    answer = Answer(
-        d=state.y - before.y + moved,
-        lam=lam,
-        iterations=state.iterations,
-        status=state.status,
-        safeguards=state.safeguards,
-        p=p,
-    )
+    answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
     ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip, w=state.capped_weights)
     return replace(

@@ -127,31 +127,22 @@ class PosedStep:
         at, w = found.point, found.weights
         floor = rounding_floor(replace(scaled, w=w), at.d, at.lam, at.p)
         own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
-        answer = Answer(
-            d=at.d, lam=at.lam, iterations=state.iterations, status=state.status, safeguards=state.safeguards, p=at.p
-        )
+        answer = state.answer(at.d, at.lam, at.p)
         whole = replace(self, program=replace(self.program, w=w / up))
         return whole.state_after(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
 
     def under_own_weights(self, state: State, certificate: Certificate) -> State:
         """A state that was found for other weights, under those of this program."""
         d, lam = state.y - self.before.y, self.program.project(state.lam)
-        return self.state_after(
-            Answer(
-                d=d, lam=lam, iterations=state.iterations, status=state.status, safeguards=state.safeguards, p=state.p
-            ),
-            certificate,
-        )
+        return self.state_after(state.answer(d, lam, state.p), certificate)
 
     def moved(self, state: State, under: State, certificate: Certificate) -> State:
         """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
         program, d = self.program, state.y - self.before.y
         friction = norm_gaps(program.w, under.lam, program.slip(d))
         limits = limit_gaps(program.operators.compliance, under.p, program.excess(d), program.excess_blur(d))
-        answer = Answer(
-            d=d, lam=under.lam, iterations=state.iterations, status=state.status, safeguards=state.safeguards, p=under.p
-        )
-        return self.state_after(answer, replace(certificate, friction=friction, limits=limits))
+        certificate = replace(certificate, friction=friction, limits=limits)
+        return self.state_after(state.answer(d, under.lam, under.p), certificate)
 
     def state_after(self, answer: Answer, certificate: Certificate, capped_weights: Floats | None = None) -> State:
         """The state that an answer leads to."""

@@ -14,7 +14,7 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
-from vemcvx.program.step_program import EPS
+from vemcvx.program.step_program import EPS, Answer
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, choose
 from vemcvx.solvers.response import Response
@@ -146,6 +146,10 @@ class State:
         if self.full is None:
             raise LookupError("state: the unknowns inside are not recovered; certified_in_full() does.")
         return self.full
+
+    def answer(self, d: Floats, lam: Floats, p: Floats) -> Answer:
+        """An answer (d, lam, p) that took what this state took."""
+        return Answer(d=d, lam=lam, p=p, iterations=self.iterations, status=self.status, safeguards=self.safeguards)
 
     def unit(self, accuracy: float) -> float:
         """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.acceptance`."""

@@ -164,19 +164,23 @@ def rows(results):
     return table
 
 
-def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
-    parser.add_argument("--picture", type=Path, help="draw convergence and meshes there")
-    given = parser.parse_args(arguments)
-    sizes = (8, 16, 32, 64) if given.small else (32, 64, 128, 256)
+def studies(sizes):
+    """Both scenes, on uniform meshes of these sizes and on adaptive ones beside them."""
     cases = (
         Study("the paper's scene", paper.scene(), vx.meshes.squares, 8, sizes),
         Study("L-shaped bracket", bracket.scene(), vx.meshes.l_shape, 4, sizes),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vx.SceneWarning)
-        results = [(case, study(case)) for case in cases]
+        return [(case, study(case)) for case in cases]
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--small", action="store_true", help="coarser meshes, in seconds")
+    parser.add_argument("--picture", type=Path, help="draw convergence and meshes there")
+    given = parser.parse_args(arguments)
+    results = studies((8, 16, 32, 64) if given.small else (32, 64, 128, 256))
     console = Console(width=150)
     console.print(rows(results))
     for case, (equal, _, adapted, truth) in results:

@@ -232,12 +232,13 @@ def test_one_instant_is_no_history():
 
 @pytest.mark.slow
 def test_adaptive_meshes_pay():
-    """The figures that `problems/adaptive_meshes.py` prints, with its own reference."""
+    """What `problems/adaptive_meshes.py` shows, on meshes of half its sizes and with its own reference."""
     import adaptive_meshes
 
-    paper, bracket = adaptive_meshes.main([])
+    paper, bracket = adaptive_meshes.studies((16, 32, 64, 128))
     (equal, pairs, adapted, _), (_, others, _, _) = paper[1], bracket[1]
     assert pairs[0][1].unknowns <= 0.5 * pairs[0][0].unknowns
     assert adaptive_meshes.slope(adapted) == pytest.approx(-0.5, abs=0.05)
     assert adaptive_meshes.slope(equal) > -0.47
-    assert others[1][1].unknowns <= others[1][0].unknowns / 6
+    # The gain grows as errors fall: a fifth here, .15 at twice the size.
+    assert others[1][1].unknowns <= others[1][0].unknowns / 4

@@ -38,7 +38,7 @@ def test_effectivity_on_manufactured_full_slip_in_full(family, poisson):
     """Linear triangles lock where the body hardly changes its volume; all others are as good there."""
     if family == "triangles" and poisson > 0.4:
         return
-    found = [ratio_of(poisson, family, n) for n in (8, 16, 32, 64)]
+    found = [ratio_of(poisson, family, n) for n in (6, 12, 24, 48)]
     assert min(found) >= LEAST
     assert max(found) <= MOST
     # One constant: halving h three times changes the ratio by little.

@@ -126,17 +126,20 @@ class KernelBalance:
             How little it costs to change each multiplier, > 0.
         """
         spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
-        at, most = partial(self._at, lam, p, w=w, push=push, ease=ease), self._largest_slope(ease)
-        units = 1 / np.sqrt(np.outer(most.diagonal(), most.diagonal()))
+        at = partial(self._at, lam, p, w=w, push=push, ease=ease)
+        # Of all second derivatives the largest: nothing is cut and everything pressed.
+        most = np.einsum("i,ijk->k", ease[0], self.friction_modes**2) + ease[1] @ self.contact_modes**2
+        lift = 1e-6 * most.sum() * np.eye(len(most))
+        units = 1 / np.sqrt(most + 1e-12 * most.sum())
         c = np.zeros(len(push))
         here = at(c=c)
         for _ in range(MOST_NEWTON):
             left = here.left
             if (np.abs(left) <= EPS * here.size).all() or self.loses(left, w, push):
                 break
-            length, flat = 1.0, np.linalg.eigvalsh(here.slope * units)[0] <= 1e-12
+            length, flat = 1.0, np.linalg.eigvalsh(units[:, None] * here.slope * units)[0] <= 1e-12
             # Where (almost) everything is cut the second derivative vanishes, and the lift makes far too long a step.
-            step = np.linalg.solve(here.slope + 1e-6 * most if flat else here.slope, left)
+            step = np.linalg.solve(here.slope + lift if flat else here.slope, left)
             ahead = at(c=c + step)
             while length > 1e-12 and not ahead.better(here, length * float(left @ step), spread):
                 length *= 0.125 if flat else 0.5
@@ -145,13 +148,6 @@ class KernelBalance:
                 break
             c, here = c + length * step, ahead
         return here.lam, here.p, here.left
-
-    def _largest_slope(self, ease: tuple[Floats, Floats]) -> Floats:
-        """The second derivative (k, k) where nothing is cut and everything pressed: no other is larger."""
-        slope: Floats = np.einsum("i,ijk,ijl->kl", ease[0], self.friction_modes, self.friction_modes)
-        slope += (self.contact_modes.T * ease[1]) @ self.contact_modes
-        slope += 1e-12 * np.trace(slope) * np.eye(len(slope))
-        return slope
 
     def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
         """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""

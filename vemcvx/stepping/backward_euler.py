@@ -18,7 +18,7 @@ from vemcvx.program.step_program import Answer
 from vemcvx.program.system import Norms
 from vemcvx.stepping.certified_in_full import refined_state
 from vemcvx.stepping.fixed_point import Dependent, resolved
-from vemcvx.stepping.ledger import StepData, drive
+from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.posed_step import PosedStep, pose_step, refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
 
@@ -32,16 +32,14 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
         The step misses the solver's accuracy, and the run is to be checked.
     """
     now = drive(run.system, run.condensation, t)
-    norms = run.system.norms
-    weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
-    attempt = pose_step(run, before, now, weights)
-    same = now.still_as(before.data) and np.array_equal(weights, before.weights)
+    attempt = pose_step(run, before, now)
+    same = now.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
     # A given start may be out of balance by more than a step's accuracy.
     if same and before.accepted(run.accuracy):
         guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
         state = attempt.state_after(guess, before.certificate, before.capped_weights)
     else:
-        state = solved(run, before, now, weights, n)
+        state = solved(attempt, n)
     if run.refines:
         state = refined_state(attempt, state)
     if run.check:
@@ -49,23 +47,24 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
     return state
 
 
-def solved(run: PreparedRun, before: State, now: StepData, weights: Floats, n: int) -> State:
-    """The step to what drives the system now; `weights` (m,) are those to begin with, if they depend on the answer."""
-    norms, attempt = run.system.norms, pose_step(run, before, now, weights)
+def solved(attempt: PosedStep, n: int) -> State:
+    """The step; weights that depend on the answer begin with those it was posed with."""
+    norms = attempt.run.system.norms
     if norms is not None and norms.law is not None:
-        return _under_pressure(run, before, now, norms=norms, weights=weights, n=n)
+        return _under_pressure(attempt, norms, n)
     refuse_unheld(attempt, n)
     return attempt.solve()
 
 
-def _under_pressure(run: PreparedRun, before: State, now: StepData, norms: Norms, weights: Floats, n: int) -> State:
+def _under_pressure(attempt: PosedStep, norms: Norms, n: int) -> State:
     """The step where weights depend on the forces of the limits."""
+    before, now, start = attempt.before, attempt.data, attempt.program.w
 
     def pose(run: PreparedRun, w: Floats) -> PosedStep:
         return pose_step(run, before, now, w)
 
-    # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
-    free = run.operators.kernel is not None
-    start = np.full(len(weights), np.abs(pose(run, weights).program.g).sum()) if free else weights
-    step = Dependent(run=run, norms=norms, t=now.t, n=n, pose=pose, check=partial(refuse_unheld, n=n))
+    if attempt.run.operators.kernel is not None:
+        # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
+        start = np.full(len(start), np.abs(attempt.program.g).sum())
+    step = Dependent(run=attempt.run, norms=norms, t=now.t, n=n, pose=pose, check=partial(refuse_unheld, n=n))
     return resolved(step, start)

@@ -121,9 +121,10 @@ def _state(run: PreparedRun, now: StepData, y: Floats) -> State:
 
 def _settle(run: PreparedRun, state: State) -> State:
     """One step at the same instant, all unknowns and the certificate of the full system included."""
-    settled = solved(run, state, state.data, state.weights, 0)
+    attempt = pose_step(run, state, state.data, state.weights)
+    settled = solved(attempt, 0)
     if run.refines:
-        settled = refined_state(pose_step(run, state, state.data, state.weights), settled)
+        settled = refined_state(attempt, settled)
     return certified_in_full(run, settled)
 
 

@@ -31,12 +31,18 @@ ATTEMPTS = 3
 is at the end of its digits gives the same answer again."""
 
 
-def pose_step(run: PreparedRun, before: State, now: StepData, weights: Floats) -> PosedStep:
-    """Pose the step that leads from `before` to what drives the system now."""
+def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
+    """Pose the step that leads from `before` to what drives the system now; with weights `w` (m,), if they are given.
+
+    By default weights that depend on pressures follow those of `before`.
+    """
+    if w is None:
+        norms = run.system.norms
+        w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
     e = now.remaining_gap - run.operators.limits.read(before.y)
     b = before.data.prescribed_slip - now.prescribed_slip
-    return PosedStep(run, before, StepProgram(run.operators, g, weights, b, e), now)
+    return PosedStep(run, before, StepProgram(run.operators, g, w, b, e), now)
 
 
 @dataclass(frozen=True)

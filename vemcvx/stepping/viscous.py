@@ -35,6 +35,7 @@ from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
+from vemcvx.stepping.posed_step import pose_step
 from vemcvx.stepping.state import PreparedRun, State
 
 KEPT = 4
@@ -82,9 +83,7 @@ class ViscousSteps:
         (run, lost), y = self._at(shared), before.unknowns
         run = replace(run, share=share)
         now = self._drive(run, y, before.t, t, k)
-        norms = run.system.norms
-        weights = np.zeros(0) if norms is None else norms.weights_under(t, before.p)
-        stepped = certified_in_full(run, solved(run, _rest(run, before, now), now, weights, n), lost)
+        stepped = certified_in_full(run, solved(pose_step(run, _rest(run, before, now), now), n), lost)
         d = stepped.unknowns
         ledger = self._ledger(before, stepped, y=y, d=d, t=t, k=k)
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))

@@ -14,12 +14,7 @@ def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float
 
     Parameters
     ----------
-    n : int or (int, int)
-        Cells a unit length along each side (at least one), or the numbers of cells along x and y.
-    box : ((x0, x1), (y0, y1))
-        The rectangle to mesh.
-    seed : int
-        Start of the random numbers; the same seed gives the same mesh.
+    n, box, seed : as of `squares`
     amount : float
         In [0, 1): inner nodes move by up to this part of half a cell along each axis. Nodes then stay in disjoint
         boxes about their places, so opposite edges of a cell never meet and every cell is valid.
@@ -27,12 +22,12 @@ def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float
     Returns
     -------
     PolygonMesh
-        Nodes and cells in the order of `squares`, boundaries "left", "right", "bottom", "top" and "boundary".
+        Nodes and cells in the order of `squares`.
 
     Raises
     ------
     MeshError
-        n is not a positive whole number, box is not a rectangle, or ``amount`` is not in [0, 1).
+        As `squares`, or ``amount`` is not in [0, 1).
     """
     rectangle = check_box(box)
     amount = check_fraction("amount", amount, 1.0)

@@ -20,12 +20,8 @@ def hanging(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, fraction: float
 
     Parameters
     ----------
-    n : int or (int, int)
-        Large cells a unit length along each side (at least one), or their numbers along x and y.
-    box : ((x0, x1), (y0, y1))
-        The rectangle to mesh.
-    seed : int
-        Start of the random choice of cells; the same seed gives the same mesh.
+    n, box, seed : as of `squares`
+        With n for the large cells; which of them are cut is random.
     fraction : float
         In [0, 1]: the part of the large cells that is cut in four.
 
@@ -33,12 +29,11 @@ def hanging(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, fraction: float
     -------
     PolygonMesh
         Nodes row by row; large cells row by row, each cut one followed by its four quarters in its place.
-        Boundaries "left", "right", "bottom", "top" and "boundary".
 
     Raises
     ------
     MeshError
-        n is not a positive whole number, box is not a rectangle, or ``fraction`` is not in [0, 1].
+        As `squares`, or ``fraction`` is not in [0, 1].
     """
     rectangle = check_box(box)
     fraction = check_fraction("fraction", fraction, 1.0, closed=True)

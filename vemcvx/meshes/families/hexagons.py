@@ -23,23 +23,18 @@ def hexagons(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
 
     Parameters
     ----------
-    n : int or (int, int)
-        Cells a unit length: n * n of them a unit area; or columns and rows (every other row has a half cell at
-        either end in place of one whole).
-    box : ((x0, x1), (y0, y1))
-        The rectangle to mesh.
-    seed : int
-        Taken by every family; nothing is random here.
+    n, box, seed : as of `squares`
+        With n * n cells a unit area; every other of the rows has a half cell at either end in place of one whole.
 
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row, boundaries "left", "right", "bottom", "top" and "boundary".
+        Nodes and cells row by row.
 
     Raises
     ------
     MeshError
-        n is not a positive whole number, or box is not a rectangle.
+        As `squares`.
     """
     rectangle = check_box(box)
     columns, rows = cell_counts(n, rectangle, stretch=WIDTH)

@@ -22,7 +22,7 @@ def l_shape(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     box : ((x0, x1), (y0, y1))
         The rectangle around the L; its quarter beyond the middles of x and y is left out.
     seed : int
-        Taken by every function that makes meshes; nothing is random here.
+        Nothing is random here.
 
     Returns
     -------

@@ -16,12 +16,7 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
 
     Parameters
     ----------
-    n : int or (int, int)
-        Cells a unit length along each side (at least one), or the numbers of cells along x and y.
-    box : ((x0, x1), (y0, y1))
-        The rectangle to mesh.
-    seed : int
-        Taken by every family; nothing is random here.
+    n, box, seed : as of `squares`
     zigzag : float
         In [0, 1/3): how far the thirds of every inner edge swerve to either side, in parts of a cell. Below 1/3 the
         edges of a corner stay apart.
@@ -30,12 +25,11 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
     -------
     PolygonMesh
         Cells row by row; first the corner nodes in the order of `squares`, then the nodes of the zigzags.
-        Boundaries "left", "right", "bottom", "top" and "boundary".
 
     Raises
     ------
     MeshError
-        n is not a positive whole number, box is not a rectangle, or ``zigzag`` is not in [0, 1/3).
+        As `squares`, or ``zigzag`` is not in [0, 1/3).
     """
     rectangle = check_box(box)
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)

@@ -10,7 +10,7 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 
 def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
-    """Mesh a box with equal squares.
+    """Mesh a box with equal squares; other families take what this one takes, and name the sides as it does.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
-        Taken by every family; nothing is random here.
+        Start of the random numbers: the same seed gives the same mesh. Nothing is random here.
 
     Returns
     -------

@@ -14,22 +14,17 @@ def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
 
     Parameters
     ----------
-    n : int or (int, int)
-        Squares a unit length along each side (at least one), or the numbers of squares along x and y.
-    box : ((x0, x1), (y0, y1))
-        The rectangle to mesh.
-    seed : int
-        Taken by every family; nothing is random here.
+    n, box, seed : as of `squares`
 
     Returns
     -------
     PolygonMesh
-        Nodes row by row, the lower then the upper triangle of each square; boundaries "left", "right", "bottom", "top".
+        Nodes row by row, the lower then the upper triangle of each square.
 
     Raises
     ------
     MeshError
-        n is not a positive whole number, or box is not a rectangle.
+        As `squares`.
     """
     rectangle = check_box(box)
     points, corners = square_grid(*cell_counts(n, rectangle), rectangle)

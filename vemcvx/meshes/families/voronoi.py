@@ -45,10 +45,7 @@ def voronoi(
     ----------
     n : int or (int, int), optional
         n * n cells a unit area, or nx * ny cells in all; not needed if ``cells`` is given.
-    box : ((x0, x1), (y0, y1))
-        The rectangle to mesh.
-    seed : int
-        Start of the random numbers; the same seed gives the same mesh.
+    box, seed : as of `squares`
     cells : int, optional
         Number of cells, instead of n.
     relaxations : int
@@ -59,12 +56,12 @@ def voronoi(
     Returns
     -------
     PolygonMesh
-        Convex cells (up to the collapse), boundaries "left", "right", "bottom", "top" and "boundary".
+        Convex cells (up to the collapse).
 
     Raises
     ------
     MeshError
-        A count is not a positive whole number, box is not a rectangle, ``shortest`` not in [0, 0.1].
+        As `squares`, or ``shortest`` not in [0, 0.1].
     """
     rectangle = check_box(box)
     count = _number_of_cells(n, cells, rectangle)

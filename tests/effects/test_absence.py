@@ -178,7 +178,7 @@ def counted(monkeypatch):
     """Counts of factorisations and back-substitutions."""
     counts = {"factorised": 0, "solved": 0}
 
-    class Counting(superlu.SparseFactor):
+    class Counting(superlu.PositiveFactor):
         def __init__(self, *args):
             counts["factorised"] += 1
             super().__init__(*args)
@@ -187,7 +187,7 @@ def counted(monkeypatch):
             counts["solved"] += bool(b.any())
             return super().solve(b)
 
-    monkeypatch.setattr(superlu, "SparseFactor", Counting)
+    monkeypatch.setattr(superlu, "PositiveFactor", Counting)
     return counts
 
 

@@ -33,26 +33,23 @@ class SuperLU(LinearSolver):
 
     eliminates: ClassVar[bool] = True
 
-    def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> SparseFactor:
-        factor = SparseFactor(K, None)
-        factor.trailing(0)
-        return factor
+    def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PositiveFactor:
+        return PositiveFactor(K)
 
-    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[SparseFactor, Floats]:
+    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[PositiveFactor, Floats]:
         at_end = np.zeros(K.shape[0], dtype=bool)
         at_end[last] = True
-        factor = SparseFactor(K, np.concatenate([order[~at_end[order]], last]))
-        return factor, factor.trailing(len(last))
+        factor = PositiveFactor(K, np.concatenate([order[~at_end[order]], last]), len(last))
+        return factor, factor.schur
 
 
 class SparseFactor(Factor):
-    """K = L U, in a given order of the unknowns, or in that of minimum degree."""
+    """K = L U, in a given order of the unknowns, or in that of minimum degree; to solve with."""
 
-    def __init__(self, K: sp.csr_matrix, order: Ints | None):
+    def __init__(self, K: sp.csr_matrix, order: Ints | None = None):
         self._order = np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
-        self._diagonal = ordered.diagonal()
         try:
             self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=PIVOTS, options=SYMMETRIC)
         except RuntimeError as error:
@@ -65,6 +62,42 @@ class SparseFactor(Factor):
         x[self._order] = self._lu.solve(b[self._order])
         return x
 
+    def within(self, K_FF: Matrix, F: Ints) -> SparseFactor:
+        return SparseFactor(sp.csr_matrix(K_FF))
+
+
+class PositiveFactor(SparseFactor):
+    """K = L U of a K that is positive definite by its pivots, and what can be read off the factors.
+
+    Attributes
+    ----------
+    schur : (m, m) array
+        The Schur complement L_cc U_cc onto the last m unknowns in the order.
+
+    Raises
+    ------
+    SceneError
+        K is not positive definite: pivots left the diagonal, or one is no larger than the rounding of what it is
+        the rest of. With the diagonal's pivots K = L D L', and by Sylvester's law of inertia they have the signs
+        of the eigenvalues. Of a K with a kernel and as many anchors this says that K is semidefinite: the Schur
+        complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia (Haynsworth 1968),
+        and that onto the second, of as many unknowns as there are modes, vanishes.
+    """
+
+    def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
+        super().__init__(K, order)
+        L, U, pivoted = self._lu.L, self._lu.U, self._order[np.argsort(self._lu.perm_c)]
+        pivots = U.diagonal()
+        if not np.array_equal(self._lu.perm_r, self._lu.perm_c) or not (pivots > EPS * K.diagonal()[pivoted]).all():
+            raise singular()
+        # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
+        place = self._lu.perm_c[len(self._order) - m :]
+        S: Floats = (L[:, place][place] @ U[:, place][place]).toarray()
+        self.schur = 0.5 * (S + S.T)
+        self._unit, self._forces = self._random(L, pivots)
+        for copied in (L, U):
+            _release(copied)
+
     def random_energy(self, size: Floats) -> float:
         return float(size**2 @ self.compliance)
 
@@ -75,33 +108,6 @@ class SparseFactor(Factor):
         del self._forces
         mean: Floats = (x * x).mean(axis=1)
         return self._unit * mean
-
-    def within(self, K_FF: Matrix, F: Ints) -> SparseFactor:
-        return SparseFactor(sp.csr_matrix(K_FF), None)
-
-    def trailing(self, m: int) -> Floats:
-        """L_cc U_cc of the last m unknowns in the order, (m, m).
-
-        Raises
-        ------
-        SceneError
-            K is not positive definite: pivots left the diagonal, or one is no larger than the rounding of what it is
-            the rest of. With the diagonal's pivots K = L D L', and by Sylvester's law of inertia they have the signs
-            of the eigenvalues. Of a K with a kernel and as many anchors this says that K is semidefinite: the Schur
-            complements of [[K + E, P], [P', E_aa^{-1}]] onto either block have the same inertia (Haynsworth 1968),
-            and that onto the second, of as many unknowns as there are modes, vanishes.
-        """
-        L, U = self._lu.L, self._lu.U
-        diagonal = self._diagonal[np.argsort(self._lu.perm_c)]
-        if not np.array_equal(self._lu.perm_r, self._lu.perm_c) or not (U.diagonal() > EPS * diagonal).all():
-            raise singular()
-        self._unit, self._forces = self._random(L, U.diagonal())
-        # The solver may renumber within its elimination tree; that permutes L and U but changes no entry.
-        place = self._lu.perm_c[len(self._order) - m :]
-        S: Floats = (L[:, place][place] @ U[:, place][place]).toarray()
-        for copied in (L, U):
-            _release(copied)
-        return 0.5 * (S + S.T)
 
     def _random(self, L: sp.csc_array, D: Floats) -> tuple[float, Floats]:
         """A unit u, and forces (n, SAMPLES) L (D / u)^{1/2} z of the covariance K / u; z is normal.

@@ -215,9 +215,8 @@ class Condensation:
 
         Of that the anchors, soft as they are, leave most in rigid motions; these go everywhere lest they become strain.
         """
-        if self.system.kernel is not None:
-            N = self.system.kernel.modes
-            y = y + N @ np.linalg.lstsq(N[self.retained], y_c - y[self.retained], rcond=None)[0]
+        if self.operators.kernel is not None:
+            y = y + self._motions @ (self.operators.kernel.T @ (y_c - y[self.retained]))
         y[self.retained] = y_c
         return y
 

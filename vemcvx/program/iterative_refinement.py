@@ -101,7 +101,7 @@ def full_certificate(
     size = np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y)
     if system.kernel is not None:
         # Multipliers are in balance there; what rounding leaves on the kernel is no force to answer.
-        N = np.linalg.qr(system.kernel.modes)[0]
+        N = system.kernel.basis
         r = r - N @ (N.T @ r)
     return replace(own, equilibrium=0.5 * condensation.energy(r), floor=rounding(condensation, size))
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -66,6 +66,11 @@ class Kernel:
         function(self.in_words, "Kernel: found in_words", "a function of (k,) shares of the motions")
         object.__setattr__(self, "modes", modes)
         object.__setattr__(self, "names", tuple(names))
+
+    @cached_property
+    def basis(self) -> Floats:
+        """(n, k) orthonormal motions that span those of `modes`."""
+        return np.linalg.qr(self.modes)[0]
 
     def name(self, c: Floats) -> str:
         """The motion modes @ c in words."""

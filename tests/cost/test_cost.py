@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import assert_drawn_within_the_page
 from scenes import paper_scene, small
 from typer.testing import CliRunner
 
@@ -273,11 +274,7 @@ def test_the_picture_stays_within_the_page():
     found = [made(0.1 / k, 0.01 * k**2, 10 * k**2, family=family) for k in (1, 2, 4) for family in ("squares", None)]
     found += [made(0.02, 0.3, 100, target=0.05), made(0.1, 0.02, solver="osqp")]
     for drawn in (picture(found, (0.05, 0.02), 0.005, "title"), picture(found[:1], (0.05,), None)):
-        drawn.draw_without_rendering()
-        page, ink = drawn.bbox_inches, drawn.get_tightbbox()
-        assert min(ink.x0, ink.y0) >= -0.01
-        assert ink.x1 <= page.width + 0.01
-        assert ink.y1 <= page.height + 0.01
+        assert_drawn_within_the_page(drawn)
 
 
 def test_grids():

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from pages import assert_drawn_within_the_page
 
 import gallery
 from vemcvx import effects
@@ -36,12 +37,7 @@ def test_every_problem_runs_in_its_small_setting(name):
 @pytest.mark.parametrize("name", [*SHOWN, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_it_is_drawn_within_the_page(name):
     problem = import_module(name)
-    figure = gallery.picture(problem, gallery.small_run(problem))
-    figure.draw_without_rendering()
-    page, ink = figure.bbox_inches, figure.get_tightbbox()
-    assert min(ink.x0, ink.y0) >= -0.01
-    assert ink.x1 <= page.width + 0.01
-    assert ink.y1 <= page.height + 0.01
+    assert_drawn_within_the_page(gallery.picture(problem, gallery.small_run(problem)))
 
 
 def test_every_effect_has_a_problem_that_shows_it():

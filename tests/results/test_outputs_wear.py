@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import cyclic, paper_load, paper_scene, small
+from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
@@ -96,13 +97,8 @@ def test_without_condensation(name):
 @pytest.mark.parametrize("store", ["all", 5])
 def test_a_resumed_run_remembers(store, tmp_path):
     scene, mesh = SCENES["tresca"], small("squares", 4)
-
-    def stop(n, steps):
-        if n == 13:
-            raise InterruptedError
-
-    with pytest.raises(InterruptedError):
-        vx.simulate(scene, mesh, TIMES, stream=tmp_path, store=store, progress=stop)
+    with pytest.raises(Stopped):
+        vx.simulate(scene, mesh, TIMES, stream=tmp_path, store=store, progress=stop_at(13))
     resumed = vx.simulate(scene, mesh, TIMES, stream=tmp_path, store=store, resume=True)
     assert_adds_up(resumed)
     whole = vx.simulate(scene, mesh, TIMES, store=store)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import few_families, small
+from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
@@ -130,13 +131,8 @@ def test_nothing_is_lost_between_stored_rows_or_in_files(tmp_path):
     whole.write(tmp_path / "out")
     again = vx.read_history(tmp_path / "out")
     assert np.array_equal(again.reaction("left"), whole.reaction("left"))
-
-    def stop(n, steps):
-        if n == 7:
-            raise InterruptedError
-
-    with pytest.raises(InterruptedError):
-        vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", progress=stop)
+    with pytest.raises(Stopped):
+        vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", progress=stop_at(7))
     resumed = vx.simulate(scene, mesh, TIMES, stream=tmp_path / "run", resume=True)
     assert np.array_equal(resumed.contact.wear, whole.contact.wear)
     assert np.array_equal(resumed.dissipated, whole.dissipated)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from exact_steps import Steps, Stuck
+from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
@@ -38,10 +39,6 @@ class Verdict:
     """largest error over certificate + floor"""
 
 
-class Interrupted(Exception):
-    """What stops a run half way."""
-
-
 def run(drawn):
     """The history of a drawn scene, started as it says."""
     options = {"solver": drawn.solver, "linear": drawn.linear, "condense": drawn.condense}
@@ -57,13 +54,9 @@ def run(drawn):
 
 
 def _resumed(scene, mesh, times, half, options):
-    def stop(n, steps):
-        if n == half:
-            raise Interrupted
-
     with tempfile.TemporaryDirectory() as folder:
-        with contextlib.suppress(Interrupted):
-            vx.simulate(scene, mesh, times, stream=folder, progress=stop, **options)
+        with contextlib.suppress(Stopped):
+            vx.simulate(scene, mesh, times, stream=folder, progress=stop_at(half), **options)
         return vx.simulate(scene, mesh, times, stream=folder, resume=True, **options)
 
 

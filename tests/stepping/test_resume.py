@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import cyclic, paper_scene, small
+from stopped import Stopped, stop_at
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -21,25 +22,13 @@ TIMES = np.linspace(0.0, 1.0, 25)
 SERIES = ("displacement", "forces", "energy", "dissipated", "work", "certificate")
 
 
-class Interrupted(Exception):
-    """What Ctrl-C raises in these tests."""
-
-
-def stop_at(step):
-    def progress(n, steps):
-        if n == step:
-            raise Interrupted
-
-    return progress
-
-
 @pytest.mark.parametrize("store", ["all", 5])
 @pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
 def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, solver):
     scene, mesh = paper_scene(cyclic), small("voronoi", 5)
     options = {"solver": solver, "store": store}
     whole = vx.simulate(scene, mesh, TIMES, **options)
-    with pytest.raises(Interrupted):
+    with pytest.raises(Stopped):
         vx.simulate(scene, mesh, TIMES, stream=tmp_path, progress=stop_at(13), **options)
     steps = []
     resumed = vx.simulate(
@@ -57,7 +46,7 @@ def test_a_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, store, sol
 @pytest.mark.parametrize("other", [paper_scene(cyclic, bound=2.0), paper_scene(lambda t: 0.5 * cyclic(t))])
 def test_a_run_of_other_data_is_not_gone_on_with(tmp_path, other):
     mesh = small("squares", 4)
-    with pytest.raises(Interrupted):
+    with pytest.raises(Stopped):
         vx.simulate(paper_scene(cyclic), mesh, TIMES, stream=tmp_path, progress=stop_at(13))
     with pytest.raises(vx.HistoryError, match="run of another scene, mesh, times or store"):
         vx.simulate(other, mesh, TIMES, stream=tmp_path, resume=True)

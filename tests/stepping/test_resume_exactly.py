@@ -15,6 +15,7 @@ import pytest
 from identical import same
 from interrupted import KINDS, RUBBED, TIMES, Kind, last_step
 from scenes import paper_scene
+from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
@@ -68,18 +69,6 @@ def test_a_killed_run_goes_on_as_if_it_had_not_been(killed, name):
     )
     assert steps[0] == last_step(name) + 1
     assert_same(KINDS[name].simulate(store=store), resumed)
-
-
-class Stopped(Exception):
-    """What ends a run here."""
-
-
-def stop_at(step):
-    def progress(n, _):
-        if n == step:
-            raise Stopped
-
-    return progress
 
 
 def interrupt(kind, folder, step=9, **options):

@@ -10,6 +10,7 @@ import pytest
 import scipy.sparse as sp
 from scenes import few_families
 from scipy.sparse.linalg import splu
+from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
@@ -149,13 +150,8 @@ def test_a_viscous_run_goes_on_where_it_stopped(tmp_path):
     scene = vx.Scene(*solid(), vx.Clamp(on="left"), vx.Traction((0.3, 0.0), on="right"))
     mesh, times = mesh_of("voronoi", 3), np.linspace(0, 1, 9)
     whole = vx.simulate(scene, mesh, times)
-
-    def stop(step, steps):
-        if step == 5:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        vx.simulate(scene, mesh, times, stream=tmp_path / "run", progress=stop)
+    with pytest.raises(Stopped):
+        vx.simulate(scene, mesh, times, stream=tmp_path / "run", progress=stop_at(5))
     again = vx.simulate(scene, mesh, times, stream=tmp_path / "run", resume=True)
     assert np.abs(again.displacement - whole.displacement).max() < 1e-12 * np.abs(whole.displacement).max()
     assert again.dissipated == pytest.approx(whole.dissipated, rel=1e-12)

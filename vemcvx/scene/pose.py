@@ -3,7 +3,7 @@
 With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
 projections at the contact nodes,
 
-    K = P'A P,   load = P'(f - A u_D),   B = B^ P,   drag = B^ u_D,   stretch = P'A u_D.
+    K = P'A P,   load = P'(f - A u_D),   B = B^ P,   prescribed_slip = B^ u_D,   dirichlet_force = P'A u_D.
 """
 
 from __future__ import annotations
@@ -34,7 +34,15 @@ from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.surface import Surface, contact_surface
-from vemcvx.scene.terms import Terms, acting_rows, dragged_terms, friction_terms, norm_terms, warn_of_loose_normals
+from vemcvx.scene.terms import (
+    FrictionLaw,
+    Terms,
+    acting_rows,
+    dragged_terms,
+    friction_terms,
+    norm_terms,
+    warn_of_loose_normals,
+)
 from vemcvx.vem import Space, rigid_modes
 
 T = TypeVar("T")
@@ -95,38 +103,27 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
-    frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
     supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
-    stops = _chain(p.obstacles for p in parts)
-    ends, names = owned([*frictions, *stops])
-    rubbing = sum(len(friction.nodes) for friction in frictions)
-    terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
-    obstacles = gathered(stops, ends[rubbing:], supports)
-    inactive += out_of_reach(terms, stops, supports)
-    felt = [on_free(rows, supports) for rows in (terms.rows, obstacles.rows)]
+    contact = _contact(parts, supports, times)
+    terms, obstacles = contact.terms, contact.obstacles
+    inactive += out_of_reach(terms, contact.stops, supports)
     each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     springs = _sum(each) if each else None
-    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
-    sprung = np.zeros(0, dtype=np.int64) if springs is None else _sprung(springs, mesh.points.shape[1])
-    warn_of_loose_normals(frictions, supports, np.union1d(obstacles.nodes, sprung))
-    if kernel is not None:
-        _say_unsupported(kernel)
     # Springs to the ground feel rigid motions, too.
     seen = seen_from_bodies(space) if springs is None else _as_it_is
-    law, sliding = friction_law(terms, obstacles, ends[:rubbing], supports), acting_rows(terms)
     system = System(
         K=_restrict(A, supports),
         load=_load(loads, A, supports),
-        norms=norm_terms(terms, law, supports),
-        motion=None if supports.still else _motion(A, supports, sliding, obstacles.rows, seen),
+        norms=norm_terms(terms, contact.law, supports),
+        motion=None if supports.still else _motion(A, supports, acting_rows(terms), obstacles.rows, seen),
         order=_order(A, supports, mesh.points),
         near_kernel=supports.P.T @ rigid_modes(mesh.points),
-        kernel=kernel,
+        kernel=_unsupported(space, supports, contact, springs),
         limits=limits(obstacles, supports),
         damping=_damping(viscosity, supports, seen),
-        dragged=dragged_terms(terms, law, supports),
+        dragged=dragged_terms(terms, contact.law, supports),
     )
-    shown: tuple[ContactSurface | Friction | Obstacle, ...] = (*_chain(p.surfaces for p in parts), *frictions, *stops)
+    surfaces: tuple[ContactSurface, ...] = _chain(p.surfaces for p in parts)
     return PosedScene(
         scene=scene,
         space=space,
@@ -135,7 +132,7 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
         A=A,
         loads=loads,
         terms=terms,
-        surface=contact_surface(shown, terms, supports, times),
+        surface=contact_surface((*surfaces, *contact.frictions, *contact.stops), terms, supports, times),
         material=material,
         prestress=prestress,
         obstacles=obstacles,
@@ -146,19 +143,44 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
     )
 
 
-def _sprung(springs: sp.csr_matrix, dim: int) -> Ints:
-    """The nodes that springs of no material hold."""
-    return np.unique(np.flatnonzero(springs.diagonal() > 0) // dim)
+@dataclass(frozen=True, kw_only=True)
+class _Contact:
+    """Friction and obstacles of a scene, and what a System has of them."""
+
+    frictions: tuple[Friction, ...]
+    stops: tuple[Obstacle, ...]
+    terms: Terms
+    obstacles: Obstacles
+    law: FrictionLaw | None
 
 
-def _say_unsupported(kernel: Kernel) -> None:
-    warnings.warn(
-        f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
-        "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement itself "
-        "may be determined up to that motion only.",
-        SceneWarning,
-        stacklevel=2,
-    )
+def _contact(parts: Sequence[Contribution], supports: Supports, times: Sequence[float]) -> _Contact:
+    frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
+    stops: tuple[Obstacle, ...] = _chain(p.obstacles for p in parts)
+    ends, names = owned([*frictions, *stops])
+    rubbing = sum(len(friction.nodes) for friction in frictions)
+    terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
+    obstacles = gathered(stops, ends[rubbing:], supports)
+    law = friction_law(terms, obstacles, ends[:rubbing], supports)
+    return _Contact(frictions=frictions, stops=stops, terms=terms, obstacles=obstacles, law=law)
+
+
+def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:
+    """The motions that nothing but friction or one-sided contact holds, which a warning says."""
+    felt = [on_free(rows, supports) for rows in (contact.terms.rows, contact.obstacles.rows)]
+    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
+    dim = space.mesh.points.shape[1]
+    sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // dim
+    warn_of_loose_normals(contact.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
+    if kernel is not None:
+        warnings.warn(
+            f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
+            "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement "
+            "itself may be determined up to that motion only.",
+            SceneWarning,
+            stacklevel=2,
+        )
+    return kernel
 
 
 def total_load(loads: Sequence[Load | InitialStresses], n: int, t: float) -> Floats:

@@ -43,7 +43,7 @@ from vemcvx.errors import (
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
-from vemcvx.linear import LinearSolver, Multigrid, SuperLU
+from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, StepProgram, System
 from vemcvx.results.contact import Contact
@@ -86,6 +86,7 @@ __all__ = [
     "NotContracting",
     "Operators",
     "Orthotropic",
+    "Pardiso",
     "PointLoad",
     "PolygonMesh",
     "PrescribedDisplacement",

@@ -63,7 +63,7 @@ def simulate(
     condense : bool
         Eliminate the unknowns that friction and contact do not touch (default), or solve for all unknowns.
     linear : LinearSolver, optional
-        SuperLU() or Multigrid(); by default chosen by the number of unknowns.
+        SuperLU(), Pardiso() or Multigrid(); by default by the number of unknowns and what is installed.
     progress : bool, or callable (step, steps)
         True logs every tenth of the run to the logger "vemcvx".
     stream : path, optional

@@ -40,7 +40,7 @@ def program(posed):
         "terms": (seen.operators.count, seen.operators.block, len(seen.operators.compliance), seen.operators.features),
         "K": bits(system.K),
         "S": bits(seen.operators.K),
-        "order": bits(system.order),
+        "order": bits(system.elimination_order()),
         "load": [bits(system.load(t)) for t in TIMES],
         "B": None if norms is None else bits(norms.B),
         "w": None if norms is None else [bits(norms.weights_under(t, pressed)) for t in TIMES],

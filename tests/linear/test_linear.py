@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -10,15 +11,22 @@ import scipy.sparse as sp
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.linear import DenseCholesky, Multigrid, Scaled, SuperLU, choose_linear
+from vemcvx.linear import DenseCholesky, Multigrid, Pardiso, Scaled, SuperLU, choose_linear
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.pose import pose_scene
 
+
+def needs(package):
+    """A mark: skipped where the package is not installed."""
+    return pytest.mark.skipif(find_spec(package) is None, reason=f"{package} is not installed")
+
+
+DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
 TIMES = np.linspace(0.0, 1.0, 7)
 
 
-@pytest.fixture(params=["superlu", "multigrid", "dense"])
+@pytest.fixture(params=["superlu", "pardiso", "multigrid", "dense"])
 def factored(request):
     system = pose_scene(paper_scene(), small("squares", 12)).system
     if request.param == "dense":
@@ -26,6 +34,9 @@ def factored(request):
     if request.param == "multigrid":
         pytest.importorskip("pyamg")
         return system.K, Multigrid().factorise(system.K, system.near_kernel)
+    if request.param == "pardiso":
+        pytest.importorskip("pymklpardiso")
+        return system.K, Pardiso().factorise(system.K)
     return system.K, SuperLU().factorise(system.K)
 
 
@@ -61,11 +72,70 @@ def test_every_factor_knows_the_energy_of_random_forces(factored, where):
     assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact
 
 
-def test_energies_of_random_forces_are_the_same_numbers_in_all_units():
+@pytest.mark.parametrize("linear", DIRECT, ids=str)
+def test_numbers_are_the_same_in_all_units(linear):
     K = pose_scene(paper_scene(), small("squares", 6)).system.K
-    size = np.random.default_rng(5).uniform(1, 2, K.shape[0])
-    one, two = (SuperLU().factorise(unit * K).random_energy(size) for unit in (1.0, 0.125))
-    assert two == 8 * one
+    size, last = np.random.default_rng(5).uniform(1, 2, K.shape[0]), np.array([3, 9, 20])
+    (one, S), (two, T) = (linear.eliminate(unit * K, None, last) for unit in (1.0, 0.125))
+    assert np.array_equal(8 * T, S)
+    assert two.random_energy(size) == 8 * one.random_energy(size)
+    assert np.array_equal(two.solve(size), 8 * one.solve(size))
+
+
+@pytest.mark.parametrize("linear", DIRECT, ids=str)
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
+@pytest.mark.parametrize("ordered", [True, False])
+def test_every_elimination_gives_the_schur_complement_and_solves(linear, share, ordered):
+    """S = ((K^{-1})_cc)^{-1}, in the order asked for, and from few unknowns to all of them."""
+    system = pose_scene(paper_scene(), small("voronoi", 6)).system
+    K, rng = system.K, np.random.default_rng(7)
+    last = rng.permutation(system.n)[: int(share * system.n)]
+    factor, S = linear.eliminate(K, system.elimination_order() if ordered else None, last)
+    assert S.shape == (len(last), len(last))
+    assert np.array_equal(S, S.T)
+    inside = np.linalg.inv(K.toarray())[np.ix_(last, last)]
+    assert np.abs(S @ inside - np.eye(len(last))).max(initial=0.0) < 1e-10
+    x = rng.normal(size=(system.n, 3))
+    b = K @ x
+    b.flags.writeable = False
+    assert np.abs(factor.solve(b) - x).max() < 1e-9
+    assert np.array_equal(factor.solve(b[:, 1]), factor.solve(b[:, 1].copy()))
+    size = rng.uniform(1, 2, system.n)
+    exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
+    assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact
+
+
+KINDS = {
+    "friction": paper_scene(cyclic),
+    "no friction": vx.Scene(*(e for e in paper_scene() if not isinstance(e, vx.TrescaFriction))),
+    "nearly incompressible": vx.Scene(
+        vx.Elasticity(1.0, 0.4999999), *(e for e in paper_scene() if not isinstance(e, vx.Elasticity))
+    ),
+    "a free body": vx.Scene(
+        vx.Elasticity(1.0, 0.3),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(0.1, on="bottom"),
+        vx.Traction(lambda x, t: np.tile([0.05 * np.sin(6 * t), 0.0], (len(x), 1)), on="left"),
+    ),
+    "viscosity": vx.Scene(*paper_scene(cyclic), vx.Viscosity(0.1, 0.1)),
+}
+
+
+@pytest.mark.parametrize("linear", DIRECT[1:], ids=str)
+@pytest.mark.parametrize("condense", [True, False], ids=["condensed", "all unknowns"])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
+def test_histories_agree_within_their_certificates(linear, condense, kind):
+    scene, mesh = KINDS[kind], small("voronoi", 8)
+    one = vx.simulate(scene, mesh, TIMES, linear=SuperLU(), condense=condense)
+    two = vx.simulate(scene, mesh, TIMES, linear=linear, condense=condense)
+    A = pose_scene(scene, mesh).A
+    apart = (two.displacement - one.displacement).reshape(len(TIMES), -1)
+    energy = np.sqrt(np.maximum(np.einsum("ni,ni->n", apart, (A @ apart.T).T), 0.0))
+    bounds = one.certificate * one.trajectory.norm + two.certificate * two.trajectory.norm
+    floors = one.trajectory.floor * one.trajectory.norm + two.trajectory.floor * two.trajectory.norm
+    assert (energy <= np.cumsum(bounds) + np.cumsum(floors)).all()
+    assert two.certificate.max() <= 1e-8
 
 
 def test_a_scaled_factor_is_the_factor_of_the_scaled_matrix(factored):
@@ -155,12 +225,21 @@ def test_settings_of_multigrid_that_mean_nothing_are_refused(setting, found):
 
 
 def test_the_choice_is_by_size_and_can_be_overridden(caplog):
-    assert choose_linear(1_000_000) == SuperLU()
+    direct = Pardiso() if Pardiso.installed() else SuperLU()
+    assert choose_linear(1_000_000) == direct
+    assert choose_linear(100) == SuperLU()
     assert choose_linear(10, Multigrid(tolerance=1e-8)) == Multigrid(tolerance=1e-8)
     with caplog.at_level("INFO", logger="vemcvx"):
         chosen = choose_linear(3_000_000)
     assert "3000000 unknowns" in caplog.text
-    assert isinstance(chosen, (Multigrid, SuperLU))
+    assert chosen == (Multigrid() if find_spec("pyamg") else direct)
+
+
+def test_what_is_not_installed_is_not_chosen(monkeypatch):
+    monkeypatch.setattr(vx.linear.pardiso, "PACKAGE", "not_there_at_all")
+    assert choose_linear(1_000_000) == SuperLU()
+    with pytest.raises(vx.NotAccepted, match=r"^Pardiso: the package py-mkl-pardiso is not installed; pip .*SuperLU"):
+        vx.Pardiso().factorise(sp.eye_array(3, format="csr"))
 
 
 @dataclass(frozen=True)
@@ -208,18 +287,18 @@ INDEFINITE = {
 
 @pytest.mark.parametrize("K", INDEFINITE.values(), ids=INDEFINITE)
 @pytest.mark.parametrize("terms", [0, 1], ids=["no terms", "friction"])
-@pytest.mark.parametrize("way", [{}, {"condense": False}, {"linear": vx.Multigrid()}], ids=str)
-def test_indefinite_matrices_are_refused(K, terms, way):
+@pytest.mark.parametrize("linear", [*DIRECT, pytest.param(vx.Multigrid(), marks=needs("pyamg"))], ids=str)
+@pytest.mark.parametrize("condense", [True, False])
+def test_indefinite_matrices_are_refused(K, terms, linear, condense):
     """All diagonals are positive; the pivots are not."""
-    if "linear" in way:
-        pytest.importorskip("pyamg")
     norms = vx.Norms(np.eye(1, len(K)), 0.1) if terms else None
     system = vx.System(K, lambda t: t * np.ones(len(K)), norms=norms)
     with pytest.raises(vx.SceneError, match="singular or indefinite.*the K of a System must be positive definite"):
-        vx.march(system, [0, 1], **way)
+        vx.march(system, [0, 1], linear=linear, condense=condense)
 
 
-def test_indefinite_matrices_with_a_kernel_are_refused():
+@pytest.mark.parametrize("linear", DIRECT, ids=str)
+def test_indefinite_matrices_with_a_kernel_are_refused(linear):
     """Semidefinite but for a motion that gains a little energy: the anchors of the kernel do not hide it."""
     chain = np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(4, k=1) - np.eye(4, k=-1)
     stiffness, motions = np.linalg.eigh(chain)
@@ -228,18 +307,18 @@ def test_indefinite_matrices_with_a_kernel_are_refused():
         "norms": vx.Norms(np.eye(4), 1.0),
         "kernel": Kernel(np.ones((4, 1)), ("translation",)),
     }
-    assert vx.march(vx.System(chain, **shared), [0, 1]).certificate.max() < 1e-8
+    assert vx.march(vx.System(chain, **shared), [0, 1], linear=linear).certificate.max() < 1e-8
     for gain in (1e-2, 1e-6):
         K = chain - (stiffness[1] + gain) * np.outer(motions[:, 1], motions[:, 1])
         with pytest.raises(vx.SceneError, match="singular or indefinite"):
-            vx.march(vx.System(K, **shared), [0, 1])
+            vx.march(vx.System(K, **shared), [0, 1], linear=linear)
 
 
 def test_one_copy_of_the_factors_is_kept():
     """The Schur complement is read off copies that are given back; the factor goes on solving."""
     system = pose_scene(paper_scene(), small("voronoi", 12)).system
     retained = np.unique(system.norms.B.indices)
-    factor, S = SuperLU().eliminate(system.K, system.order, retained)
+    factor, S = SuperLU().eliminate(system.K, system.elimination_order(), retained)
     assert factor._lu.L.data.nbytes + factor._lu.U.data.nbytes + factor._lu.L.indices.nbytes == 0
     inside = np.linalg.inv(system.K.toarray())[np.ix_(retained, retained)]
     assert np.abs(S @ inside - np.eye(len(retained))).max() < 1e-10

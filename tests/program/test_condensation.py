@@ -7,8 +7,8 @@ import pytest
 import scipy.sparse as sp
 
 import vemcvx as vx
+from vemcvx.linear.ordering import nested_dissection
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.ordering import nested_dissection
 from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic

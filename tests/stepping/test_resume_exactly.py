@@ -124,7 +124,7 @@ def test_all_data_are_looked_at():
     mark_of_data(system, 0.5)
     kinds = (System, Norms, Limits, Motion, DraggedTerms)
     named = {(kind, name) for kind in kinds for name, hint in get_type_hints(kind).items() if "Callable" in str(hint)}
-    implied = {(Norms, "places"), (Limits, "places"), (Norms, "slope"), (Motion, "pair")}
+    implied = {(Norms, "places"), (Limits, "places"), (Norms, "slope"), (Motion, "pair"), (System, "order")}
     assert named - called == implied
 
 

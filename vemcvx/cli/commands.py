@@ -69,7 +69,7 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="Go on with a run that was interrupted; its --out was DIR.")
     ] = None,
     linear: Annotated[
-        str | None, typer.Option(help="superlu or multigrid. (default: by the number of unknowns)")
+        str | None, typer.Option(help="superlu, pardiso or multigrid. (default: by size and what is installed)")
     ] = None,
     target: Annotated[
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")

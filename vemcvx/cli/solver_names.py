@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from vemcvx.errors import ProblemError
-from vemcvx.linear import LinearSolver, Multigrid, SuperLU
+from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 
-LINEAR: dict[str, Callable[[], LinearSolver]] = {"superlu": SuperLU, "multigrid": Multigrid}
+LINEAR: dict[str, Callable[[], LinearSolver]] = {"superlu": SuperLU, "pardiso": Pardiso, "multigrid": Multigrid}
 NAMES: dict[str, Callable[..., Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
 
 

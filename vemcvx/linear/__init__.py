@@ -4,6 +4,7 @@ from vemcvx.linear.default import choose_linear
 from vemcvx.linear.dense import DenseCholesky
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, Scaled
 from vemcvx.linear.multigrid import Multigrid
+from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.superlu import SuperLU
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "LinearSolver",
     "Matrix",
     "Multigrid",
+    "Pardiso",
     "Scaled",
     "SuperLU",
     "choose_linear",

@@ -75,16 +75,18 @@ class LinearSolver(ABC):
 
     eliminates: ClassVar[bool] = False
     """Whether it can give Schur complements, so that programs are condensed."""
+    orders: ClassVar[bool] = False
+    """Whether it orders the unknowns by itself; none is then computed for it."""
 
-    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[Factor, Floats]:
+    def eliminate(self, K: sp.csr_matrix, order: Ints | None, last: Ints) -> tuple[Factor, Floats]:
         """Factorise K (n, n), symmetric positive definite, with the unknowns `last` last.
 
         This should cost little more than to factorise. It is called only where the class says that it `eliminates`.
 
         Parameters
         ----------
-        order : (n,) permutation
-            An order of elimination with little fill; a solver may take another.
+        order : (n,) permutation, or None
+            An order of elimination with little fill; None where the class says that it `orders`.
         last : (m,) array
             Numbers of the unknowns that are not eliminated.
 

@@ -35,7 +35,6 @@ from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
-from vemcvx.program.ordering import minimum_degree
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import System
 
@@ -105,7 +104,7 @@ class Condensation:
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and self.linear.eliminates)
         if not self.whole:
-            order = minimum_degree(self.regular) if system.order is None else system.order
+            order = None if self.linear.orders else system.elimination_order()
             self.retained: Ints = retained
             self._factor, S = self.linear.eliminate(self.regular, order, retained)
             B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])

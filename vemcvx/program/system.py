@@ -196,8 +196,9 @@ class System:
     norms : Norms, optional
     motion : Motion, optional
         Bookkeeping of supports that move; a plain system has none.
-    order : (n,) permutation, optional
-        An order of elimination with little fill; by default one is computed from K.
+    order : (n,) permutation, or callable () -> (n,) permutation, optional
+        An order of elimination with little fill, for linear solvers that do not find one; by default one is computed
+        from K.
     near_kernel : (n, k) array, optional
         Motions of little energy (rigid ones), for iterative linear solvers.
     kernel : Kernel, optional
@@ -215,7 +216,7 @@ class System:
     load: Callable[[float], ArrayLike]
     norms: Norms | None = None
     motion: Motion | None = None
-    order: Ints | None = None
+    order: Ints | Callable[[], Ints] | None = None
     near_kernel: Floats | None = None
     kernel: Kernel | None = None
     limits: Limits | None = None
@@ -246,7 +247,7 @@ class System:
             rows = 0 if self.norms is None else self.norms.B.shape[0]
             limits = 0 if self.limits is None else self.limits.count
             object.__setattr__(self, "motion", self.motion.sized(self.n, rows, limits))
-        if self.order is not None:
+        if self.order is not None and not callable(self.order):
             object.__setattr__(self, "order", permutation(self.order, self.n))
         if self.near_kernel is not None:
             object.__setattr__(self, "near_kernel", motions(self.near_kernel, self.n))
@@ -283,6 +284,12 @@ class System:
             return np.zeros(0)
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
+
+    def elimination_order(self) -> Ints | None:
+        """(n,) the order of elimination, if there is one."""
+        if not callable(self.order):
+            return self.order
+        return permutation(called(self.order, (), "System: order failed", "give an order of unknowns"), self.n)
 
     @property
     def n(self) -> int:

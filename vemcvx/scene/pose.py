@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import chain
 from typing import TypeVar
 
@@ -20,10 +21,10 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Contribution, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
+from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.motion import Motion
-from vemcvx.program.ordering import nested_dissection
 from vemcvx.program.system import Damping, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.edges import owned
@@ -116,7 +117,7 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
         load=_load(loads, A, supports),
         norms=norm_terms(terms, contact.law, supports),
         motion=None if supports.still else _motion(A, supports, acting_rows(terms), obstacles.rows, seen),
-        order=_order(A, supports, mesh.points),
+        order=cache(partial(_order, A, supports, mesh.points)),
         near_kernel=supports.P.T @ rigid_modes(mesh.points),
         kernel=_unsupported(space, supports, contact, springs),
         limits=limits(obstacles, supports),

@@ -206,6 +206,7 @@ class Recorder:
             **{name: column.astype(TYPES[SCALARS[name]]) for name, column in scalars.items()},
             seconds=seconds,
             solver=repr(self._run.solver),
+            linear=repr(self._run.condensation.linear),
             accuracy=float(self._run.solver.accuracy),
         )
         say_floor(trajectory.certificate_floor, self._run.solver.accuracy)

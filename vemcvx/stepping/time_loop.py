@@ -61,7 +61,7 @@ def march(
     condense : bool
         Eliminate the unknowns that no norm term touches (default), or hand over the full program.
     linear : LinearSolver, optional
-        SuperLU() or Multigrid(); by default by size.
+        SuperLU(), Pardiso() or Multigrid(); by default by size and what is installed.
     progress : callable (step, steps), optional
     storage : Storage, optional
         Where rows are kept; a Folder that holds an interrupted run of the same system is gone on with.
@@ -120,7 +120,7 @@ def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | N
     if solver is not None:
         solver.check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
-        raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Multigrid(), or None (chosen by size).")
+        raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), or None (chosen).")
     if progress is not None and not callable(progress):
         raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
 

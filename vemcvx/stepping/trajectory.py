@@ -58,6 +58,8 @@ class Trajectory:
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str
         Name and settings of the solver that answered.
+    linear : str
+        Name and settings of the linear solver; "" in files that were written without it.
     accuracy : float or None
         The certified relative energy error that was asked of a step; None in files that were written without it.
     initial : (n,) array or None
@@ -87,6 +89,7 @@ class Trajectory:
     estimated: Annotated[Bools, "N"]
     seconds: dict[str, float]
     solver: str
+    linear: str = ""
     accuracy: float | None = None
     unit: Annotated[Floats | None, "N"] = None
     initial: Annotated[Floats | None, "n"] = None

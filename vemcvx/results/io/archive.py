@@ -128,6 +128,7 @@ def _check_words(about: dict[str, Any]) -> None:
     numbers = [about["seconds"][name] for name in ("assemble", "prepare", "solve")]
     fits = all(isinstance(one, list) and all(isinstance(word, str) for word in one) for one in lists)
     fits = fits and isinstance(run["solver"], str) and isinstance(run["seconds"], dict)
+    fits = fits and isinstance(run.get("linear", ""), str)
     fits = fits and all(isinstance(number, (int, float)) for number in numbers)
     fits = fits and isinstance(run.get("accuracy"), (float, type(None)))
     if not (fits and isinstance(about.get("errors"), (dict, type(None)))):

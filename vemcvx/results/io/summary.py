@@ -55,6 +55,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "effects": list(history.effects),
         "left_out": list(history.inactive),
         "solver": history.solver,
+        "linear": run.linear or None,
         "accuracy": run.accuracy,
         "certified_energy_error": _finite(run.certificate.max()),
         "certificate_kind": run.certificate_kind,

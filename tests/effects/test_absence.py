@@ -15,7 +15,8 @@ from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TIME
 
 import vemcvx as vx
 from vemcvx.linear import superlu
-from vemcvx.program.condensation import MOST_FIELDS, Condensation
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.forces import MOST_FIELDS
 from vemcvx.scene.pose import pose_scene
 
 

@@ -23,8 +23,6 @@ tau do not know it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -33,45 +31,16 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.program.forces import Fields, Reduced, combined
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import System
 
-# A load is taken for a combination of fields already solved for when what is left of it is rounding.
-SAME_FIELD = 8 * float(np.finfo(float).eps)
-MOST_FIELDS = 6
-"""Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 HELD = 1e-24
 """Retained unknowns are held well enough when the energy of what they still move is this part of the whole."""
 MOST_ROUNDS = 5
 """Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """A force phi (n,), and what it does.
-
-    Attributes
-    ----------
-    x : (n,) array
-        Its response K^{-1} phi.
-    inside : (n,) array
-        xi, its response while the retained unknowns are held.
-    retained : (m,) array
-        tau, the force that it makes there.
-    """
-
-    phi: Floats
-    x: Floats
-    inside: Floats
-    retained: Floats
-
-    def __add__(self, other: Reduced) -> Reduced:
-        return Reduced(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
-
-    def __sub__(self, other: Reduced) -> Reduced:
-        return Reduced(*(getattr(self, f.name) - getattr(other, f.name) for f in fields(self)))
 
 
 class Condensation:
@@ -119,23 +88,27 @@ class Condensation:
         self._inner = np.ones(n, dtype=bool)
         self._inner[self.retained] = False
         self._rows = system.K[self.retained]
-        self._fields = _Fields(n, 2 * n + len(self.retained), self._done)
+        self._fields = Fields(n, self._done)
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
         """What a force does; if they are remembered, a combination of forces seen before costs no solve."""
-        # Squares of forces, of any unit, are numbers when the largest is of size one.
-        unit, n = power_of_two(np.abs(phi).max(initial=0.0)), len(phi)
-        with np.errstate(over="ignore", invalid="ignore"):
-            done = unit * (self._fields.response(phi / unit) if remembered else self._done(phi / unit))
+        if remembered:
+            parts = self._fields.parts(phi)
+        else:
+            unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
+            parts = {self._fields.alone(phi / unit): unit}
         # Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
-        return Reduced(phi, done[:n], done[n : 2 * n], phi if self.whole else done[2 * n :])
+        tau = [(share, one.retained) for one, share in parts.items()]
+        return Reduced(lambda: phi, parts, parts, phi if self.whole else combined(tau, phi[self.retained]))
 
     def less(self, f: Reduced, c: Floats, remembered: bool = True) -> Reduced:
         """The force without B'c, which pulls at retained unknowns alone: exact however large c (k,) is."""
-        pulled = np.zeros_like(f.phi)
+        if not c.any():
+            return f
+        pulled = np.zeros(len(self._inner))
         pulled[self.retained] = self.operators.rows.pull(c)
-        x = f.x - self.reduce(pulled, remembered).x
-        return Reduced(f.phi - pulled, x, f.inside, f.retained - pulled[self.retained])
+        left = f - self.reduce(pulled, remembered)
+        return Reduced(lambda: f.phi - pulled, left.parts, f.within, f.retained - pulled[self.retained])
 
     def solve(self, phi: Floats) -> Floats:
         """K^{-1} phi, (n,)."""
@@ -167,14 +140,14 @@ class Condensation:
 
     def square(self, y_c: Floats, f: Reduced) -> float:
         """y'Ky."""
-        return float(f.phi @ f.inside) + float(y_c @ (self.operators.K @ y_c))
+        return f.work_inside(f) + float(y_c @ (self.operators.K @ y_c))
 
     def work(self, phi: Reduced, y_c: Floats, f: Reduced) -> float:
         """phi'y, the work of the force phi on the state (y_c, f)."""
-        return float(phi.phi @ f.inside + phi.retained @ y_c)
+        return phi.work_inside(f) + float(phi.retained @ y_c)
 
-    def _done(self, phi: Floats) -> Floats:
-        """x, xi and tau of a force phi (n,), one below the other."""
+    def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats]:
+        """x, xi and tau of a force phi (n,)."""
         x, c = self._factor.solve(phi), self.retained
         xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
         N = self.operators.kernel
@@ -182,7 +155,7 @@ class Condensation:
         if N is not None:
             # Whatever digits xi has lost, the force on K's kernel is that of phi.
             tau += N @ (self._motions.T @ phi - N.T @ tau)
-        return np.concatenate([x, xi, tau])
+        return x, xi, tau
 
     @cached_property
     def _motions(self) -> Floats:
@@ -247,52 +220,3 @@ def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operator
         D=operators.D,
         compliance=operators.compliance,
     )
-
-
-class _Fields:
-    """Responses to forces seen so far, on the unknowns that any of them loads, and to combinations of them.
-
-    Parameters
-    ----------
-    n, k : int
-    solve : callable (n,) -> (k,)
-        The response to a force: linear.
-    """
-
-    def __init__(self, n: int, k: int, solve: Callable[[Floats], Floats]):
-        self._n, self._k, self._solve = n, k, solve
-        self._loaded = np.zeros(0, dtype=np.int64)
-        self._basis: list[tuple[Floats, float, Floats]] = []
-
-    def response(self, phi: Floats) -> Floats:
-        """The response (k,) to a force."""
-        rest = self._compress(phi)
-        size = float(rest @ rest)
-        x = np.zeros(self._k)
-        if size == 0.0:
-            return x
-        for q, square, response in self._basis:
-            share = float(q @ rest) / square
-            rest = rest - share * q
-            x += share * response
-        left = float(rest @ rest)
-        if left <= SAME_FIELD * SAME_FIELD * size:
-            return x
-        if len(self._basis) == MOST_FIELDS:
-            return self._solve(phi)
-        self._basis.append((rest, left, self._solve(self._expand(rest))))
-        return x + self._basis[-1][2]
-
-    def _compress(self, phi: Floats) -> Floats:
-        """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""
-        if np.count_nonzero(phi) != np.count_nonzero(phi[self._loaded]):
-            loaded = np.union1d(self._loaded, np.flatnonzero(phi))
-            self._basis = [(self._expand(q)[loaded], square, x) for q, square, x in self._basis]
-            self._loaded = loaded
-        return phi[self._loaded]
-
-    def _expand(self, compressed: Floats) -> Floats:
-        """The force (n,) with these entries."""
-        phi = np.zeros(self._n)
-        phi[self._loaded] = compressed
-        return phi

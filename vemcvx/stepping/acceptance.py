@@ -24,7 +24,8 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotCertified
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.forces import Reduced
 from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import Norms
 from vemcvx.solvers import Solver
@@ -59,8 +60,7 @@ def caused_beside(
 
 
 def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
-    most = float(np.sqrt(abs(force.phi @ force.x)))
-    return 0.0 if most == 0.0 or not norm <= accuracy * most else caused(condensation, force)
+    return 0.0 if force.norm == 0.0 or not norm <= accuracy * force.norm else caused(condensation, force)
 
 
 def require_certified(

@@ -28,10 +28,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.program.condensation import Condensation, Reduced
+from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
+from vemcvx.program.forces import Reduced
 from vemcvx.program.iterative_refinement import pulled
-from vemcvx.program.scaling import LARGEST, checked_norm, power_of_two
+from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 
@@ -118,10 +119,8 @@ def drive(system: System, condensation: Condensation, t: float) -> StepData:
 
 def in_range(force: Reduced, t: float) -> Reduced:
     """The force, if the energy of what it causes is not too large to be a number."""
-    unit = float(power_of_two(np.abs(force.phi).max(initial=0.0)))
-    norm = unit * float(np.sqrt(abs((force.phi / unit) @ (force.x / unit))))
-    if not norm <= LARGEST:
-        checked_norm(norm, t)
+    if not force.norm <= LARGEST:
+        checked_norm(force.norm, t)
     return force
 
 

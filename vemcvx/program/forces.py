@@ -1,0 +1,185 @@
+"""Forces and what they do, as combinations of a few that are solved for.
+
+A load that keeps its shape, or changes between a few, has the responses of these shapes; products phi'x of combinations
+are those of the shapes. A step then works with as many numbers as there are shapes, and with vectors of all unknowns
+only where somebody asks for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from vemcvx.arrays import Floats
+from vemcvx.program.scaling import power_of_two
+
+# A load is taken for a combination of fields already solved for when what is left of it is rounding.
+SAME_FIELD = 8 * float(np.finfo(float).eps)
+MOST_FIELDS = 6
+"""Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A force of size one that was solved for.
+
+    Attributes
+    ----------
+    phi, x, inside : (n,) arrays
+        The force; K^{-1} phi; xi, the response while the retained unknowns are held.
+    retained : (m,) array
+        tau, the force that it makes there.
+    number : int or None
+        Which of those that are remembered; None if it is not.
+    """
+
+    phi: Floats
+    x: Floats
+    inside: Floats
+    retained: Floats
+    number: int | None = None
+    _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
+
+    def products(self, other: Field) -> tuple[float, float]:
+        """phi'x and phi'xi, with the responses of another field."""
+        if self.number is None or other.number is None:
+            return float(self.phi @ other.x), float(self.phi @ other.inside)
+        if other.number not in self._products:
+            self._products[other.number] = float(self.phi @ other.x), float(self.phi @ other.inside)
+        return self._products[other.number]
+
+
+Parts = dict[Field, float]
+
+
+class Reduced:
+    """A force phi (n,), and what it does.
+
+    Parameters
+    ----------
+    phi : callable () -> (n,)
+    parts : dict of Field to float
+        The combination that the force is, but for rounding.
+    within : dict of Field to float
+        What of it acts inside, where the retained unknowns do not.
+    retained : (m,) array
+        tau, the force that it makes there.
+    """
+
+    def __init__(self, phi: Callable[[], Floats], parts: Parts, within: Parts, retained: Floats):
+        self._phi, self.parts, self.within, self.retained = phi, parts, within, retained
+
+    @cached_property
+    def phi(self) -> Floats:
+        """The force (n,)."""
+        return self._phi()
+
+    @cached_property
+    def x(self) -> Floats:
+        """Its response K^{-1} phi (n,)."""
+        return combined([(share, one.x) for one, share in self.parts.items()], self.phi)
+
+    @cached_property
+    def inside(self) -> Floats:
+        """xi (n,), its response while the retained unknowns are held."""
+        return combined([(share, one.inside) for one, share in self.within.items()], self.phi)
+
+    @cached_property
+    def norm(self) -> float:
+        """(phi'K^{-1}phi)^{1/2}, the energy norm of what it causes."""
+        largest = max(map(abs, self.parts.values()), default=0.0)
+        if not 0 < largest < np.inf:
+            return largest
+        shares = [(one, share / largest) for one, share in self.parts.items()]
+        return largest * float(
+            np.sqrt(abs(sum(a * b * one.products(two)[0] for one, a in shares for two, b in shares)))
+        )
+
+    def work_inside(self, other: Reduced) -> float:
+        """phi'xi, the work on what another force does inside."""
+        pairs = ((one, a, two, b) for one, a in self.within.items() for two, b in other.within.items())
+        return float(sum(a * b * one.products(two)[1] for one, a, two, b in pairs))
+
+    def __add__(self, other: Reduced) -> Reduced:
+        return self._and(other, 1.0)
+
+    def __sub__(self, other: Reduced) -> Reduced:
+        return self._and(other, -1.0)
+
+    def _and(self, other: Reduced, sign: float) -> Reduced:
+        return Reduced(
+            lambda: self.phi + sign * other.phi,
+            _merged(self.parts, other.parts, sign),
+            _merged(self.within, other.within, sign),
+            self.retained + sign * other.retained,
+        )
+
+
+def combined(shares: Sequence[tuple[float, Floats]], like: Floats) -> Floats:
+    """The sum of shares of arrays; zeros like another if there are none."""
+    total = np.zeros_like(like)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for share, array in shares:
+            total += share * array
+    return total
+
+
+def _merged(parts: Parts, others: Parts, sign: float) -> Parts:
+    return {one: parts.get(one, 0.0) + sign * others.get(one, 0.0) for one in {**parts, **others}}
+
+
+class Fields:
+    """Shapes of forces seen so far, on the unknowns that any of them loads.
+
+    Parameters
+    ----------
+    n : int
+    solve : callable (n,) -> three arrays
+        x, xi and tau of a force.
+    """
+
+    def __init__(self, n: int, solve: Callable[[Floats], tuple[Floats, Floats, Floats]]):
+        self._n, self._solve = n, solve
+        self._loaded = np.zeros(0, dtype=np.int64)
+        self._basis: list[tuple[Floats, float, Field]] = []
+
+    def parts(self, phi: Floats) -> Parts:
+        """The combination that a force (n,) is; what is new in it is solved for, and remembered while there is room."""
+        entries = self._compress(phi)
+        # Squares of forces, of any unit, are numbers when the largest is of size one.
+        unit = float(power_of_two(np.abs(entries).max(initial=0.0)))
+        rest = entries / unit
+        size, found = float(rest @ rest), Parts()
+        for q, square, one in self._basis if size > 0.0 else ():
+            share = float(q @ rest) / square
+            rest = rest - share * q
+            found[one] = unit * share
+        left = float(rest @ rest)
+        if left <= SAME_FIELD * SAME_FIELD * size:
+            return found
+        if len(self._basis) == MOST_FIELDS:
+            return {self.alone(phi / unit): unit}
+        new = self.alone(self._expand(rest), len(self._basis))
+        self._basis.append((rest, left, new))
+        return {**found, new: unit}
+
+    def alone(self, phi: Floats, number: int | None = None) -> Field:
+        """A force that is solved for, whatever has been seen."""
+        return Field(phi, *self._solve(phi), number)
+
+    def _compress(self, phi: Floats) -> Floats:
+        """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""
+        if np.count_nonzero(phi) != np.count_nonzero(phi[self._loaded]):
+            loaded = np.union1d(self._loaded, np.flatnonzero(phi))
+            self._basis = [(self._expand(q)[loaded], square, one) for q, square, one in self._basis]
+            self._loaded = loaded
+        return phi[self._loaded]
+
+    def _expand(self, compressed: Floats) -> Floats:
+        """The force (n,) with these entries."""
+        phi = np.zeros(self._n)
+        phi[self._loaded] = compressed
+        return phi

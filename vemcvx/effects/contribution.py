@@ -46,14 +46,18 @@ class Load:
 
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
-        return self.matrix @ self.at(self.points, t).ravel()
+        return self.matrix @ self.values(t)
+
+    def values(self, t: float) -> Floats:
+        """The datum at all points, by which `matrix` is to be multiplied."""
+        return self.at(self.points, t).ravel()
 
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
         dim = self.points.shape[1]
         # Basis functions sum to one, so the rows of one component do to its total.
         scalar = self.matrix.shape[1] == len(self.points)
-        value = self.at(self.points, t).ravel()
+        value = self.values(t)
         nodes = np.ones(self.matrix.shape[0] // dim)
         total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
         return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)

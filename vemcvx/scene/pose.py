@@ -212,13 +212,27 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 
 
 def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
+    """The load of a System; loads on a part of the body touch its unknowns alone."""
+    touched = [(load, *_rows_of(supports.rows_on(load.matrix))) for load in loads if isinstance(load, Load)]
+    others = [load for load in loads if not isinstance(load, Load)]
+
     def load(t: float) -> Floats:
-        f = total_load(loads, A.shape[0], t)
+        f = np.zeros(supports.P.shape[1])
+        for one, rows, matrix in touched:
+            f[rows] += matrix @ one.values(t)
+        for other in others:
+            f += supports.gather(other.vector(t))
         if not supports.still:
-            f -= A @ supports.motion(t)
-        return supports.gather(f)
+            f -= supports.gather(A @ supports.motion(t))
+        return f
 
     return load
+
+
+def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
+    """Which rows of a matrix have entries, and these rows."""
+    rows = np.flatnonzero(np.diff(matrix.indptr)).astype(np.int64)
+    return rows, matrix[rows]
 
 
 def _as_it_is(u: Floats) -> Floats:

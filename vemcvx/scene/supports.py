@@ -68,6 +68,10 @@ class Supports:
         """P'f, forces on the free unknowns."""
         return self.P.T @ f if self.columns is None else f[self.columns]
 
+    def rows_on(self, matrix: sp.csr_matrix) -> sp.csr_matrix:
+        """P' times a matrix (n_u, q)."""
+        return sp.csr_matrix(self.P.T @ matrix) if self.columns is None else sp.csr_matrix(matrix[self.columns])
+
     def motion(self, t: float) -> Floats:
         """The held displacement u_D (n_u,) at the instant `t`, read-only.
 

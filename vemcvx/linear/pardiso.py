@@ -74,14 +74,17 @@ class PardisoFactor(Factor):
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None):
         last = np.zeros(0, dtype=np.int64) if last is None else last
-        self._n, self._last = K.shape[0], np.sort(last)
+        self._n, rising = K.shape[0], np.sort(last)
         # Roots are taken of the same numbers in all units.
         self._unit = float(np.ldexp(1.0, np.frexp(K.diagonal().max(initial=1e-300))[1]))
-        self._pardiso = _with_values(sp.csr_matrix(K / self._unit), self._last)
+        scaled = sp.csr_matrix(K / self._unit)
+        isolated = _schur_of_isolated(scaled, rising)
+        self._last = rising if isolated is None else rising[:0]
+        self._pardiso = _with_values(scaled, self._last)
         own = self._factorised()
-        rank = np.argsort(np.argsort(last))
-        self.schur: Floats = self._unit * own[np.ix_(rank, rank)]
         self._upper: Floats = _cholesky(own)
+        rank = np.argsort(np.argsort(last))
+        self.schur: Floats = self._unit * (own if isolated is None else isolated)[np.ix_(rank, rank)]
         if (EPS * K.diagonal() * self.compliance >= SEEN).any():
             raise singular()
 
@@ -96,7 +99,7 @@ class PardisoFactor(Factor):
         """(n,) the diagonal of K^{-1}, estimated once: the mean squares of SAMPLES x of the covariance K^{-1}."""
         if self._n == 0:
             return np.zeros(0)
-        z = np.random.default_rng(0).standard_normal((self._n, SAMPLES))
+        z = np.random.default_rng(0).standard_normal((SAMPLES, self._n)).T
         if len(self._last):
             z[self._last] = solve_triangular(self._upper, z[self._last])
         x = self._run(BACKWARD, z)
@@ -123,8 +126,7 @@ class PardisoFactor(Factor):
     def _run(self, phase: int, b: Floats) -> Floats:
         b = np.asfortranarray(b, dtype=float)
         x = np.empty_like(b)
-        # PARDISO may use the right side for numbers of its own.
-        self._pardiso.run_phase_into(phase, b.copy(order="F"), x)
+        self._pardiso.run_phase_into(phase, b, x)
         return x
 
 
@@ -154,6 +156,23 @@ def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
         solver.set_perm(chosen)
     solver.set_values(upper.data)
     return solver
+
+
+def _schur_of_isolated(K: sp.csr_matrix, last: Ints) -> Floats | None:
+    """S (m, m) where all other unknowns are coupled to those of S alone, if at all; None where some are to each other.
+
+    Of a diagonal K_ii PARDISO's Schur complements read memory that nobody has written, and may end the process.
+    """
+    inner = np.ones(K.shape[0], dtype=bool)
+    inner[last] = False
+    others = np.flatnonzero(inner)
+    # A few rows tell, as a rule.
+    for some in (others[:64], others):
+        if K[some][:, others].nnz > len(some):
+            return None
+    K_ci = K[last][:, others]
+    S: Floats = K[last][:, last].toarray() - (K_ci @ sp.diags_array(1.0 / K.diagonal()[others]) @ K_ci.T).toarray()
+    return 0.5 * (S + S.T)
 
 
 def _cholesky(S: Floats) -> Floats:

@@ -2,64 +2,84 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 import skfem
-from measure import Row, alternate, in_a_process
-from reference import BOUND, POISSON, YOUNG, elasticity, factor_and_solve, grid, user_step
+from measure import Row, alternate, in_a_process, in_turn
+from paper_scene import POISSON, YOUNG
+from reference import elasticity, grid, user_step
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
 from vemcvx.vem import Space, stiffness
 
+HEAD = """
+import statistics, sys, time
+sys.path.insert(0, {folder!r})
+import numpy as np, vemcvx as vx
+from paper_scene import SCENE
+mesh, marks = vx.meshes.squares({n}), []
+"""
+FACTOR = """
+import scipy.sparse as sp
+from reference import factor_and_solve
+from vemcvx.scene.pose import pose_scene
+system = pose_scene(SCENE, mesh).system
+K, f = sp.csc_matrix(system.K), system.force(1.0)
+wall, cpu = time.perf_counter(), time.process_time()
+factor_and_solve(K, f)
+out = dict(seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu, unknowns=system.n)
+"""
+SIMULATE = """
+wall, cpu = time.perf_counter(), time.process_time()
+h = vx.simulate(SCENE, mesh, np.linspace(0, 1, {steps} + 1), solver={solver}, linear={linear}, store="last",
+                progress=lambda *_: marks.append(time.perf_counter()))
+out = dict(seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu, step=statistics.median(np.diff(marks)),
+           unknowns=h.trajectory.state.shape[1], certified=float(h.trajectory.certificate.max()),
+           **{{name: h.seconds[name] for name in ("assemble", "prepare", "solve")}})
+"""
+LINEAR = {"SuperLU": "vx.SuperLU()", "PARDISO": "vx.Pardiso()"}
 
-def pull(x, t):
-    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
 
-
-SCENE = vx.Scene(
-    vx.Elasticity(YOUNG, POISSON),
-    vx.Clamp(on="right"),
-    vx.Traction(pull, on="left"),
-    vx.BilateralContact(on="bottom"),
-    vx.TrescaFriction(BOUND, on="bottom"),
-)
+def program(body: str, n: int, **given: object) -> str:
+    """The text of a program of its own."""
+    return (HEAD + body).format(folder=str(Path(__file__).parent), n=n, **given)
 
 
 def paper(n: int) -> list[Row]:
     """The paper's reference run (h = k = 1/n) against one factorisation and one solve of the same matrix."""
-    mesh, times = vx.meshes.squares(n), np.linspace(0, 1, n + 1)
-    system = pose_scene(SCENE, mesh).system
-    K, f = sp.csc_matrix(system.K), system.force(1.0)
-    marks: list[float] = []
+    newton = {
+        name: program(SIMULATE, n, steps=n, solver="vx.Newton(accuracy=1e-8)", linear=text)
+        for name, text in LINEAR.items()
+    }
+    found = in_turn({"T0": program(FACTOR, n), **newton})
+    clarabel = {
+        name: program(SIMULATE, n, steps=n, solver="vx.Clarabel(accuracy=1e-6)", linear=text)
+        for name, text in LINEAR.items()
+    }
+    slow = in_turn(clarabel, repeats=1)
+    t0 = found["T0"]
+    one = f"T0: splu factor and solve, {t0['unknowns']:.0f} unknowns"
 
-    def run(solver: vx.Solver) -> None:
-        marks.clear()
-        vx.simulate(
-            SCENE, mesh, times, solver=solver, store="last", progress=lambda *_: marks.append(time.perf_counter())
-        )
+    def row(name: str, run: dict[str, float], wanted: str) -> Row:
+        return Row(name, run["seconds"], one, t0["seconds"], wanted, run["cpu"], t0["cpu"])
 
-    t0, newton = alternate(lambda: factor_and_solve(K, f), lambda: run(vx.Newton(accuracy=1e-8)))
-    step = statistics.median(np.diff(marks))
-    again, clarabel = alternate(lambda: factor_and_solve(K, f), lambda: run(vx.Clarabel(accuracy=1e-6)), repeats=1)
-    full = user_step(n)
-    one = f"T0: splu factor and solve, {system.n} unknowns"
-    return [
-        Row(f"simulate, {n} steps, Newton 1e-8", newton, one, t0, "<= 1.5"),
-        Row("one step after set-up, Newton, median", step, one, t0, "<= 0.005"),
-        Row(f"simulate, {n} steps, Clarabel 1e-6", clarabel, one, again, "<= 7"),
-        Row(
-            f"{n} full-size steps, scikit-fem + cvxpy + Clarabel (one measured)",
-            full * n,
-            "the same by simulate",
-            clarabel,
-            ">= 100",
-        ),
-    ]
+    def part(name: str, seconds: float, wanted: str) -> Row:
+        return Row(name, seconds, one, t0["seconds"], wanted)
+
+    rows = []
+    for name, wanted in (("SuperLU", "<= 1.4"), ("PARDISO", "<= 0.55")):
+        run = found[name]
+        rows += [
+            row(f"simulate, {n} steps, Newton 1e-8, {name}", run, wanted),
+            part(f"of these: assembling and preparing, {name}", run["assemble"] + run["prepare"], ""),
+            part(f"of these: {n} steps, {name}", run["solve"], "<= 0.15"),
+            part(f"one step after set-up, median, {name}", run["step"], "<= 0.0006"),
+        ]
+    rows += [row(f"simulate, {n} steps, Clarabel 1e-6, {name}", slow[name], "<= 5") for name in LINEAR]
+    what = f"{n} full-size steps, scikit-fem + cvxpy + Clarabel (one measured)"
+    return [*rows, Row(what, user_step(n) * n, "the same by simulate", slow["SuperLU"]["seconds"], ">= 100")]
 
 
 def assembly(n: int) -> list[Row]:
@@ -85,29 +105,17 @@ def assemble(mesh: vx.PolygonMesh) -> sp.csr_matrix:
     return stiffness(Space(mesh), np.full(mesh.n_cells, lam), np.full(mesh.n_cells, mu))
 
 
-GROWTH = """
-import sys, time
-sys.path.insert(0, {folder!r})
-import numpy as np, vemcvx as vx
-from cases import SCENE
-mesh = vx.meshes.squares({n})
-start = time.perf_counter()
-h = vx.simulate(SCENE, mesh, np.linspace(0, 1, 21), solver=vx.Newton(accuracy=1e-8), store="last")
-out = dict(n={n}, unknowns=h.trajectory.state.shape[1], seconds=time.perf_counter() - start,
-           certified=float(h.trajectory.certificate.max()), **h.seconds)
-"""
-
-
-def growth(sizes: list[int]) -> list[dict]:
+def growth(sizes: list[int], linear: str) -> list[dict]:
     """20 certified steps on ever finer squares, each in a process of its own for its peak memory."""
-    return [in_a_process(GROWTH.format(folder=str(Path(__file__).parent), n=n)) for n in sizes]
+    given = {"steps": 20, "solver": "vx.Newton(accuracy=1e-8)", "linear": LINEAR[linear]}
+    return [in_a_process(program(SIMULATE, n, **given)) for n in sizes]
 
 
-def growth_row(growth: list[dict]) -> Row:
+def growth_row(growth: list[dict], linear: str) -> Row:
     """The exponent of total time between the smallest and the largest size, as a ratio of logarithms."""
     first, last = growth[0], growth[-1]
     name = (
-        f"growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps (log ratio; largest: "
+        f"growth of time, {first['unknowns']} to {last['unknowns']} unknowns, 20 steps, {linear} (log ratio; largest: "
         f"{last['seconds']:.0f} s, {last['peak_gb']:.1f} GB, certified {last['certified']:.0e})"
     )
     return Row(
@@ -130,13 +138,13 @@ def imports() -> list[Row]:
     return [Row("import vemcvx (whole process)", ours, "import numpy, scipy.sparse", bare, "0.6 s more")]
 
 
-def picture(rows: list[Row], growth: list[dict], path: Path) -> None:
-    """Ratios as bars against what is wanted, and time and memory against unknowns."""
+def picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
+    """Ratios as dots, and time and memory against unknowns."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    figure = Figure(figsize=(11, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    shown = rows[:-1][::-1]
+    shown = [row for row in rows if not row.name.startswith("growth")][::-1]
     left.plot([row.ratio for row in shown], range(len(shown)), "o", color="#33658a")
     left.axvline(1.0, color="#777777", linewidth=0.8)
     for place, row in enumerate(shown):
@@ -148,9 +156,10 @@ def picture(rows: list[Row], growth: list[dict], path: Path) -> None:
     left.set(xscale="log", xlabel="time as a multiple of the reference", title="Ratios, measured side by side")
     left.set_xlim(right=8 * max(row.ratio for row in shown))
     left.grid(axis="x", alpha=0.3)
-    unknowns = np.array([row["unknowns"] for row in growth])
-    right.loglog(unknowns, [row["seconds"] for row in growth], "o-", color="#33658a", label="seconds")
-    right.loglog(unknowns, [row["peak_gb"] for row in growth], "s--", color="#f26419", label="peak memory, GB")
+    for (name, growth), colour in zip(growths.items(), ("#33658a", "#f26419"), strict=True):
+        unknowns = np.array([row["unknowns"] for row in growth])
+        right.loglog(unknowns, [row["seconds"] for row in growth], "o-", color=colour, label=f"{name}: seconds")
+        right.loglog(unknowns, [row["peak_gb"] for row in growth], "s--", color=colour, label=f"{name}: memory, GB")
     slope = growth[0]["seconds"] * (unknowns / unknowns[0]) ** 1.3
     right.loglog(unknowns, slope, ":", color="#777777", label="unknowns$^{1.3}$")
     right.set(xlabel="unknowns", title="20 certified frictional steps on squares")

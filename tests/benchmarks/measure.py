@@ -13,17 +13,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """One measured ratio."""
+    """One measured ratio: wall seconds, and user CPU seconds, which tell a busy machine from a slow program."""
 
     name: str
     seconds: float
     reference: str
     reference_seconds: float
     wanted: str
+    cpu: float | None = None
+    reference_cpu: float | None = None
 
     @property
     def ratio(self) -> float:
         return self.seconds / self.reference_seconds
+
+    @property
+    def cpu_ratio(self) -> float | None:
+        return None if self.cpu is None or self.reference_cpu is None else self.cpu / self.reference_cpu
 
 
 def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
@@ -40,6 +46,15 @@ def alternate(*actions: Callable[[], object], repeats: int = 3) -> list[float]:
             action()
             taken.append(time.perf_counter() - start)
     return [statistics.median(taken) for taken in seconds]
+
+
+def in_turn(codes: dict[str, str], repeats: int = 3) -> dict[str, dict[str, float]]:
+    """Every program in fresh processes, as a user meets it, in turn; the medians of the numbers that each prints."""
+    found: dict[str, list[dict]] = {name: [] for name in codes}
+    for _ in range(repeats):
+        for name, code in codes.items():
+            found[name].append(in_a_process(code))
+    return {name: {key: statistics.median(one[key] for one in runs) for key in runs[0]} for name, runs in found.items()}
 
 
 def in_a_process(code: str) -> dict:

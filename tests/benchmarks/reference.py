@@ -6,10 +6,9 @@ import cvxpy as cp
 import numpy as np
 import scipy.sparse as sp
 import skfem
+from paper_scene import BOUND, POISSON, YOUNG
 from scipy.sparse.linalg import splu
 from skfem.models.elasticity import lame_parameters, linear_elasticity
-
-YOUNG, POISSON, BOUND = 200.0, 0.3, 4.0
 
 
 def factor_and_solve(K: sp.csc_matrix, f: np.ndarray) -> np.ndarray:

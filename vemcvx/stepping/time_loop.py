@@ -17,6 +17,7 @@ from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver
+from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver
 from vemcvx.stepping.backward_euler import step
@@ -86,6 +87,27 @@ def march(
     run = prepare(system, solver, check, condense, linear)
     prepared = time.perf_counter()
     recorder = Recorder(run, instants, kept, storage or Memory(), initial)
+
+    def prepared_for(own: System) -> PreparedRun:
+        return prepare(own, run.solver, False, condense, linear)
+
+    with one_thread(len(run.condensation.retained)):
+        _march(run, recorder, instants, initial, prepared_for=prepared_for, progress=progress)
+        seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
+        return recorder.finish(seconds)
+
+
+def _march(
+    run: PreparedRun,
+    recorder: Recorder,
+    instants: Floats,
+    initial: ArrayLike | str | None,
+    *,
+    prepared_for: Callable[[System], PreparedRun],
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Step from where the recorder is, or from the beginning, to the end; all rows are entered."""
+    system, steps = run.system, len(instants) - 1
     earlier = recorder.begin()
     if earlier is None:
         first = initial_state(run, instants[0], initial)
@@ -95,18 +117,12 @@ def march(
     advance: Callable[[State, int, float], State] = partial(step, run)
     if system.damping is not None:
         state = certified_in_full(run, state)
-
-        def timed(own: System) -> PreparedRun:
-            return prepare(own, run.solver, False, condense, linear)
-
-        advance = ViscousSteps(run, system.damping, instants, timed).step
+        advance = ViscousSteps(run, system.damping, instants, prepared_for).step
     for n in range(begin + 1, steps + 1):
         state = drag(system, state, advance(state, n, instants[n]))
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)
-    seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
-    return recorder.finish(seconds)
 
 
 def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | None, progress: object) -> None:

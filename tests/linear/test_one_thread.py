@@ -1,0 +1,65 @@
+"""Steps work with one BLAS thread, and what was before comes back, however they end."""
+
+from __future__ import annotations
+
+from threading import Thread
+
+import numpy as np
+import pytest
+from scenes import paper_scene, small
+from threadpoolctl import ThreadpoolController, threadpool_limits
+
+import vemcvx as vx
+from vemcvx.linear.one_thread import MANY, one_thread
+
+
+def threads():
+    return {library["num_threads"] for library in ThreadpoolController().info() if library["user_api"] == "blas"}
+
+
+@pytest.fixture(autouse=True)
+def _two():
+    with threadpool_limits(limits=2, user_api="blas"):
+        yield
+
+
+def test_steps_have_one_thread_and_the_process_has_its_own_again():
+    seen = []
+    vx.simulate(paper_scene(), small("squares", 6), np.linspace(0, 1, 4), progress=lambda *_: seen.append(threads()))
+    assert seen == [{1}] * 3
+    assert threads() == {2}
+
+
+def test_a_run_that_ends_with_an_error_gives_them_back():
+    def fail(*_):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        vx.simulate(paper_scene(), small("squares", 6), [0.0, 1.0], progress=fail)
+    assert threads() == {2}
+
+
+def test_other_threads_leave_the_process_as_it_is():
+    seen = []
+
+    def beside():
+        with one_thread(10):
+            seen.append(threads())
+
+    thread = Thread(target=beside)
+    thread.start()
+    thread.join()
+    assert seen == [{2}]
+
+
+def test_runs_within_runs_nest():
+    with one_thread(10):
+        with one_thread(10):
+            assert threads() == {1}
+        assert threads() == {1}
+    assert threads() == {2}
+
+
+def test_large_matrices_keep_all_threads():
+    with one_thread(MANY):
+        assert threads() == {2}

@@ -314,3 +314,22 @@ def test_refined_states_keep_the_kind_of_their_certificate():
     run = vx.march(without_slope(system), [0.0, 1.0], solver=vx.Newton(1e-4))
     assert run.certificate_kind == "estimate"
     assert 0 < run.certificate[-1] <= 1e-4
+
+
+def test_open_places_keep_their_slips_where_states_are_refined(monkeypatch):
+    """A multiplier of 1e-18 points anywhere; to turn a slip of 3e-5 after it left the step out of balance by 4e-3."""
+    monkeypatch.setattr("vemcvx.stepping.state.needs_refinement", lambda *_: True)
+
+    def pull(x, t):
+        return np.column_stack([min(3 * t, 1) * np.sin(7 * t) * (0.75 + 0.5 * x[:, 1]), np.zeros(len(x))])
+
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Traction(pull, on="left"),
+        vx.Pressure(lambda x, t: 2 * min(3 * t, 1) * (1 + 0.3 * x[:, 0]), on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.5, on="bottom"),
+    )
+    run = vx.simulate(scene, vx.meshes.triangles(9), np.linspace(0, 0.4, 5), solver=vx.Newton(accuracy=1e-10))
+    assert (run.contact.open_count[1:] > 0).any()
+    assert run.certificate.max() < 1e-10

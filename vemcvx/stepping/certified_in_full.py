@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
+from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import EPS
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts
@@ -33,7 +34,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     )
     # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
     slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
-    lawful = np.where(stick[:, None], slip, along(lam, slip))
+    lawful = _lawful(attempt.run.operators, state.capped_weights, lam=lam, slip=slip, stick=stick)
     y[retained[operators.rows.columns]] += (lawful - slip).ravel() / operators.B.data
     slip, moved, excess = lawful, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
     over = limit_gaps(operators.compliance, p, excess, EPS * (np.abs(remaining_gap) + np.abs(excess)))
@@ -61,11 +62,18 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     )
 
 
-def along(lam: Floats, slip: Floats) -> Floats:
-    """The slips (m, block) nearest to those given that point where their multipliers do; any where these vanish."""
+def _lawful(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
+    """Slips (m, block) that point where their multipliers do, but for those that stick.
+
+    A slip that is turned by e costs an energy of e^2 / 2 over the term's flexibility at least, and is left as it is
+    where it costs no more than that: where contact is open, the direction of a multiplier is that of rounding.
+    """
     square = np.einsum("ij,ij->i", lam, lam)
     share = np.divide(np.einsum("ij,ij->i", lam, slip), square, out=np.zeros_like(square), where=square > 0)
-    return np.where(square[:, None] > 0, np.maximum(share, 0.0)[:, None] * lam, slip)
+    turned = np.where(square[:, None] > 0, np.maximum(share, 0.0)[:, None] * lam, slip)
+    cost = 0.5 * np.einsum("ij,ij->i", turned - slip, turned - slip)
+    stays = stick | (cost >= operators.norm_flexibility * norm_gaps(w, lam, slip))
+    return np.where(stays[:, None], slip, turned)
 
 
 def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:

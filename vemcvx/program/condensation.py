@@ -68,7 +68,7 @@ class Condensation:
         self.linear = choose_linear(n, linear)
         limits = system.limits
         D, compliance = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.compliances)
-        retained = np.unique(np.concatenate([A.indices[A.data != 0] for A in (B, D)])).astype(np.int64)
+        retained = system.retained
         anchor = _anchors(system, retained, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and self.linear.eliminates)

@@ -285,6 +285,14 @@ class System:
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
+    @property
+    def retained(self) -> Ints:
+        """(m,) the unknowns that norm terms or limits read: all others are eliminated."""
+        matrices = [] if self.norms is None else [self.norms.B]
+        matrices += [] if self.limits is None else [self.limits.D]
+        read: list[Ints] = [A.indices[A.data != 0].astype(np.int64) for A in matrices]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *read]))
+
     def elimination_order(self) -> Ints | None:
         """(n,) the order of elimination, if there is one."""
         if not callable(self.order):

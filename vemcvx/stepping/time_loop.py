@@ -84,14 +84,14 @@ def march(
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
     start = time.perf_counter()
-    run = prepare(system, solver, check, condense, linear)
-    prepared = time.perf_counter()
-    recorder = Recorder(run, instants, kept, storage or Memory(), initial)
+    with one_thread(len(system.retained) if condense else system.n):
+        run = prepare(system, solver, check, condense, linear)
+        prepared = time.perf_counter()
+        recorder = Recorder(run, instants, kept, storage or Memory(), initial)
 
-    def prepared_for(own: System) -> PreparedRun:
-        return prepare(own, run.solver, False, condense, linear)
+        def prepared_for(own: System) -> PreparedRun:
+            return prepare(own, run.solver, False, condense, linear)
 
-    with one_thread(len(run.condensation.retained)):
         _march(run, recorder, instants, initial, prepared_for=prepared_for, progress=progress)
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
         return recorder.finish(seconds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from threading import Thread
 
 import numpy as np
@@ -14,14 +15,16 @@ from vemcvx.linear.one_thread import MANY, one_thread
 
 
 def threads():
-    return {library["num_threads"] for library in ThreadpoolController().info() if library["user_api"] == "blas"}
+    """Of the libraries of NumPy and SciPy; solvers that are imported later may bring their own."""
+    found = [library for library in ThreadpoolController().info() if library["user_api"] == "blas"]
+    return {one["num_threads"] for one in found if Path(one["filepath"]).parent.name in ("numpy.libs", "scipy.libs")}
 
 
 @pytest.fixture(autouse=True)
 def before():
-    """Two threads, but for libraries that have no more than one."""
     with threadpool_limits(limits=2, user_api="blas"):
-        assert 2 in threads()
+        if threads() != {2}:
+            pytest.skip("NumPy and SciPy have a BLAS of one thread, or none of their own")
         yield threads()
 
 

@@ -38,7 +38,7 @@ OWN_SETTINGS, METIS, FROM_ZERO, SCHUR_AND_FACTORS = (0, 1), (1, 2), (34, 1), (35
 class Pardiso(LinearSolver):
     """oneMKL's PARDISO (extra ``mkl``; x86-64 on Linux and Windows): a few times as fast as SuperLU, on one thread.
 
-    The default from some thousand unknowns on where it is installed (:func:`vemcvx.linear.choose_linear`).
+    The default from a thousand unknowns on where it is installed (:func:`vemcvx.linear.choose_linear`).
     """
 
     eliminates: ClassVar[bool] = True
@@ -50,10 +50,10 @@ class Pardiso(LinearSolver):
         return find_spec(PACKAGE) is not None
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
-        return PardisoFactor(K)
+        return PardisoFactor(K).definite()
 
     def eliminate(self, K: sp.csr_matrix, order: Ints | None, last: Ints) -> tuple[PardisoFactor, Floats]:
-        factor = PardisoFactor(K, last)
+        factor = PardisoFactor(K, last).definite()
         return factor, factor.schur
 
 
@@ -68,8 +68,7 @@ class PardisoFactor(Factor):
     Raises
     ------
     SceneError
-        K is not positive definite: a pivot is not positive, or EPS K_ii (K^{-1})_ii >= 1 for some i, so that K differs
-        by no more than its rounding from a singular matrix.
+        A pivot is not positive.
     """
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None):
@@ -85,8 +84,16 @@ class PardisoFactor(Factor):
         self._upper: Floats = _cholesky(own)
         rank = np.argsort(np.argsort(last))
         self.schur: Floats = self._unit * (own if isolated is None else isolated)[np.ix_(rank, rank)]
-        if (EPS * K.diagonal() * self.compliance >= SEEN).any():
+        self._diagonal = K.diagonal()
+
+    def definite(self) -> PardisoFactor:
+        """The factor itself; SceneError if K differs by no more than rounding from a singular matrix.
+
+        That is where EPS K_ii (K^{-1})_ii >= 1 for some i.
+        """
+        if (EPS * self._diagonal * self.compliance >= SEEN).any():
             raise singular()
+        return self
 
     def solve(self, b: Floats) -> Floats:
         return self._run(SOLVE, b) / self._unit if b.any() else np.zeros_like(b)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -252,7 +252,7 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
 def test_what_is_not_installed_is_not_chosen(monkeypatch):
     monkeypatch.setattr(vx.linear.pardiso, "PACKAGE", "not_there_at_all")
     assert choose_linear(1_000_000) == SuperLU()
-    with pytest.raises(vx.NotAccepted, match=r"^Pardiso: the package py-mkl-pardiso is not installed; pip .*SuperLU"):
+    with pytest.raises(vx.NotAccepted, match=r"^Pardiso: the package py-mkl-pardiso .* not installed; pip .*SuperLU"):
         vx.Pardiso().factorise(sp.eye_array(3, format="csr"))
 
 
@@ -268,6 +268,7 @@ class Eliminating(Another):
     eliminates = True
 
     def eliminate(self, K, order, last):
+        assert np.array_equal(np.sort(order), np.arange(K.shape[0]))
         return SuperLU().eliminate(K, order, last)
 
 
@@ -279,6 +280,8 @@ def test_programs_are_condensed_by_whoever_eliminates():
     assert not condensed.whole
     assert np.array_equal(condensed.retained, ours.retained)
     assert np.array_equal(condensed.operators.K, ours.operators.K)
+    plain = Condensation(replace(system, order=None), linear=Eliminating())
+    assert np.abs(plain.operators.K - ours.operators.K).max() < 1e-12 * np.abs(ours.operators.K).max()
 
 
 def test_who_cannot_eliminate_says_so():
@@ -309,6 +312,14 @@ def test_indefinite_matrices_are_refused(K, terms, linear, condense):
     system = vx.System(K, lambda t: t * np.ones(len(K)), norms=norms)
     with pytest.raises(vx.SceneError, match="singular or indefinite.*the K of a System must be positive definite"):
         vx.march(system, [0, 1], linear=linear, condense=condense)
+
+
+@pytest.mark.parametrize("linear", DIRECT, ids=str)
+@pytest.mark.parametrize("last", [[], [0]], ids=["whole", "condensed"])
+def test_diagonals_with_missing_entries_are_refused(linear, last):
+    K = sp.csr_matrix(np.array([[2, 0.1, 0, 0], [0.1, 0, 1, 0], [0, 1, 3, 0.2], [0, 0, 0.2, 3]]))
+    with pytest.raises(vx.SceneError, match="singular or indefinite"):
+        linear.eliminate(K, None, np.array(last, dtype=np.int64))
 
 
 @pytest.mark.parametrize("linear", DIRECT, ids=str)

@@ -315,3 +315,28 @@ def test_a_start_out_of_balance_is_left_at_the_first_step():
     assert 1e-7 < history.certificate[0] <= 1e-6
     assert (history.certificate[1:] <= 1e-8).all()
     assert (history.certificate_total >= history.certificate[0]).all()
+
+
+@pytest.mark.parametrize(("stiffness", "force"), [(2.0**-332, 2.0**-541), (2.0**398, 2.0**515)])
+def test_energies_are_numbers_where_squares_of_forces_are_none(stiffness, force):
+    """Energies are force^2 / stiffness: 2^-750 and 2^632; force^2 would be 2^-1082 and 2^1030."""
+    chain = np.diag(np.full(12, 2.1)) - np.eye(12, k=1) - np.eye(12, k=-1)
+    pull = np.random.default_rng(0).standard_normal(12)
+
+    def run(stiffness, force):
+        norms = vx.Norms(np.eye(12)[[3, 8]], lambda t: 0.2 * force * np.ones(2))
+        return vx.march(vx.System(stiffness * chain, lambda t: t * force * pull, norms), [0.0, 0.5, 1.0], check=False)
+
+    assert np.array_equal(run(stiffness, force).energy, (force / stiffness) * force * run(1.0, 1.0).energy)
+
+
+def test_the_norm_of_what_is_left_of_forces_keeps_its_digits():
+    """Fields that are not remembered are not orthogonal: 1e-11 of a force, as a difference."""
+    chain = np.diag(np.full(12, 2.1)) - np.eye(12, k=1) - np.eye(12, k=-1)
+    condensation = Condensation(vx.System(chain, lambda t: np.zeros(12), vx.Norms(np.eye(12)[[3, 8]], 1.0)))
+    c = np.array([1.0, -2.0])
+    phi = np.zeros(12)
+    phi[[3, 8]] = c
+    left = condensation.less(condensation.reduce(phi, remembered=False), (1 - 1e-11) * c, remembered=False)
+    exact = 1e-11 * np.sqrt(phi @ np.linalg.solve(chain, phi))
+    assert left.norm == pytest.approx(exact, rel=1e-4)

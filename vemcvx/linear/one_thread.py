@@ -19,7 +19,7 @@ wall and 1.3 s of CPU time with two."""
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """The BLAS libraries of NumPy and SciPy; to look for them takes some milliseconds."""
+    """The BLAS libraries that are there at the first run, NumPy's and SciPy's; to look for them takes milliseconds."""
     return ThreadpoolController()
 
 

@@ -11,6 +11,7 @@ It orders the unknowns by itself (METIS) and runs on one thread in the wheel of 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -23,7 +24,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
-from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
 
 EPS = float(np.finfo(float).eps)
 PACKAGE = "pymklpardiso"
@@ -46,8 +47,8 @@ class Pardiso(LinearSolver):
 
     @staticmethod
     def installed() -> bool:
-        """Whether the package that has it is there."""
-        return find_spec(PACKAGE) is not None
+        """Whether the package that has it is there, and has what is used of it."""
+        return _package() is not None
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
         return PardisoFactor(K).definite()
@@ -68,11 +69,14 @@ class PardisoFactor(Factor):
     Raises
     ------
     SceneError
-        A pivot is not positive.
+        A pivot is not positive, or an entry of the diagonal.
     """
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None):
         last = np.zeros(0, dtype=np.int64) if last is None else last
+        if not (K.diagonal() > 0).all():
+            # PARDISO ends the process where an entry of the diagonal is missing.
+            raise singular()
         self._n, rising = K.shape[0], np.sort(last)
         # Roots are taken of the same numbers in all units.
         self._unit = float(np.ldexp(1.0, np.frexp(K.diagonal().max(initial=1e-300))[1]))
@@ -89,7 +93,7 @@ class PardisoFactor(Factor):
     def definite(self) -> PardisoFactor:
         """The factor itself; SceneError if K differs by no more than rounding from a singular matrix.
 
-        That is where EPS K_ii (K^{-1})_ii >= 1 for some i.
+        That is where EPS K_ii (K^{-1})_ii >= 1 for some i, by an estimate that is taken for ten times as large.
         """
         if (EPS * self._diagonal * self.compliance >= SEEN).any():
             raise singular()
@@ -99,7 +103,7 @@ class PardisoFactor(Factor):
         return self._run(SOLVE, b) / self._unit if b.any() else np.zeros_like(b)
 
     def random_energy(self, size: Floats) -> float:
-        return float(size**2 @ self.compliance)
+        return weighted(size, self.compliance)
 
     @cached_property
     def compliance(self) -> Floats:
@@ -137,15 +141,23 @@ class PardisoFactor(Factor):
         return x
 
 
+def _package() -> Any:
+    """The package, if it is there and has the solver that is used of it; else None."""
+    if find_spec(PACKAGE) is None:
+        return None
+    with suppress(ImportError):
+        package = import_module(PACKAGE)
+        return package if hasattr(package, "_PardisoSolver") else None
+    return None
+
+
 def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
     """A solver of the package that holds the upper triangle of K."""
-    try:
-        package = import_module(PACKAGE)
-    except ImportError as error:
+    if (package := _package()) is None:
         raise NotAccepted(
-            "Pardiso: the package py-mkl-pardiso is not installed; pip install 'vemcvx[mkl]' (x86-64 on Linux and "
-            "Windows), or use SuperLU()."
-        ) from error
+            "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
+            "(x86-64 on Linux and Windows), or use SuperLU()."
+        )
     upper = sp.csr_matrix(sp.triu(K, format="csr"))
     upper.sort_indices()
     # Its class for users looks at every row in a Python loop first: a fifth of the factorisation.

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular
+from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
 from vemcvx.linear.ordering import minimum_degree
 
 EPS = float(np.finfo(float).eps)
@@ -101,7 +101,7 @@ class PositiveFactor(SparseFactor):
             _release(copied)
 
     def random_energy(self, size: Floats) -> float:
-        return float(size**2 @ self.compliance)
+        return weighted(size, self.compliance)
 
     @cached_property
     def compliance(self) -> Floats:

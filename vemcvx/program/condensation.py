@@ -31,6 +31,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.linear.ordering import minimum_degree
 from vemcvx.program.forces import Fields, Reduced, combined
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
@@ -73,7 +74,7 @@ class Condensation:
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and self.linear.eliminates)
         if not self.whole:
-            order = None if self.linear.orders else system.elimination_order()
+            order = None if self.linear.orders else self._order()
             self.retained: Ints = retained
             self._factor, S = self.linear.eliminate(self.regular, order, retained)
             B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])
@@ -89,6 +90,11 @@ class Condensation:
         self._inner[self.retained] = False
         self._rows = system.K[self.retained]
         self._fields = Fields(n, self._done)
+
+    def _order(self) -> Ints:
+        """The order of elimination of the system; if it has none, one computed from K."""
+        order = self.system.elimination_order()
+        return minimum_degree(self.regular) if order is None else order
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
         """What a force does; if they are remembered, a combination of forces seen before costs no solve."""

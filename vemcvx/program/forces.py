@@ -24,7 +24,7 @@ MOST_FIELDS = 6
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A force of size one that was solved for.
+    """A force, its unit taken off, that was solved for.
 
     Attributes
     ----------
@@ -93,6 +93,9 @@ class Reduced:
         largest = max(map(abs, self.parts.values()), default=0.0)
         if not 0 < largest < np.inf:
             return largest
+        if any(one.number is None for one in self.parts):
+            # Of parts that are not orthogonal the products may cancel.
+            return largest * float(np.sqrt(abs((self.phi / largest) @ (self.x / largest))))
         shares = [(one, share / largest) for one, share in self.parts.items()]
         return largest * float(
             np.sqrt(abs(sum(a * b * one.products(two)[0] for one, a in shares for two, b in shares)))
@@ -101,7 +104,8 @@ class Reduced:
     def work_inside(self, other: Reduced) -> float:
         """phi'xi, the work on what another force does inside."""
         pairs = ((one, a, two, b) for one, a in self.within.items() for two, b in other.within.items())
-        return float(sum(a * b * one.products(two)[1] for one, a, two, b in pairs))
+        # Each share carries the unit of its force: the product of two may be no number where that of all three is.
+        return float(sum(a * (b * one.products(two)[1]) for one, a, two, b in pairs))
 
     def __add__(self, other: Reduced) -> Reduced:
         return self._and(other, 1.0)

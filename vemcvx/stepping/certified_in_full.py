@@ -65,8 +65,8 @@ def refined_state(attempt: PosedStep, state: State) -> State:
 def _lawful(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
     """Slips (m, block) that point where their multipliers do, but for those that stick.
 
-    A slip that is turned by e costs an energy of e^2 / 2 over the term's flexibility at least, and is left as it is
-    where it costs no more than that: where contact is open, the direction of a multiplier is that of rounding.
+    A slip that is turned by e costs an energy of about e^2 / 2 over the term's flexibility, and is left as it is where
+    it costs no more than that: where contact is open, the direction of a multiplier is that of rounding.
     """
     square = np.einsum("ij,ij->i", lam, lam)
     share = np.divide(np.einsum("ij,ij->i", lam, slip), square, out=np.zeros_like(square), where=square > 0)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
-from vemcvx.linear import LinearSolver
+from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver
@@ -84,7 +84,8 @@ def march(
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
     start = time.perf_counter()
-    with one_thread(len(system.retained) if condense else system.n):
+    condensed = condense and choose_linear(system.n, linear).eliminates
+    with one_thread(len(system.retained) if condensed else system.n):
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)

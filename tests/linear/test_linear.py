@@ -249,6 +249,16 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
     assert chosen == (Multigrid() if find_spec("pyamg") else direct)
 
 
+def test_a_run_chooses_once(monkeypatch, caplog):
+    """Also where steps of several lengths are factorised for: what is said of the choice is said once."""
+    pytest.importorskip("pyamg")
+    monkeypatch.setattr("vemcvx.linear.default.LARGEST_FACTOR", 10)
+    scene = vx.Scene(*paper_scene(), vx.Viscosity(0.1, 0.1))
+    with caplog.at_level("INFO", logger="vemcvx"):
+        vx.simulate(scene, small("squares", 6), [0.0, 0.1, 0.3])
+    assert caplog.text.count("linear solver: Multigrid") == 1
+
+
 def test_what_is_not_installed_is_not_chosen(monkeypatch):
     monkeypatch.setattr(vx.linear.pardiso, "PACKAGE", "not_there_at_all")
     assert choose_linear(1_000_000) == SuperLU()

@@ -84,8 +84,8 @@ def march(
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
     start = time.perf_counter()
-    condensed = condense and choose_linear(system.n, linear).eliminates
-    with one_thread(len(system.retained) if condensed else system.n):
+    linear = choose_linear(system.n, linear)
+    with one_thread(len(system.retained) if condense and linear.eliminates else system.n):
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)

@@ -84,15 +84,15 @@ class LinearSolver(ABC):
     orders: ClassVar[bool] = False
     """Whether it orders the unknowns by itself; none is then computed for it."""
 
-    def eliminate(self, K: sp.csr_matrix, order: Ints | None, last: Ints) -> tuple[Factor, Floats]:
+    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[Factor, Floats]:
         """Factorise K (n, n), symmetric positive definite, with the unknowns `last` last.
 
         This should cost little more than to factorise. It is called only where the class says that it `eliminates`.
 
         Parameters
         ----------
-        order : (n,) permutation, or None
-            An order of elimination with little fill; None where the class says that it `orders`.
+        order : (n,) permutation
+            An order of elimination with little fill; a solver may take another. Any, where the class says it `orders`.
         last : (m,) array
             Numbers of the unknowns that are not eliminated.
 

@@ -53,7 +53,7 @@ class Pardiso(LinearSolver):
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
         return PardisoFactor(K).definite()
 
-    def eliminate(self, K: sp.csr_matrix, order: Ints | None, last: Ints) -> tuple[PardisoFactor, Floats]:
+    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[PardisoFactor, Floats]:
         factor = PardisoFactor(K, last).definite()
         return factor, factor.schur
 

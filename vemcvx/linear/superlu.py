@@ -17,7 +17,6 @@ from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
-from vemcvx.linear.ordering import minimum_degree
 
 EPS = float(np.finfo(float).eps)
 
@@ -37,8 +36,7 @@ class SuperLU(LinearSolver):
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PositiveFactor:
         return PositiveFactor(K)
 
-    def eliminate(self, K: sp.csr_matrix, order: Ints | None, last: Ints) -> tuple[PositiveFactor, Floats]:
-        order = minimum_degree(K) if order is None else order
+    def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[PositiveFactor, Floats]:
         at_end = np.zeros(K.shape[0], dtype=bool)
         at_end[last] = True
         factor = PositiveFactor(K, np.concatenate([order[~at_end[order]], last]), len(last))

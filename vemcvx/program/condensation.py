@@ -74,7 +74,7 @@ class Condensation:
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))
         self.whole = not (condense and self.linear.eliminates)
         if not self.whole:
-            order = None if self.linear.orders else self._order()
+            order = np.arange(n) if self.linear.orders else self._order()
             self.retained: Ints = retained
             self._factor, S = self.linear.eliminate(self.regular, order, retained)
             B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])

@@ -1,4 +1,4 @@
-"""Arrays: their types, what users hand in made real numbers of or refused in one sentence, sums, and declared sizes."""
+"""Arrays: their types, what users hand in made real numbers of or refused in one sentence, powers of two, sums, sizes."""
 
 from __future__ import annotations
 
@@ -22,6 +22,12 @@ def read_only(array: Array) -> Array:
     """The same array, which from now on refuses to be written to."""
     array.flags.writeable = False
     return array
+
+
+def power_of_two(x: Floats | float) -> Floats:
+    """The power of two next above |x|, elementwise; 1 for 0."""
+    mantissa, exponent = np.frexp(x)
+    return np.ldexp(1.0, np.where(mantissa == 0, 0, exponent))
 
 
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:

@@ -12,7 +12,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
 
 Matrix = Floats | sp.csr_matrix
@@ -24,7 +24,7 @@ SAMPLES = 8
 
 def weighted(size: Floats, compliance: Floats) -> float:
     """sum size_i^2 compliance_i, a number where the squares of forces are none."""
-    unit = float(np.ldexp(1.0, np.frexp(size.max(initial=1e-300))[1]))
+    unit = float(power_of_two(size.max(initial=0.0)))
     return unit * (unit * float((size / unit) ** 2 @ compliance))
 
 

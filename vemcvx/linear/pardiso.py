@@ -22,7 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import cholesky, solve_triangular
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
 
@@ -79,7 +79,7 @@ class PardisoFactor(Factor):
             raise singular()
         self._n, rising = K.shape[0], np.sort(last)
         # Roots are taken of the same numbers in all units.
-        self._unit = float(np.ldexp(1.0, np.frexp(K.diagonal().max(initial=1e-300))[1]))
+        self._unit = float(power_of_two(K.diagonal().max(initial=0.0)))
         scaled = sp.csr_matrix(K / self._unit)
         isolated = _schur_of_isolated(scaled, rising)
         self._last = rising if isolated is None else rising[:0]

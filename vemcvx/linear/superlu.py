@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, power_of_two
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
 
 EPS = float(np.finfo(float).eps)
@@ -115,7 +115,7 @@ class PositiveFactor(SparseFactor):
         Their responses are of the covariance K^{-1} / u. With u a power of two roots are taken of the same numbers in
         all units.
         """
-        unit = float(np.ldexp(1.0, np.frexp(D.max(initial=1e-300))[1]))
+        unit = float(power_of_two(D.max(initial=0.0)))
         z = np.random.default_rng(0).standard_normal((len(D), SAMPLES))
         forces = np.empty_like(z)
         forces[self._order] = (L @ (np.sqrt(D / unit)[:, None] * z))[self._lu.perm_c]

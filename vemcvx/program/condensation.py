@@ -28,14 +28,13 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.linear.ordering import minimum_degree
 from vemcvx.program.forces import Fields, Reduced, combined
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
-from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import System
 
 HELD = 1e-24

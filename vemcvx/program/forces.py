@@ -13,8 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats
-from vemcvx.program.scaling import power_of_two
+from vemcvx.arrays import Floats, power_of_two
 
 # A load is taken for a combination of fields already solved for when what is left of it is rounding.
 SAME_FIELD = 8 * float(np.finfo(float).eps)

@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 
 from vemcvx.arguments import called, function
-from vemcvx.arrays import Floats, as_real_array, brief
+from vemcvx.arrays import Floats, as_real_array, brief, power_of_two
 from vemcvx.errors import SceneError
 
 # The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so
@@ -91,7 +91,7 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
     """(m,) stiffness at as many unknowns as there are modes (m, k), those that tell them apart best; else zero."""
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness = np.zeros(len(modes))
-    stiffness[picked] = ANCHOR * np.ldexp(1.0, np.frexp(diagonal[picked])[1])
+    stiffness[picked] = ANCHOR * power_of_two(diagonal[picked])
     return stiffness
 
 

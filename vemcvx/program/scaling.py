@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import SceneError
 from vemcvx.linear import Matrix, Scaled
 from vemcvx.program.operators import Operators
@@ -46,12 +46,6 @@ CAP = 16.0
 
 NOTHING = 2.0**-40
 """Stiffness beside that of an anchor which is rounding."""
-
-
-def power_of_two(x: Floats | float) -> Floats:
-    """The power of two next above |x|, elementwise; 1 for 0."""
-    mantissa, exponent = np.frexp(x)
-    return np.ldexp(1.0, np.where(mantissa == 0, 0, exponent))
 
 
 def checked_norm(norm: float, t: float) -> float:

@@ -21,12 +21,11 @@ import logging
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import NotCertified
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced
-from vemcvx.program.scaling import power_of_two
 from vemcvx.program.system import Norms
 from vemcvx.solvers import Solver
 from vemcvx.stepping.ledger import StepData

@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, power_of_two
 from vemcvx.program.certificate import Certificate, certify, limit_gaps, norm_gaps, rounding_floor
-from vemcvx.program.scaling import SMALLEST, checked_norm, power_of_two
+from vemcvx.program.scaling import SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import Norms
 from vemcvx.program.tolerances import ASKED_AGAIN

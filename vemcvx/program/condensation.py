@@ -28,7 +28,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, power_of_two
+from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.linear.ordering import minimum_degree
@@ -97,11 +97,7 @@ class Condensation:
 
     def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
         """What a force does; if they are remembered, a combination of forces seen before costs no solve."""
-        if remembered:
-            parts = self._fields.parts(phi)
-        else:
-            unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
-            parts = {self._fields.alone(phi / unit): unit}
+        parts = self._fields.parts(phi) if remembered else self._fields.afresh(phi)
         # Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
         tau = [(share, one.retained) for one, share in parts.items()]
         return Reduced(lambda: phi, parts, parts, phi if self.whole else combined(tau, phi[self.retained]))

@@ -96,9 +96,8 @@ class Reduced:
             # Of parts that are not orthogonal the products may cancel.
             return largest * float(np.sqrt(abs((self.phi / largest) @ (self.x / largest))))
         shares = [(one, share / largest) for one, share in self.parts.items()]
-        return largest * float(
-            np.sqrt(abs(sum(a * b * one.products(two)[0] for one, a in shares for two, b in shares)))
-        )
+        square = sum(a * b * one.products(two)[0] for one, a in shares for two, b in shares)
+        return largest * float(np.sqrt(abs(square)))
 
     def work_inside(self, other: Reduced) -> float:
         """phi'xi, the work on what another force does inside."""
@@ -164,13 +163,17 @@ class Fields:
         if left <= SAME_FIELD * SAME_FIELD * size:
             return found
         if len(self._basis) == MOST_FIELDS:
-            return {self.alone(phi / unit): unit}
-        new = self.alone(self._expand(rest), len(self._basis))
+            return self.afresh(phi)
+        new = self._solved(self._expand(rest), len(self._basis))
         self._basis.append((rest, left, new))
         return {**found, new: unit}
 
-    def alone(self, phi: Floats, number: int | None = None) -> Field:
-        """A force that is solved for, whatever has been seen."""
+    def afresh(self, phi: Floats) -> Parts:
+        """A force (n,) that is solved for whatever has been seen, and not remembered."""
+        unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
+        return {self._solved(phi / unit): unit}
+
+    def _solved(self, phi: Floats, number: int | None = None) -> Field:
         return Field(phi, *self._solve(phi), number)
 
     def _compress(self, phi: Floats) -> Floats:

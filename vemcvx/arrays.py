@@ -1,4 +1,4 @@
-"""Arrays: their types, what users hand in made real numbers of or refused in one sentence, powers of two, sums, sizes."""
+"""Arrays: types, what users hand in made real numbers of or refused in one sentence, powers of two, sums, sizes."""
 
 from __future__ import annotations
 

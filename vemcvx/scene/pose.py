@@ -213,7 +213,7 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 
 def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
     """The load of a System; loads on a part of the body touch its unknowns alone."""
-    touched = [(load, *_rows_of(supports.rows_on(load.matrix))) for load in loads if isinstance(load, Load)]
+    touched = [(load, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
     others = [load for load in loads if not isinstance(load, Load)]
 
     def load(t: float) -> Floats:
@@ -231,8 +231,9 @@ def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports:
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
     """Which rows of a matrix have entries, and these rows."""
-    rows = np.flatnonzero(np.diff(matrix.indptr)).astype(np.int64)
-    return rows, matrix[rows]
+    by_rows = sp.csr_matrix(matrix)
+    rows = np.flatnonzero(np.diff(by_rows.indptr)).astype(np.int64)
+    return rows, by_rows[rows]
 
 
 def _as_it_is(u: Floats) -> Floats:

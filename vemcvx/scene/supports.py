@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.errors import SceneError
+
+Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
 # Two directions closer than this are one: unit normals of straight sides agree to about 1e-15 h / |e|,
 # and no mesh is meant to resolve corners of 1e-9 rad.
@@ -64,13 +67,9 @@ class Supports:
         """Where the i-th of these nodes is, in words."""
         return lambda i: f"node {nodes[i]} at {tuple(float(x) for x in np.round(self.points[nodes[i]], 12))}"
 
-    def gather(self, f: Floats) -> Floats:
-        """P'f, forces on the free unknowns."""
+    def gather(self, f: Forces) -> Forces:
+        """P'f, forces on the free unknowns: a vector (n_u,), or a sparse matrix (n_u, q)."""
         return self.P.T @ f if self.columns is None else f[self.columns]
-
-    def rows_on(self, matrix: sp.csr_matrix) -> sp.csr_matrix:
-        """P' times a matrix (n_u, q)."""
-        return sp.csr_matrix(self.P.T @ matrix) if self.columns is None else sp.csr_matrix(matrix[self.columns])
 
     def motion(self, t: float) -> Floats:
         """The held displacement u_D (n_u,) at the instant `t`, read-only.

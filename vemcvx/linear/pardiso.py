@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,7 +47,7 @@ class Pardiso(LinearSolver):
     @staticmethod
     def installed() -> bool:
         """Whether the package that has it is there, and has what is used of it."""
-        return _package() is not None
+        return _solver_class() is not None
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
         return PardisoFactor(K).definite()
@@ -74,12 +73,13 @@ class PardisoFactor(Factor):
 
     def __init__(self, K: sp.csr_matrix, last: Ints | None = None):
         last = np.zeros(0, dtype=np.int64) if last is None else last
-        if not (K.diagonal() > 0).all():
+        self._diagonal = K.diagonal()
+        if not (self._diagonal > 0).all():
             # PARDISO ends the process where an entry of the diagonal is missing.
             raise singular()
         self._n, rising = K.shape[0], np.sort(last)
         # Roots are taken of the same numbers in all units.
-        self._unit = float(power_of_two(K.diagonal().max(initial=0.0)))
+        self._unit = float(power_of_two(self._diagonal.max(initial=0.0)))
         scaled = sp.csr_matrix(K / self._unit)
         isolated = _schur_of_isolated(scaled, rising)
         self._last = rising if isolated is None else rising[:0]
@@ -88,7 +88,6 @@ class PardisoFactor(Factor):
         self._upper: Floats = _cholesky(own)
         rank = np.argsort(np.argsort(last))
         self.schur: Floats = self._unit * (own if isolated is None else isolated)[np.ix_(rank, rank)]
-        self._diagonal = K.diagonal()
 
     def definite(self) -> PardisoFactor:
         """The factor itself; SceneError if K differs by no more than rounding from a singular matrix.
@@ -141,27 +140,26 @@ class PardisoFactor(Factor):
         return x
 
 
-def _package() -> Any:
-    """The package, if it is there and has the solver that is used of it; else None."""
-    if find_spec(PACKAGE) is None:
-        return None
+def _solver_class() -> Any:
+    """The solver of the package, if that is there and has it; else None.
+
+    Not its class for users, which looks at every row in a Python loop first: a fifth of the factorisation.
+    """
     with suppress(ImportError):
-        package = import_module(PACKAGE)
-        return package if hasattr(package, "_PardisoSolver") else None
+        return getattr(import_module(PACKAGE), "_PardisoSolver", None)
     return None
 
 
 def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
     """A solver of the package that holds the upper triangle of K."""
-    if (package := _package()) is None:
+    if (kind := _solver_class()) is None:
         raise NotAccepted(
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
             "(x86-64 on Linux and Windows), or use SuperLU()."
         )
     upper = sp.csr_matrix(sp.triu(K, format="csr"))
     upper.sort_indices()
-    # Its class for users looks at every row in a Python loop first: a fifth of the factorisation.
-    solver = package._PardisoSolver(POSITIVE_DEFINITE, 0)
+    solver = kind(POSITIVE_DEFINITE, 0)
     for number, value in (OWN_SETTINGS, METIS, FROM_ZERO):
         solver.set_iparm(number, value)
     if len(last):

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from vemcvx.errors import SceneError
 
+EPS = float(np.finfo(float).eps)
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -8,7 +8,6 @@ import scipy.sparse as sp
 from scenes import few_families
 
 import vemcvx as vx
-from vemcvx.program.certificate import certify
 from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.program.step_program import StepProgram
 
@@ -42,7 +41,7 @@ def solved(program):
     """To the rounding floor, by Newton."""
     none = np.zeros((program.operators.count, program.operators.block))
     answer = vx.Newton(max_iterations=2000).prepare(program.operators).solve(program, 1e-28, none)
-    return answer, certify(program, answer.d, answer.lam, answer.p)
+    return answer, program.certify(answer.d, answer.lam, answer.p)
 
 
 @pytest.mark.parametrize("separate", [False, True])
@@ -58,7 +57,7 @@ def test_the_gap_bounds_the_error(block, separate):
             d = program.feasible(best.d + size * rng.normal(size=best.d.shape))
             lam = program.project(best.lam + size * rng.normal(size=best.lam.shape))
             p = np.maximum(best.p + size * rng.normal(size=best.p.shape), 0.0)
-            certificate = certify(program, d, lam, p)
+            certificate = program.certify(d, lam, p)
             away = d - best.d
             assert (
                 0.5 * away @ (program.operators.K @ away) <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
@@ -72,9 +71,9 @@ def test_the_gap_bounds_the_error(block, separate):
 def test_beyond_a_bound_nothing_is_certified():
     program = random_program(1)
     inside = program.feasible(np.ones(12))
-    assert np.isfinite(certify(program, inside, np.zeros((3, 1)), np.zeros(4)).gap)
+    assert np.isfinite(program.certify(inside, np.zeros((3, 1)), np.zeros(4)).gap)
     beyond = inside + 10 * np.linalg.pinv(program.operators.D.toarray())[:, 0]
-    assert certify(program, beyond, np.zeros((3, 1)), np.zeros(4)).gap == np.inf
+    assert program.certify(beyond, np.zeros((3, 1)), np.zeros(4)).gap == np.inf
     assert program.objective(beyond) == np.inf
 
 
@@ -87,7 +86,7 @@ def test_solvers_agree_with_newton(solver, block, separate):
         program = random_program(seed, block, separate)
         ours, own = solved(program)
         theirs = solver.prepare(program.operators).solve(program, 1e-13, np.zeros((3, block)))
-        other = certify(program, theirs.d, theirs.lam, theirs.p)
+        other = program.certify(theirs.d, theirs.lam, theirs.p)
         apart = ours.d - theirs.d
         assert np.sqrt(apart @ (program.operators.K @ apart)) <= own.error + other.error + 1e-12
         assert other.error <= 1e-4 * np.sqrt(ours.d @ (program.operators.K @ ours.d))
@@ -318,4 +317,4 @@ def test_bounds_are_met_exactly_beside_limits_that_give_way():
         program = StepProgram(operators, rng.normal(size=6), np.zeros(0), np.zeros(0), rng.random(18))
         d = program.feasible(rng.normal(size=6))
         assert (program.excess(d)[compliance == 0] <= 0).all()
-        assert np.isfinite(certify(program, d, np.zeros((0, 1)), np.zeros(18)).gap)
+        assert np.isfinite(program.certify(d, np.zeros((0, 1)), np.zeros(18)).gap)

@@ -10,7 +10,6 @@ from strategies import SEEDS, cases, exponents, for_all
 
 import vemcvx as vx
 from properties.rounding import EPS, marched
-from vemcvx.program.certificate import certify
 
 SHARP = vx.Newton(accuracy=1e-10)
 POOR = st.floats(2, 6).map(lambda x: vx.Clarabel(accuracy=10**-x, options=dict.fromkeys(("tol_gap_rel",), 10**-x)))
@@ -75,7 +74,7 @@ def no_competitor_is_better(case, size, seed):
     run, rng = marched(case, SHARP), np.random.default_rng(seed)
     for n in range(1, len(case.times)):
         program, d = run.program(n), run.increment(n)
-        own = certify(program, d, run.trajectory.multipliers[n])
+        own = program.certify(d, run.trajectory.multipliers[n])
         gap = own.gap + own.floor
         for c in points_about(run, n, size, rng):
             blur = run.blur_of_objective(n, c, d)
@@ -100,13 +99,13 @@ def certificates_bound_the_true_error(case, poor, size, seed):
     for n in range(1, len(case.times)):
         program = run.program(n)
         answer = newton.solve(program, (1e-12 * run.size) ** 2, np.zeros(shape))
-        own = certify(program, answer.d, answer.lam)
+        own = program.certify(answer.d, answer.lam)
         sharp = np.sqrt(2 * own.gap) + np.sqrt(2 * own.floor)
         known = run.energy.rounding_of_forces(case.loads[n], run.trajectory.state[n - 1])
         distance = run.energy.norm(run.increment(n) - answer.d)
         assert distance <= run.errors[n] + sharp + known
         for c in points_about(run, n, size, rng):
-            beside = certify(program, c, answer.lam)
+            beside = program.certify(c, answer.lam)
             blur = run.energy.of_blurred_state(EPS * (np.abs(c) + np.abs(answer.d)))
             known = run.energy.rounding_of_forces(program.g, c, answer.d)
             assert run.energy.norm(c - answer.d) <= np.sqrt(2 * (beside.gap + beside.floor)) + sharp + blur + known

@@ -17,7 +17,6 @@ import scipy.sparse as sp
 from scenes import small
 
 import vemcvx as vx
-from vemcvx.program.certificate import certify
 from vemcvx.program.operators import ABSOLUTE_VALUES, QUADRATIC, SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.scene.pose import pose_scene
@@ -210,7 +209,7 @@ def answers_a_step_with_zero_load_by_not_moving(solver):
     operators = Operators(root @ root.T + np.eye(6), rows)
     rest = StepProgram(operators, np.zeros(6), np.ones(operators.count), np.zeros(operators.count))
     answer = answered(solver, lambda: solver.prepare(operators)).solve(rest, 1e-12, np.zeros((operators.count, 1)))
-    certificate = certify(rest, answer.d, answer.lam)
+    certificate = rest.certify(answer.d, answer.lam)
     # A certificate of the answer 0: half of |d|^2 in the norm of K.
     assert 0.5 * answer.d @ operators.K @ answer.d <= certificate.gap + certificate.floor
     assert certificate.gap <= 1e-6

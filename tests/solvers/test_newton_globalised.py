@@ -8,7 +8,6 @@ import scipy.sparse as sp
 from scenes import cyclic, paper_scene
 
 import vemcvx as vx
-from vemcvx.program.certificate import certify
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
@@ -36,7 +35,7 @@ def plain_active_sets(program, rounds=200):
     shift = Shifts.of(program.operators) * 100.0
     for _ in range(rounds):
         point = answer_on(program, sets_at(program, point, shift))
-        certificate = certify(program, point.d, point.lam)
+        certificate = program.certify(point.d, point.lam)
         if certificate.gap <= 10 * certificate.floor:
             return True
     return False
@@ -52,7 +51,7 @@ def test_the_safeguard_ends_what_plain_active_sets_do_not(block):
         size = program.g @ program.operators.factor.solve(program.g)
         target = 0.5e-16 * size
         answer = solver.prepare(program.operators).solve(program, target, np.zeros((24, block)))
-        certificate = certify(program, answer.d, answer.lam)
+        certificate = program.certify(answer.d, answer.lam)
         assert certificate.gap <= max(target, certificate.floor), f"seed {seed}: {answer.iterations} iterations"
         assert answer.status == "converged"
         assert answer.safeguards <= answer.iterations

@@ -1,4 +1,4 @@
-"""The shape of the package: what may know what, no circles of imports, heavy packages behind one door each."""
+"""The shape of the package: what may know what, no circles of imports, heavy packages behind a door or two."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ PAGE = {
 APART = {"linear", "program"}, {"meshes", "vem", "effects"}
 """Mechanics of programs on the one hand, of meshes on the other: neither knows the other; `scene` joins them."""
 HEAVY = {
-    "cvxpy": "solvers/conic.py",
-    "matplotlib": "canvas.py",
-    "meshio": "meshes/io/files.py",
-    "distributed": "cost/pool.py",
+    "cvxpy": {"program/in_cvxpy.py", "solvers/conic.py"},
+    "matplotlib": {"canvas.py"},
+    "meshio": {"meshes/io/files.py"},
+    "distributed": {"cost/pool.py"},
 }
 
 
@@ -121,10 +121,10 @@ def test_no_folder_leads_back_to_itself():
 
 
 @pytest.mark.parametrize("name", modules())
-def test_heavy_packages_have_one_door(name):
+def test_heavy_packages_have_their_doors(name):
     path = modules()[name]
     for package in {other.split(".")[0] for other in imported(path, checking=False)} & set(HEAVY):
-        assert str(path.relative_to(ROOT)) == HEAVY[package], f"{path} imports {package}; only {HEAVY[package]} may"
+        assert str(path.relative_to(ROOT)) in HEAVY[package], f"{path} imports {package}; only {HEAVY[package]} may"
 
 
 @pytest.mark.parametrize("name", modules())

@@ -33,12 +33,11 @@ from scipy.linalg import eigh_tridiagonal
 from scipy.sparse.linalg import LinearOperator, cg
 
 from vemcvx.arguments import part, whole
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Factor, LinearSolver, Matrix, singular
 from vemcvx.linear.superlu import SuperLU
 
-EPS = float(np.finfo(float).eps)
 MISSED = 1e-9
 """Probability, over the random start, that the bound on the spectrum does not hold."""
 MOST_LANCZOS = 400

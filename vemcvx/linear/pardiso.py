@@ -21,11 +21,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import cholesky, solve_triangular
 
-from vemcvx.arrays import Floats, Ints, power_of_two
+from vemcvx.arrays import EPS, Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
 
-EPS = float(np.finfo(float).eps)
 PACKAGE = "pymklpardiso"
 SEEN = 0.1
 """Of a (K^{-1})_ii, by the mean of SAMPLES squares: it is less once in a thousand times."""

@@ -15,10 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from vemcvx.arrays import Floats, Ints, power_of_two
+from vemcvx.arrays import EPS, Floats, Ints, power_of_two
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
-
-EPS = float(np.finfo(float).eps)
 
 # Symmetric mode: pivots stay on the diagonal, which a positive definite matrix allows, and halves the
 # time of the default (1.3 s against 3.1 s at 100k unknowns). Equilibration is off because powers of two

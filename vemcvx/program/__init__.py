@@ -1,9 +1,9 @@
 """The convex program of a step: the variational inequality in coordinates, condensed, scaled, certified.
 
-A solver's author needs `Operators`, `StepProgram`, `Answer`, the names of features, and `duality_gap`.
+A solver's author needs `Operators`, `StepProgram`, `Answer`, and the names of features.
 """
 
-from vemcvx.program.certificate import Certificate, certify, duality_gap
+from vemcvx.program.certificate import Certificate
 from vemcvx.program.limits import Limits
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
@@ -30,6 +30,4 @@ __all__ = [
     "Operators",
     "StepProgram",
     "System",
-    "certify",
-    "duality_gap",
 ]

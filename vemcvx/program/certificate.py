@@ -1,7 +1,7 @@
 """The certificate: how far an answer is from the solution, whoever made it.
 
-For the program of :mod:`vemcvx.program.step_program`, any d within its bounds, any lam with |lam_i| <= w_i and p >=
-0, let s = B d - b, z = D d - e and r = g - B'lam - D'p - K d. Then
+For the program of a step (``StepProgram``), any d within its bounds, any lam with |lam_i| <= w_i and p >= 0, let s =
+B d - b, z = D d - e and r = g - B'lam - D'p - K d. Then
 
     gap = 1/2 r'K^{-1}r + sum_i (w_i |s_i| - lam_i . s_i) + sum_j ( (z_j)_+^2 / (2 c_j) + c_j p_j^2 / 2 - p_j z_j )
 
@@ -34,8 +34,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vemcvx.arrays import Floats
-from vemcvx.program.step_program import EPS, StepProgram
+from vemcvx.arrays import EPS, Floats
 
 ROUNDED = 4 * EPS
 """What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
@@ -52,7 +51,7 @@ class Certificate:
     friction : (m,) array
         w_i |s_i| - lam_i . s_i, term by term: where on the boundary the answer is not converged.
     floor : float
-        What round-off alone may hide in, or add to, the gap: see :func:`certify`.
+        What round-off alone may hide in, or add to, the gap.
     limits : (r,) array
         The part of every limit.
     distance : float
@@ -102,57 +101,6 @@ class Certificate:
     def error_floor(self) -> float:
         """The part of the error that the floor accounts for, sqrt(2 floor)."""
         return float(np.sqrt(2.0 * self.floor))
-
-
-def certify(program: StepProgram, d: Floats, lam: Floats, p: Floats | None = None) -> Certificate:
-    """Certify the increments `d` (n,), within their bounds, with the multipliers `lam` (m, block) and `p` (r,).
-
-    The multipliers are made admissible first. The floor (:func:`rounding_floor`) follows the rounding of the parts: r
-    is known to eps (|g| + |B'||lam| + |D'|p + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| + |b_i|),
-    except where a row of B has one entry and b_i = 0: there a sticking s_i = 0 is exact; z_j to eps (|D_j||d| +
-    |e_j|).
-    """
-    lam, p = program.admissible(lam, np.zeros(len(program.e)) if p is None else p, d)
-    equilibrium, friction, limits = _parts(program, d, lam, p)
-    return Certificate(equilibrium, friction, rounding_floor(program, d, lam, p), limits)
-
-
-def duality_gap(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
-    """The gap alone, for admissible multipliers: what solvers measure their progress by."""
-    equilibrium, friction, limits = _parts(program, d, lam, p)
-    return equilibrium + float(friction.sum()) + float(limits.sum())
-
-
-def _parts(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
-    operators, r = program.operators, program.residual(d, lam, p)
-    equilibrium = 0.5 * operators.factor.energy(r)
-    if operators.kernel is not None:
-        left, blur = _imbalance(program, operators.kernel, lam, p)
-        equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
-    limits = limit_gaps(operators.compliance, p, program.excess(d), program.excess_blur(d))
-    # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-    return abs(equilibrium), norm_gaps(program.w, lam, program.slip(d)), limits
-
-
-def _imbalance(program: StepProgram, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
-    """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
-    return program.operators.hold.imbalance(lam, p, N.T @ program.g, np.abs(N).T @ np.abs(program.g))
-
-
-def rounding_floor(program: StepProgram, d: Floats, lam: Floats, p: Floats) -> float:
-    """What round-off alone may hide in, or add to, the gap at (d, lam, p)."""
-    operators = program.operators
-    rows, size = operators.rows.absolute, np.abs(d)
-    held = rows.pull(np.abs(lam.ravel())) + operators.limits.absolute.pull(p)
-    blur = EPS * (np.abs(program.g) + held + operators.absolute @ size)
-    slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(program.b)
-    slip_blur = EPS * operators.blocks(slip).sum(axis=1)
-    floor = 0.5 * float(blur @ np.abs(operators.factor.solve(blur))) + float(program.w @ slip_blur)
-    floor += float(p @ program.excess_blur(d))
-    if operators.kernel is not None:
-        # A load off balance by so much moves the answer along N, and does work on that motion.
-        floor += float(_imbalance(program, operators.kernel, lam, p)[1] @ np.abs(operators.kernel.T @ d))
-    return floor
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:

@@ -94,6 +94,15 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
         )
 
 
+def of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
+    """An array of real numbers of that shape, which may be given flat."""
+    wanted = f"numbers of shape {shape}"
+    x = as_real_array(raw, subject, wanted)
+    if x.shape != shape and x.shape != (int(np.prod(shape)),):
+        raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
+    return x.reshape(shape)
+
+
 def finite(values: Floats, subject: str) -> None:
     """Raise SceneError for NaN or infinity."""
     if not np.isfinite(values).all():

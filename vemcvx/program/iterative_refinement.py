@@ -13,13 +13,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import fdtri
 
-from vemcvx.arrays import Bools, Floats
+from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.linear import SAMPLES
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.extended import residual
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import EPS
 from vemcvx.program.system import System
 from vemcvx.program.tolerances import COARSE_FACTORS
 

@@ -25,14 +25,13 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 
 from vemcvx.arguments import called, function
-from vemcvx.arrays import Floats, as_real_array, brief, power_of_two
+from vemcvx.arrays import EPS, Floats, as_real_array, brief, power_of_two
 from vemcvx.errors import SceneError
 
 # The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so
 # small that K loses digits (eight bits of 53 here).
 ANCHOR = 2.0**-8
 MOST_NEWTON = 60
-EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,15 @@ class Rows:
         force[self.columns] = self.B.data * lam
         return force
 
+    def nearest(self, force: Floats, ease: Floats) -> Floats:
+        """The multipliers lam (k,) with B'lam nearest to the force (n,); of those the least in sum lam^2 / ease."""
+        if self.columns is not None:
+            own: Floats = force[self.columns] / self.B.data
+            return own
+        touched, root = np.unique(self.B.indices), np.sqrt(ease)
+        least: Floats = root * np.linalg.lstsq(self.B[:, touched].toarray().T * root, force[touched], rcond=None)[0]
+        return least
+
     @cached_property
     def absolute(self) -> Rows:
         """|B|, entry by entry, for bounds on rounding."""

@@ -14,11 +14,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import EPS, Floats
+from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.checks import of_shape
+from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
 from vemcvx.program.operators import Operators
-
-EPS = float(np.finfo(float).eps)
+from vemcvx.program.rows import Rows
 
 
 def _none() -> Floats:
@@ -27,11 +31,13 @@ def _none() -> Floats:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """One step's data, beside what all steps share.
+    """One step's program: its own data, beside the operators that all steps share.
 
     Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a limit has a compliance c_j > 0, with
     (D_j d - e_j)_+^2 / (2 c_j) in place of its bound. At the solution K d = g - B'lam - D'p: friction acts on the body
     with the forces -B'lam, limits with -D'p, |lam_i| <= w_i and p >= 0.
+
+    :meth:`StepProgram.to_cvxpy` poses it to any solver, :meth:`StepProgram.certify` bounds the error of any answer.
 
     Parameters
     ----------
@@ -104,11 +110,119 @@ class StepProgram:
         For the balance those are changed that cost little gap at the increments `d`: where d sticks or touches.
         """
         if self.operators.kernel is not None:
-            s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.operators.compliance * p)
-            level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
-            ease = level / (level + s), level / (level + z)
-            lam, p, _ = self.operators.hold.nearest(lam, p, self.w, self.operators.kernel.T @ self.g, ease)
+            push = self.operators.kernel.T @ self.g
+            lam, p, _ = self.operators.hold.nearest(lam, p, self.w, push, self._ease(d, p))
         return self.project(lam), np.maximum(p, 0.0)
+
+    def _ease(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """(m,) and (r,) in (0, 1], how little gap it costs to change each multiplier at the increments `d`."""
+        s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.operators.compliance * p)
+        level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
+        return level / (level + s), level / (level + z)
+
+    def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
+        """Admissible multipliers (m, block) and (r,) of the increments `d`; those not given are read off d.
+
+        They solve K d = g - B'lam - D'p. Where each row of B and D reads one unknown of its own, as in condensed
+        programs in the plane, they are entries of g - K d. Else least squares finds them; of several that do, those
+        that cost the least gap: where d sticks or touches.
+        """
+        operators = self.operators
+        still = np.zeros((operators.count, operators.block)), np.zeros(len(self.e))
+        known = still[0] if lam is None else lam, still[1] if p is None else p
+        free = np.repeat([lam is None, p is None], [len(self.b), len(self.e)])
+        if free.any():
+            ease, x = self._ease(d, known[1]), np.concatenate([known[0].ravel(), known[1]])
+            cheap = np.concatenate([np.repeat(ease[0], operators.block), ease[1]])
+            rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
+            x[free] = rows.nearest(self.residual(d, *known), cheap[free])
+            known = operators.blocks(x[: len(self.b)]), x[len(self.b) :]
+        return self.admissible(*known, d)
+
+    def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
+        """Bound the error of an answer, whoever made it: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.
+
+        The theorem stands in :mod:`vemcvx.program.certificate`.
+
+        Parameters
+        ----------
+        d : (n,) array
+            Increments. The gap is infinite beyond a bound; :meth:`StepProgram.feasible` moves them back.
+        lam : (m, block) or (m * block,) array, optional
+            Multipliers of the norm terms, K d = g - B'lam - D'p; they are made admissible
+            (:meth:`StepProgram.admissible`). Those not given are read off d (:meth:`StepProgram.multipliers`).
+        p : (r,) array, optional
+            Multipliers of the limits, likewise.
+
+        Raises
+        ------
+        SceneError
+            These are no arrays of such shapes.
+        """
+        operators = self.operators
+        d = of_shape(d, "certify: d", self.g.shape)
+        lam = None if lam is None else of_shape(lam, "certify: lam", (operators.count, operators.block))
+        p = None if p is None else of_shape(p, "certify: p", self.e.shape)
+        lam, p = self.multipliers(d, lam, p)
+        equilibrium, friction, limits = self._gaps(d, lam, p)
+        return Certificate(equilibrium, friction, self.rounding_floor(d, lam, p), limits)
+
+    def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
+        """The gap alone, for admissible multipliers: what solvers measure their progress by."""
+        equilibrium, friction, limits = self._gaps(d, lam, p)
+        return equilibrium + float(friction.sum()) + float(limits.sum())
+
+    def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
+        operators, r = self.operators, self.residual(d, lam, p)
+        equilibrium = 0.5 * operators.factor.energy(r)
+        if operators.kernel is not None:
+            left, blur = self._imbalance(operators.kernel, lam, p)
+            equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
+        limits = limit_gaps(operators.compliance, p, self.excess(d), self.excess_blur(d))
+        # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
+        return abs(equilibrium), norm_gaps(self.w, lam, self.slip(d)), limits
+
+    def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
+        return self.operators.hold.imbalance(lam, p, N.T @ self.g, np.abs(N).T @ np.abs(self.g))
+
+    def rounding_floor(self, d: Floats, lam: Floats, p: Floats) -> float:
+        """What round-off alone may hide in, or add to, the gap at (d, lam, p), which follows that of its parts.
+
+        r is known to eps (|g| + |B'||lam| + |D'|p + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| +
+        |b_i|), except where a row of B has one entry and b_i = 0: there a sticking s_i = 0 is exact; z_j to eps
+        (|D_j||d| + |e_j|).
+        """
+        operators = self.operators
+        rows, size = operators.rows.absolute, np.abs(d)
+        held = rows.pull(np.abs(lam.ravel())) + operators.limits.absolute.pull(p)
+        blur = EPS * (np.abs(self.g) + held + operators.absolute @ size)
+        slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(self.b)
+        slip_blur = EPS * operators.blocks(slip).sum(axis=1)
+        floor = 0.5 * float(blur @ np.abs(operators.factor.solve(blur))) + float(self.w @ slip_blur)
+        floor += float(p @ self.excess_blur(d))
+        if operators.kernel is not None:
+            # A load off balance by so much moves the answer along N, and does work on that motion.
+            floor += float(self._imbalance(operators.kernel, lam, p)[1] @ np.abs(operators.kernel.T @ d))
+        return floor
+
+    def to_cvxpy(self, cones: bool | None = None) -> CvxpyStep:
+        """The program in cvxpy, for any solver that cvxpy can call; `lam` and `p` read off its duals with our signs.
+
+        ::
+
+            posed = program.to_cvxpy()
+            posed.problem.solve(solver="SCS")
+            program.certify(posed.d.value, posed.lam, posed.p).error
+
+        Parameters
+        ----------
+        cones : bool, optional
+            One second-order cone a norm term; or, where these are absolute values, two inequalities, which solvers of
+            quadratic programs take, too: the default there.
+        """
+        cones = self.operators.block > 1 if cones is None else cones
+        return to_cvxpy(self.operators, self.g, self.w, b=self.b, e=self.e, cones=cones)
 
     def proximal(self, centre: Floats) -> StepProgram:
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""

@@ -17,8 +17,7 @@ from typing import Annotated
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, summed_columns, totals
-from vemcvx.program.step_program import EPS
+from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
 

@@ -1,20 +1,15 @@
-"""A step as a convex program in cvxpy, and any solver that cvxpy can call.
+"""Any solver that cvxpy can call, asked the program of :mod:`vemcvx.program.in_cvxpy`.
 
-    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
-
-with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
-cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e.
-
-Solvers without cones are handed absolute values as two inequalities -t <= B d - b <= t, whose duals (upper, lower) give
-lam = upper - lower; so are those with cones when they miss. A cone's algebra takes t - |s| as a difference, which where
-a term slips is as small as the gap: below 1e-12 no digits are left, and interior points break down. Inequalities carry
-it as a slack of its own: on the strip of problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
+Solvers without cones are handed absolute values as inequalities; so are those with cones when they miss. A cone's
+algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are left,
+and interior points break down. Inequalities carry it as a slack of its own: on the strip of
+problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -24,7 +19,7 @@ import scipy.sparse as sp
 from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.program.certificate import certify, duality_gap
+from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -41,71 +36,11 @@ from vemcvx.solvers.solver import Solver
 if TYPE_CHECKING:
     import cvxpy as cp
 
-    Data = Floats | cp.Parameter
-    Cost = cp.Expression | float
-
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
 
 LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
 """What fits a quadratic program with linear constraints."""
-
-
-@dataclass(frozen=True)
-class CvxpyStep:
-    """The program as cvxpy sees it, and how to read the multipliers lam and p off its solution."""
-
-    problem: cp.Problem
-    d: cp.Variable
-    lam: Callable[[], Floats]
-    p: Callable[[], Floats]
-
-
-def to_cvxpy(operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bool = True) -> CvxpyStep:
-    """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
-    import cvxpy as cp
-
-    d = cp.Variable(len(operators.K.diagonal()))
-    # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
-    cones_or_rows, lengths, lam = _norms(operators, d, w, b, cones)
-    bounds, yielding, p = _limits(operators, d, e)
-    # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is.
-    idle = 0.0 if cones else cp.Variable(nonneg=True)
-    return CvxpyStep(cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds), d, lam, p)
-
-
-def _norms(
-    operators: Operators, d: cp.Variable, w: Data, b: Data, cones: bool
-) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
-    import cvxpy as cp
-
-    if operators.count == 0:
-        return [], 0.0, lambda: np.zeros((0, operators.block))
-    t, s = cp.Variable(operators.count), operators.B @ d - b
-    if cones:
-        cone = cp.SOC(t, cp.reshape(s, (operators.block, operators.count), order="F"), axis=0)
-        return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (operators.block, operators.count), order="F").T
-    upper, lower = s <= t, -s <= t
-    return [upper, lower], w @ t, lambda: (upper.dual_value - lower.dual_value)[:, None]
-
-
-def _limits(operators: Operators, d: cp.Variable, e: Data) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
-    import cvxpy as cp
-
-    soft = np.flatnonzero(operators.compliance > 0)
-    if len(operators.compliance) == 0:
-        return [], 0.0, lambda: np.zeros(0)
-    z = operators.D @ d - e
-    if len(soft) == 0:
-        bound = z <= 0
-        return [bound], 0.0, lambda: bound.dual_value
-    v = cp.Variable(len(soft))
-    give = sp.csr_matrix(
-        (np.ones(len(soft)), (soft, np.arange(len(soft)))), shape=(len(operators.compliance), len(soft))
-    )
-    bound = z - give @ v <= 0
-    return [bound], 0.5 * cp.sum_squares(cp.multiply(operators.compliance[soft] ** -0.5, v)), lambda: bound.dual_value
 
 
 def installed() -> tuple[str, ...]:
@@ -219,7 +154,7 @@ class _PreparedConic:
         cones = self._settings.cones
         answer = self._ask(program, target, cones, {})
         careful = self._settings.careful()
-        if careful and duality_gap(program, answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
+        if careful and program.duality_gap(answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
             again = self._ask(program, target, cones and self._form.block > 1, careful)
             answer = replace(again, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
@@ -231,7 +166,9 @@ class _PreparedConic:
             still = np.zeros((program.operators.count, program.operators.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
         # Interior points stop a rounding error short of their bounds, or beyond them.
-        return Answer(program.feasible(posed.d.value), posed.lam(), iterations, status, p=posed.p())
+        d = program.feasible(posed.d.value)
+        lam, p = program.multipliers(d, posed.lam, posed.p)
+        return Answer(d, lam, iterations, status, p=p)
 
     def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
         import cvxpy as cp
@@ -257,7 +194,7 @@ def polished(program: StepProgram, answer: Answer) -> Answer:
     sharper = answer_on(near, sets_at(near, Iterate(answer.d, lam, p), Shifts.of(program.operators)))
     d = program.feasible(sharper.d)
     pair = program.admissible(sharper.lam, sharper.p, d)
-    before, after = certify(program, answer.d, lam, p), certify(program, d, *pair)
+    before, after = program.certify(answer.d, lam, p), program.certify(d, *pair)
     if after.gap >= before.gap:
         return answer
     return Answer(d, pair[0], answer.iterations + 1, answer.status + ", polished", p=pair[1])

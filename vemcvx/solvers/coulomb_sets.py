@@ -42,9 +42,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import EPS, Floats
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import EPS, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.response import Response
 from vemcvx.solvers.sets import Iterate, Sets, Shifts, said_once, sets_at
 

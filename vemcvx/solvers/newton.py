@@ -23,7 +23,6 @@ import numpy as np
 
 from vemcvx.arguments import whole
 from vemcvx.arrays import Floats
-from vemcvx.program.certificate import duality_gap, rounding_floor
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -129,8 +128,8 @@ class _Search:
         lam, p = program.admissible(point.lam, point.p, d)
         if self.iterations == 1:
             # The floor hardly changes from point to point of a step; it is taken once.
-            self.floor = rounding_floor(program, d, lam, p)
-        gap = duality_gap(program, d, lam, p)
+            self.floor = program.rounding_floor(d, lam, p)
+        gap = program.duality_gap(d, lam, p)
         if self.iterations == 1 or gap < self.gap:
             self.best, self.gap = Iterate(d, lam, p), gap
 

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats
+from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import EPS
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from vemcvx.arrays import Floats, power_of_two
-from vemcvx.program.certificate import Certificate, certify, limit_gaps, norm_gaps, rounding_floor
+from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.scaling import SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import Norms
@@ -114,7 +114,7 @@ class PosedStep:
         asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)
         step_by_step = scaled.operators.kernel is not None and not self.run.solver.semidefinite
         answer = proximal(ask, self.run.most - spent, *asked) if step_by_step else answered(ask, *asked)
-        certificate = certify(scaled, answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
+        certificate = scaled.certify(answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.state_after(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 
     def settled(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
@@ -131,7 +131,7 @@ class PosedStep:
         if found is None:
             return None
         at, w = found.point, found.weights
-        floor = rounding_floor(replace(scaled, w=w), at.d, at.lam, at.p)
+        floor = replace(scaled, w=w).rounding_floor(at.d, at.lam, at.p)
         own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
         answer = state.answer(at.d, at.lam, at.p)
         whole = replace(self, program=replace(self.program, w=w / up))

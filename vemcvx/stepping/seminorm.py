@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.program.certificate import duality_gap
 from vemcvx.program.kernel import Kernel, refuse_unheld
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
@@ -78,7 +77,7 @@ def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Fl
         iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
         centre, d = d, program.feasible(answer.d)
         lam, p = program.admissible(answer.lam, answer.p, d)
-        gap = duality_gap(program, d, lam, p)
+        gap = program.duality_gap(d, lam, p)
         waited = 0 if gap <= 0.5 * least else waited + 1
         if gap < least:
             best, least = replace(answer, d=d, lam=lam, p=p), gap

@@ -24,12 +24,11 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import EPS, Floats
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import rounding
-from vemcvx.program.step_program import EPS
 from vemcvx.program.system import Damping, System
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.backward_euler import solved

@@ -45,11 +45,11 @@ from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh
-from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, StepProgram, System
+from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
 from vemcvx.results.history import History, read_history
 from vemcvx.scene import Scene
-from vemcvx.simulation import simulate
+from vemcvx.simulation import programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.version import __version__
@@ -96,6 +96,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneWarning",
+    "SolvedProgram",
     "Solver",
     "StepProgram",
     "SuperLU",
@@ -115,6 +116,7 @@ __all__ = [
     "march",
     "measures",
     "meshes",
+    "programs",
     "read_history",
     "simulate",
 ]

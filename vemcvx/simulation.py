@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -16,11 +16,13 @@ from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import PolygonMesh
+from vemcvx.program import SolvedProgram
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver
+from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.storage import Folder, Memory, Storage
 from vemcvx.stepping.time_loop import checked_times, march
 
@@ -117,6 +119,45 @@ def simulate(
             storage=storage,
         )
         return record(posed, trajectory, assembled, storage)
+
+
+def programs(
+    scene: Scene,
+    mesh: PolygonMesh,
+    times: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    initial: ArrayLike | str | None = None,
+    check: bool = True,
+    condense: bool = True,
+    linear: LinearSolver | None = None,
+) -> Iterator[SolvedProgram]:
+    """Simulate a scene, and yield the convex program of every step with its certified answer, step after step.
+
+    Programs are in the units of the scene, g and all; one factorisation serves all of them. Parameters and errors are
+    those of :func:`simulate`.
+
+    Examples
+    --------
+    ::
+
+        for program in vx.programs(scene, mesh, times):
+            posed = program.to_cvxpy()
+            posed.problem.solve(solver="SCS")
+            print(program.step, program.certify(posed.d.value, posed.lam, posed.p).error)
+    """
+    check_kinds(scene, mesh)
+    instants = checked_times(times)
+    posed = pose_scene(scene, mesh, instants.tolist())
+    return programs_of_march(
+        posed.system,
+        instants,
+        solver=solver,
+        initial=_free(initial, posed, float(instants[0])),
+        check=check,
+        condense=condense,
+        linear=linear,
+    )
 
 
 def _reported(progress: bool | Callable[[int, int], None] | None) -> Callable[[int, int], None] | None:

@@ -13,6 +13,7 @@ from vemcvx.program.operators import (
     SQUARED_POSITIVE_PARTS,
     Operators,
 )
+from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.system import Damping, Norms, System
 
@@ -28,6 +29,7 @@ __all__ = [
     "Limits",
     "Norms",
     "Operators",
+    "SolvedProgram",
     "StepProgram",
     "System",
 ]

@@ -12,9 +12,11 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
+from vemcvx.program import SolvedProgram
 from vemcvx.results.io.folder import read_results, write_results
 from vemcvx.results.probe.places import places
 from vemcvx.results.probe.profile import Profile, profile
+from vemcvx.results.programs import programs_of_steps
 from vemcvx.results.results import Results
 from vemcvx.results.words import in_words
 
@@ -95,6 +97,26 @@ class History(Results):
             The line leaves the body, or something of the above is not as it should be.
         """
         return profile(self, start, end, count, field)
+
+    def program(self, n: int, condense: bool = True) -> SolvedProgram:
+        """The convex program of step `n` as it was solved, with its certified answer.
+
+        It is posed again from the stored states before and after the step; :func:`vemcvx.programs` gives the programs
+        of all steps with one factorisation.
+
+        Parameters
+        ----------
+        n : int
+            1 is the first step after the initial instant.
+        condense : bool
+            On the unknowns that friction and contact touch (default), with a dense K; or on all unknowns.
+
+        Raises
+        ------
+        HistoryError
+            There is no such step, a state that is needed was not stored, or the history was read from files.
+        """
+        return next(programs_of_steps(self, [n], condense))
 
     def summary(self) -> str:
         """The run in a few lines of words."""

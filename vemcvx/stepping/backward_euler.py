@@ -9,7 +9,9 @@ record    :mod:`.recorder`            energies, forces, certificates: rows of a 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +23,31 @@ from vemcvx.stepping.fixed_point import Dependent, resolved
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.posed_step import PosedStep, pose_step, refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
+
+
+class Steps(Protocol):
+    """The steps of a run."""
+
+    def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
+        """Step `n` from `before` to `t`; with weights `w` (m,), if they are given."""
+
+    def step(self, before: State, n: int, t: float) -> State:
+        """The state at `t`, one step after `before`."""
+
+
+@dataclass(frozen=True)
+class QuasistaticSteps:
+    """Steps of a system without damping."""
+
+    run: PreparedRun
+
+    def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
+        """Step `n` from `before` to `t`; with weights `w` (m,), if they are given."""
+        return pose_step(self.run, before, drive(self.run.system, self.run.condensation, t), w)
+
+    def step(self, before: State, n: int, t: float) -> State:
+        """The state at `t`, one step after `before`."""
+        return step(self.run, before, n, t)
 
 
 def step(run: PreparedRun, before: State, n: int, t: float) -> State:

@@ -37,12 +37,12 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     """
     now = drive(run.system, run.condensation, t)
     if isinstance(initial, str) and initial == "settled":
-        settled = _settle(run, _state(run, now, np.zeros(run.system.n)))
+        settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
         if run.check:
             run.require_certified(settled, 0)
         return _at_rest(run, settled)
     y = _given(run, now, initial)
-    state = _state(run, now, y)
+    state = state_given(run, now, y)
     if run.system.damping is not None:
         # Where rates cost, a load that nothing balances yet sets the body in motion instead of in place.
         ledger = Ledger.opening(strain_energy(run.system, y, t), run.operators.count)
@@ -64,7 +64,7 @@ def _off(settled: State, jump: float) -> Certificate:
 
 def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
     """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
-    return _at_rest(run, _settle(run, _state(run, drive(run.system, run.condensation, t), y)))
+    return _at_rest(run, _settle(run, state_given(run, drive(run.system, run.condensation, t), y)))
 
 
 def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:
@@ -94,7 +94,8 @@ def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> 
     return y
 
 
-def _state(run: PreparedRun, now: StepData, y: Floats) -> State:
+def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
+    """The state y (n,), whatever led to it: as far as is known, nothing slipped or pressed."""
     norms, operators = run.system.norms, run.operators
     weights = np.zeros(0) if norms is None else norms.weights(now.t)
     y_c = y[run.condensation.retained]

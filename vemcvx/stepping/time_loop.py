@@ -20,12 +20,12 @@ from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver
-from vemcvx.stepping.backward_euler import step
+from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import at_rest, drag
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import Recorder, stored_steps
-from vemcvx.stepping.state import PreparedRun, State, prepare
+from vemcvx.stepping.state import PreparedRun, prepare
 from vemcvx.stepping.storage import Memory, Storage
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.stepping.viscous import ViscousSteps
@@ -76,7 +76,7 @@ def march(
     NotCertified
         A step misses the accuracy asked for.
     """
-    _check_kinds(system, solver, linear, progress)
+    check_kinds(system, solver, linear, progress)
     check, condense = flag(check, "check"), flag(condense, "condense")
     if storage is not None and not isinstance(storage, Storage):
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
@@ -90,9 +90,7 @@ def march(
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)
 
-        def prepared_for(own: System) -> PreparedRun:
-            return prepare(own, run.solver, False, condense, linear)
-
+        prepared_for = partial(prepare, solver=run.solver, check=False, condense=condense, linear=linear)
         _march(run, recorder, instants, initial, prepared_for=prepared_for, progress=progress)
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
         return recorder.finish(seconds)
@@ -115,18 +113,26 @@ def _march(
         earlier = 0, replace(first, dragged=at_rest(system, first.t, first.p))
         recorder.add(*earlier)
     begin, state = earlier
-    advance: Callable[[State, int, float], State] = partial(step, run)
     if system.damping is not None:
         state = certified_in_full(run, state)
-        advance = ViscousSteps(run, system.damping, instants, prepared_for).step
+    advance = steps_of(run, instants, prepared_for)
     for n in range(begin + 1, steps + 1):
-        state = drag(system, state, advance(state, n, instants[n]))
+        state = drag(system, state, advance.step(state, n, instants[n]))
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)
 
 
-def _check_kinds(system: System, solver: Solver | None, linear: LinearSolver | None, progress: object) -> None:
+def steps_of(run: PreparedRun, instants: Floats, prepared_for: Callable[[System], PreparedRun]) -> Steps:
+    """The steps of a run, viscous or not; `prepared_for` the system of one length of step."""
+    damping = run.system.damping
+    return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping, instants, prepared_for)
+
+
+def check_kinds(
+    system: System, solver: Solver | None, linear: LinearSolver | None, progress: object = None
+) -> None:
+    """Raise SceneError for what is no system, no solver, no linear solver or no function."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
     if solver is not None and not isinstance(solver, Solver):

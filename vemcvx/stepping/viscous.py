@@ -34,7 +34,7 @@ from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
-from vemcvx.stepping.posed_step import pose_step
+from vemcvx.stepping.posed_step import PosedStep, pose_step
 from vemcvx.stepping.state import PreparedRun, State
 
 KEPT = 4
@@ -61,6 +61,14 @@ class ViscousSteps:
         self._lengths = shared_lengths(instants)
         self._runs: OrderedDict[float, tuple[PreparedRun, sp.csr_matrix]] = OrderedDict()
 
+    def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
+        """Step `n` from `before` to `t`, as the step from zero that it is; with weights `w` (m,), if they are given."""
+        return self._posed(self._at(float(self._lengths[n - 1]))[0], before, t, w)
+
+    def _posed(self, run: PreparedRun, before: State, t: float, w: Floats | None = None) -> PosedStep:
+        now = self._drive(run, before.unknowns, before.t, t, t - before.t)
+        return pose_step(run, _rest(run, before, now), now, w)
+
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`, all its unknowns included."""
         accuracy = self._run.solver.accuracy
@@ -81,8 +89,7 @@ class ViscousSteps:
         k, shared = t - before.t, float(self._lengths[n - 1])
         (run, lost), y = self._at(shared), before.unknowns
         run = replace(run, share=share)
-        now = self._drive(run, y, before.t, t, k)
-        stepped = certified_in_full(run, solved(pose_step(run, _rest(run, before, now), now), n), lost)
+        stepped = certified_in_full(run, solved(self._posed(run, before, t), n), lost)
         d = stepped.unknowns
         ledger = self._ledger(before, stepped, y=y, d=d, t=t, k=k)
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))

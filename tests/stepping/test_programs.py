@@ -1,0 +1,187 @@
+"""The programs of a run's steps in public: each is the program that the step solved, whatever the scene holds."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+
+import any_scene
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+EPS = float(np.finfo(float).eps)
+TIMES = np.linspace(0.0, 1.0, 5)
+
+
+def push(x, t):
+    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
+
+
+def press(x, t):
+    return np.column_stack([np.full(len(x), 3 * t * (1.4 - t)), np.full(len(x), -6.0 * t)])
+
+
+def carried(x, t):
+    return np.column_stack([np.full(len(x), 0.05 * t), np.full(len(x), -0.01 * t)])
+
+
+BODY = vx.Elasticity(young=200.0, poisson=0.3)
+HELD = BODY, vx.Clamp(on="right"), vx.Traction(push, on="left")
+TOUCHES = BODY, vx.Clamp(on="left"), vx.Traction(press, on="top")
+SCENES = {
+    "Tresca": (*HELD, vx.BilateralContact(on="bottom"), vx.TrescaFriction(bound=4.0, on="bottom")),
+    "nothing convex": HELD,
+    "one way": (
+        *HELD,
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=4.0, backward=1.0, on="bottom"),
+    ),
+    "moving supports": (
+        BODY,
+        vx.PrescribedDisplacement(carried, on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=2.0, on="bottom", while_closed=False),
+    ),
+    "while closed": (
+        *TOUCHES,
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=0.5, on="bottom", while_closed=True),
+    ),
+    "Coulomb": (*TOUCHES, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")),
+    "moving obstacle": (*TOUCHES, vx.UnilateralContact(gap=lambda x, t: np.full(len(x), 0.01 * t), on="bottom")),
+    "soft": (*TOUCHES, vx.NormalCompliance(500.0, on="bottom"), vx.TrescaFriction(bound=1.0, on="bottom")),
+    "free": (
+        BODY,
+        vx.Traction(lambda x, t: np.column_stack([t + 0 * x[:, 0], 0 * x[:, 0]]), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=4.0, on="bottom"),
+    ),
+    "viscous": (
+        *HELD,
+        vx.Viscosity(20.0, 10.0),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=4.0, on="bottom"),
+    ),
+}
+
+
+def holds(program, history, n):
+    """The certificate of the run's own answer to the program is no worse than the run's, but for rounding.
+
+    States are stored, not increments: their difference is known to eps of them, and gaps are linear in slips and
+    excesses, with the weights and the pressures as factors.
+    """
+    trajectory, (lam, p) = history.trajectory, (program.answer.lam, program.answer.p)
+    stored = np.abs(trajectory.state[-1]).max() + np.abs(program.answer.d).max(initial=0.0)
+    B, D = (abs(rows).sum(axis=1) for rows in (program.operators.B, program.operators.D))
+    rough = 2 * EPS * stored * (np.repeat(program.w, program.operators.block) @ B + p @ D)
+    assert (np.linalg.norm(lam, axis=1) <= program.w * (1 + 4 * EPS)).all()
+    assert (p >= 0).all()
+    found = program.certificate
+    floors = found.floor + trajectory.floor[n] + rough
+    assert found.error <= np.sqrt(2 * trajectory.gap[n]) + np.sqrt(2 * floors)
+    low, high = program.bounds
+    assert low <= program.objective(program.answer.d) <= high
+    assert high - low >= found.gap
+    return found
+
+
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction")
+@pytest.mark.parametrize("condense", [True, False])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_answer_of_the_run_answers_the_program(name, condense):
+    """From the stored states, on the unknowns of contact or on all; and as the run goes on, one after the other."""
+    scene, mesh = vx.Scene(*SCENES[name]), vx.meshes.squares(4)
+    history = vx.simulate(scene, mesh, TIMES)
+    assert history.certificate_kind == "bound"
+    scale = history.trajectory.norm.max()
+    marched = vx.programs(scene, mesh, TIMES, condense=condense)
+    for n, other in enumerate(marched, start=1):
+        program = history.program(n, condense)
+        assert (program.step, program.t) == (other.step, other.t) == (n, TIMES[n])
+        assert holds(program, history, n).error < 1e-7 * scale
+        assert holds(other, history, n).error < 1e-7 * scale
+        if not condense:
+            assert len(program.g) == history.trajectory.state.shape[1]
+        for one, two in ((program.g, other.g), (program.w, other.w), (program.b, other.b), (program.e, other.e)):
+            size = max(np.abs(program.g).max(initial=0.0), np.abs(one).max(initial=0.0))
+            assert np.abs(one - two).max(initial=0.0) <= 1e-10 * size
+    assert n == len(TIMES) - 1
+
+
+@pytest.mark.parametrize("name", ["Tresca", "moving supports", "soft", "one way"])
+def test_other_solvers_answer_it_as_the_run_did(name):
+    """Through cvxpy and Clarabel's defaults: within both certificates of each other."""
+    program = list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(4), TIMES))[2]
+    posed = program.to_cvxpy()
+    posed.problem.solve(solver="CLARABEL")
+    d = program.feasible(posed.d.value)
+    theirs, away = program.certify(d, posed.lam, posed.p), d - program.answer.d
+    apart = np.sqrt(away @ program.operators.K @ away)
+    assert apart <= theirs.error + theirs.error_floor + program.certificate.error + program.certificate.error_floor
+    assert theirs.gap < 1e-4 * abs(program.bounds[0])
+    assert program.bounds[0] - 1e-6 <= posed.problem.value <= program.bounds[1] + 1e-6
+
+
+def test_programs_come_in_the_units_of_the_scene():
+    """Forces a thousand times as large on a body as much stiffer: the same increments under such forces."""
+    units = 1e3
+    hard = vx.Scene(
+        vx.Elasticity(young=200.0 * units, poisson=0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: units * push(x, t), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=4.0 * units, on="bottom"),
+    )
+    soft = vx.Scene(*SCENES["Tresca"])
+    for one, two in zip(*(vx.programs(s, vx.meshes.squares(3), TIMES) for s in (soft, hard)), strict=True):
+        for a, b in ((one.g, two.g), (one.w, two.w), (one.operators.K, two.operators.K), (one.bounds, two.bounds)):
+            assert np.allclose(np.multiply(units, a), b, rtol=1e-9, atol=1e-9 * units * np.abs(one.w).max())
+
+
+def test_states_that_are_needed_must_be_stored():
+    scene, mesh = vx.Scene(*SCENES["Tresca"]), vx.meshes.squares(2)
+    history = vx.simulate(scene, mesh, TIMES, store=[2, 3])
+    assert history.program(3).step == 3
+    wrong = {
+        2: "program(2): the state after step 1 is not stored, but a step's program is posed from the states before and "
+        "after it; simulate with store=[1, 2], or store='all'.",
+        0: "program(0): there is no such step; steps are numbered 1 to 4.",
+        5: "program(5): there is no such step",
+        "2": "program('2'): there is no such step",
+    }
+    for n, words in wrong.items():
+        with pytest.raises(vx.HistoryError, match=re.escape(words)):
+            history.program(n)
+    # The initial state is always known.
+    assert vx.simulate(scene, mesh, TIMES, store=[1]).program(1).step == 1
+    with pytest.raises(vx.SceneError, match="condense"):
+        history.program(3, condense="no")
+    with pytest.raises(vx.HistoryError, match="was read from files"):
+        replace(history, scene=None).program(3)
+    with pytest.raises(vx.SceneError, match="where the mesh goes"):
+        next(vx.programs(scene, scene, TIMES))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("begin", range(0, 250, 25))
+def test_programs_of_any_scene(begin):
+    """Of everything a scene can hold; those that are refused as scenes are left out, and there are not many."""
+    told = 0
+    for seed in range(begin, begin + 25):
+        drawn = any_scene.draw(seed)
+        start = drawn.start if drawn.start in ("settled", "equilibrium") else None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                history = vx.simulate(drawn.scene, drawn.mesh, drawn.times, solver=drawn.solver, initial=start)
+            except vx.VemcvxError:
+                continue
+        told += 1
+        for n in range(1, history.steps + 1):
+            if not history.trajectory.estimated[n]:
+                holds(history.program(n), history, n)
+    assert told >= 15

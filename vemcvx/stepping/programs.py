@@ -1,0 +1,117 @@
+"""The programs of a run's steps, unscaled and with their answers, for whoever wants to solve them in another way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.arguments import flag, is_whole
+from vemcvx.arrays import Floats, brief
+from vemcvx.errors import HistoryError
+from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.linear.one_thread import one_thread
+from vemcvx.program.solved_program import SolvedProgram
+from vemcvx.program.system import System
+from vemcvx.solvers import Solver
+from vemcvx.stepping.backward_euler import Steps
+from vemcvx.stepping.certified_in_full import certified_in_full
+from vemcvx.stepping.dragged import at_rest, drag
+from vemcvx.stepping.initial import initial_state, state_given
+from vemcvx.stepping.ledger import drive
+from vemcvx.stepping.state import PreparedRun, State, prepare
+from vemcvx.stepping.time_loop import check_kinds, checked_times, steps_of
+from vemcvx.stepping.trajectory import Trajectory
+
+
+def programs_of_march(
+    system: System,
+    times: ArrayLike,
+    *,
+    solver: Solver | None = None,
+    initial: ArrayLike | str | None = None,
+    check: bool = True,
+    condense: bool = True,
+    linear: LinearSolver | None = None,
+) -> Iterator[SolvedProgram]:
+    """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
+    check_kinds(system, solver, linear)
+    instants = checked_times(times)
+    run, steps = _prepared(system, instants, solver, flag(condense, "condense"), linear)
+    run = replace(run, check=flag(check, "check"))
+    first = initial_state(run, float(instants[0]), initial)
+    before = certified_in_full(run, replace(first, dragged=at_rest(system, first.t, first.p)))
+    for n, t in enumerate(instants[1:].tolist(), start=1):
+        with one_thread(len(run.condensation.retained)):
+            state = drag(system, before, steps.step(before, n, t))
+            program = _solved_program(steps, before, state, n)
+        yield program
+        before = state
+
+
+def programs_of_trajectory(
+    system: System, trajectory: Trajectory, numbers: Sequence[int], condense: bool = True
+) -> Iterator[SolvedProgram]:
+    """The programs of the steps of these numbers, posed again from the states before and after them.
+
+    Raises
+    ------
+    HistoryError
+        There is no such step, or these states are not stored.
+    """
+    for n in numbers:
+        _check_stored(trajectory, n)
+    run, steps = _prepared(system, trajectory.times, None, flag(condense, "condense"), None)
+    for n in numbers:
+        yield _solved_program(steps, _stored(run, trajectory, n - 1), _stored(run, trajectory, n), n)
+
+
+def _prepared(
+    system: System, instants: Floats, solver: Solver | None, condense: bool, linear: LinearSolver | None
+) -> tuple[PreparedRun, Steps]:
+    linear = choose_linear(system.n, linear)
+    with one_thread(len(system.retained) if condense and linear.eliminates else system.n):
+        run = prepare(system, solver, True, condense, linear)
+    again = partial(prepare, solver=run.solver, check=False, condense=condense, linear=linear)
+    return run, steps_of(run, instants, again)
+
+
+def _solved_program(steps: Steps, before: State, after: State, n: int) -> SolvedProgram:
+    """The program of step `n` under the weights that the state after it was found for."""
+    program = steps.posed(before, n, after.t, after.weights).program
+    # The difference of two states may lie a rounding error beyond a bound.
+    answer = after.answer(program.feasible(after.y - before.y), after.lam, after.p)
+    return SolvedProgram.of(program, answer, n, after.t)
+
+
+def _check_stored(trajectory: Trajectory, n: int) -> None:
+    last = len(trajectory.times) - 1
+    if not is_whole(n) or not 1 <= n <= last:
+        raise HistoryError(f"program({brief(n)}): there is no such step; steps are numbered 1 to {last}.")
+    known = set(trajectory.stored.tolist()) | ({0} if trajectory.initial is not None else set())
+    missing = [str(m) for m in (n - 1, n) if m not in known]
+    if missing:
+        raise HistoryError(
+            f"program({n}): the state after step {' and '.join(missing)} is not stored, but a step's program is posed "
+            f"from the states before and after it; simulate with store=[{n - 1}, {n}], or store='all'."
+        )
+
+
+def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
+    """What is stored of the state after step `n`."""
+    now = drive(run.system, run.condensation, float(trajectory.times[n]))
+    if n == 0 and trajectory.initial is not None:
+        return state_given(run, now, trajectory.initial)
+    row, norms = int(np.searchsorted(trajectory.stored, n)), slice(0, run.operators.count)
+    state = state_given(run, now, trajectory.state[row])
+    lam = trajectory.multipliers[row, norms]
+    return replace(
+        state,
+        lam=lam - now.bias.reshape(lam.shape),
+        p=trajectory.pressures[row],
+        weights=trajectory.weights[row, norms],
+        iterations=int(trajectory.iterations[n]),
+    )

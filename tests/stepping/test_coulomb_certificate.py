@@ -22,7 +22,7 @@ from vemcvx.solvers.sets import independent
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.ledger import drive
 
-march = sys.modules["vemcvx.stepping.time_loop"]
+euler = sys.modules["vemcvx.stepping.backward_euler"]
 ROUNDING = 3e-11
 """Relative energy error of the reference: its programs are certified to 1e-11."""
 pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
@@ -42,7 +42,7 @@ def judged(monkeypatch, system, times, solver):
             found.append((away, (own.error + own.error_floor) / scale, own.estimate))
         return state
 
-    monkeypatch.setattr(march, "step", watched)
+    monkeypatch.setattr(euler, "step", watched)
     run = vx.march(system, times, solver=solver)
     monkeypatch.undo()
     return run, found

@@ -112,6 +112,12 @@ MADE = [
     (vx.Multigrid, {"tolerance": 1e-12, "max_iterations": 200},
      lambda made: run(STEEL, HELD, PUSH, linear=made), {"max_iterations": {"huge"}}),
 ]  # fmt: skip
+
+
+def programs(**given):
+    return list(vx.programs(**given))
+
+
 CALLED = [
     (vx.march, {"system": vx.System(K, load), "times": [0.0, 1.0], "solver": None, "initial": None, "store": "all",
                 "check": True, "condense": True, "linear": None, "storage": None},
@@ -119,6 +125,8 @@ CALLED = [
     (vx.simulate, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "store": "all",
                    "check": True, "condense": True, "linear": None, "resume": False},
      {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear")}),
+    (programs, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "check": True,
+                "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
     (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "solver": None, "initial": None,
                 "most_unknowns": 4000, "theta": 0.6}, {key: {"None"} for key in ("solver", "initial")}),
     (vx.meshes.squares, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
@@ -153,6 +161,8 @@ def of_history(history):
     measures = vx.measures
     return {
         **{name: (getattr(history, name), set()) for name in ("stress", "von_mises", "row", "reaction", "probe")},
+        "program": (history.program, set()),
+        "condense": (lambda v: history.program(1, v), set()),
         "start": (lambda v: history.along(v, (1, 1)), {"flags"}),
         "end": (lambda v: history.along((0, 0), v), {"flags"}),
         "count": (lambda v: history.along((0, 0), (1, 1), v), set()),
@@ -208,7 +218,7 @@ def test_every_parameter_is_asked():
 
     Programs and their certificates are made by runs, and answers by solvers, which tests/test_contributing.py asks.
     """
-    made_by_runs = {"Adapted", "ErrorBudget", "Operators", "StepProgram", "Answer", "Certificate"}
+    made_by_runs = {"Adapted", "ErrorBudget", "Operators", "StepProgram", "SolvedProgram", "Answer", "Certificate"}
     asked = {place.partition(".")[0]: set() for place in PLACES}
     for place in PLACES:
         owner, _, name = place.partition(".")

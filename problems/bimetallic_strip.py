@@ -15,7 +15,7 @@ and G = E2 / 15. Its Young's modulus along the strip, 1 / E = c^4 / E2 + (1 / G 
 c = cos a, s = sin a, takes the place of E2 in the formula. (A grain aslant couples shear to the pull, so that
 x = 0 is then no plane of symmetry but a row of rollers: an error of the order of H / L.)
 
-    vemcvx run problems/bimetallic_strip.py --n 16 --steps 4
+    vemcvx run problems/bimetallic_strip.py --n 8 --steps 4
 """
 
 import numpy as np

@@ -14,7 +14,7 @@ so that a shear along the grain's rise relieves the floor and one against it loa
 and step by step gamma_n = clip((U_n - a_{n-1}) / H, gamma-, gamma+), a_n = U_n - gamma_n H. The sides bear the
 tractions of this state; it is linear, so virtual elements reproduce it, and the force of friction, on every mesh.
 
-    vemcvx run problems/block_with_grain.py --mesh voronoi --n 8 --steps 48 --plot
+    vemcvx run problems/block_with_grain.py --mesh voronoi --n 4 --steps 48 --plot
 """
 
 import numpy as np

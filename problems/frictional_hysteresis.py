@@ -10,7 +10,7 @@ It sticks (a constant) while mu |gamma| < g and slips as a whole otherwise; a cl
 dissipates 4 g L (U0 - g H / mu). The field is linear, so virtual elements reproduce it on any mesh: whatever differs
 from it is the error of the algebra.
 
-    vemcvx run problems/frictional_hysteresis.py --mesh nonconvex --n 8 --steps 40
+    vemcvx run problems/frictional_hysteresis.py --mesh nonconvex --n 4 --steps 40
 """
 
 import numpy as np

@@ -80,14 +80,41 @@ def test_same_seed_same_mesh(make):
     assert differs == (make.__name__ in RANDOM)
 
 
-def test_n_is_cells_per_unit_length(make):
+def test_n_is_cells_across_the_shortest_side(make):
     coarse, fine = make(10), make(20)
     # n * n cells, twice as many triangles, 1 + 3 * 0.3 as many where three in ten are cut in four; whole rows only.
     per_square = {"triangles": 2.0, "hanging": 1.9}.get(make.__name__, 1.0)
     assert coarse.n_cells / per_square == pytest.approx(100, rel=0.1)
     assert fine.n_cells / coarse.n_cells == pytest.approx(4.0, rel=0.1)
-    assert make(10, ((0, 2), (0, 0.5))).n_cells / per_square == pytest.approx(100, rel=0.1)
+    for box, cells in ((((0, 2), (0, 0.5)), 400), (((0, 0.04), (0, 0.01)), 400), (((0, 30), (0, 40)), 130)):
+        assert make(10, box).n_cells / per_square == pytest.approx(cells, rel=0.15)
     assert fine.h < 0.6 * coarse.h
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 25.4], ids=str)
+def test_cells_of_a_size(make, unit):
+    """As many as across the shortest side, in any unit of length."""
+    box = ((0.0, 40.0 * unit), (-10.0 * unit, 0.0))
+    sized, counted = make(size=2.5 * unit, box=box), make(4, box)
+    np.testing.assert_array_equal(sized.points, counted.points)
+    np.testing.assert_array_equal(sized.vertices, counted.vertices)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"size": 0.0}, "size must be a length above 1e-60"),
+        ({"size": "fine"}, "size must be a length .* got 'fine'"),
+        ({"size": np.nan}, "size must be a length"),
+        ({"size": 1e-9}, "that would be 1e\\+18 cells"),
+        ({"n": 3, "size": 0.1}, "n must be given .*; got n = 3 and size = 0.1"),
+        ({"n": (3, 4), "size": 0.1}, "n must be given"),
+    ],
+    ids=str,
+)
+def test_bad_sizes(make, given, says):
+    with pytest.raises(vx.MeshError, match=says):
+        make(**given)
 
 
 def test_pair_of_counts(make):

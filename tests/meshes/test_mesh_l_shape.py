@@ -44,11 +44,12 @@ def test_sides_are_named_and_face_where_they_say():
     assert sum(len(mesh.boundaries[name]) for name in expected) == len(mesh.boundaries["boundary"])
 
 
-def test_n_is_cells_per_unit_length():
+def test_n_is_cells_across_the_shortest_side():
     mesh = l_shape(8)
     assert mesh.n_cells == 48
     assert mesh.h == pytest.approx(np.sqrt(2) / 8, rel=1e-14)
-    assert l_shape(2, ((0, 2), (0, 2))).n_cells == 12
+    assert l_shape(4, ((0, 2), (0, 2))).n_cells == l_shape(4, ((0, 1e-3), (0, 1e-3))).n_cells == 12
+    assert l_shape(2, ((0, 1), (0, 2))).n_cells == l_shape(size=0.5, box=((0, 1), (0, 2))).n_cells == 6
 
 
 def test_names_stay_through_refinement():

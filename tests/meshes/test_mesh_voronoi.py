@@ -24,7 +24,7 @@ def test_voronoi_makes_the_number_of_cells_asked_for(cells):
 
 
 def test_voronoi_needs_a_count():
-    with pytest.raises(vx.MeshError, match="n must be a whole number"):
+    with pytest.raises(vx.MeshError, match="n must be given"):
         meshes.voronoi()
 
 

@@ -46,7 +46,7 @@ def test_a_bimetallic_strip_bends_as_timoshenko_says():
     """Squares of h = H / 8 bend 2 % too little, those of H / 16 0.6 %, of H / 32 0.2 %: order h^2."""
     strip = importlib.import_module("bimetallic_strip")
     errors = []
-    for n in (16, 32):
+    for n in (8, 16):
         history = vx.simulate(strip.scene(), strip.mesh(n), strip.times(4))
         x, u = history.mesh.points[:, 0], history.displacement[-1, :, 1]
         found = u[x == strip.LENGTH].mean() - u[x == 0].mean()
@@ -62,7 +62,7 @@ def test_wood_bends_it_by_its_modulus_along_the_strip():
     """Along and nearly across the strip 0.04 % and 1 % (order h^2); aslant the rollers at x = 0 hold shear, 3 %."""
     strip = importlib.import_module("bimetallic_strip")
     for grain, tolerance in {0.0: 0.001, 0.5: 0.04, 1.5: 0.02}.items():
-        history = vx.simulate(strip.scene(grain), strip.mesh(32), strip.times(1))
+        history = vx.simulate(strip.scene(grain), strip.mesh(16), strip.times(1))
         x, u = history.mesh.points[:, 0], history.displacement[-1, :, 1]
         assert u[x == strip.LENGTH].mean() - u[x == 0].mean() == pytest.approx(strip.deflection(grain), rel=tolerance)
     assert strip.deflection(1.5) < 0.9 * strip.deflection(0.5)

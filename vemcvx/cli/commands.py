@@ -36,7 +36,7 @@ File = Annotated[
 Mesh = Annotated[
     str | None, typer.Option(help="Family of meshes: squares, triangles, voronoi ... (default: the problem's own)")
 ]
-N = Annotated[int, typer.Option("--n", min=1, help="Cells per unit length.")]
+N = Annotated[int, typer.Option("--n", min=1, help="Cells across the shortest side.")]
 Settings = Annotated[
     list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")
 ]
@@ -48,7 +48,7 @@ def run(
     mesh: Mesh = None,
     n: Annotated[
         int | None,
-        typer.Option("--n", min=1, help="Cells per unit length. (default: 64; to begin with 8, with --target)"),
+        typer.Option("--n", min=1, help="Cells across the shortest side. (default: 64; with --target 8 at first)"),
     ] = None,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Steps of backward Euler. (default: 64; 8, with --target)")
@@ -147,7 +147,9 @@ def cost(
     mesh: Annotated[
         str | None, typer.Option(metavar="A,B,...", help="Families of meshes. (default: squares,triangles,voronoi)")
     ] = None,
-    n: Annotated[str, typer.Option("--n", metavar="N,N,...", help="Cells per unit length.")] = "8,16,32,64,128",
+    n: Annotated[
+        str, typer.Option("--n", metavar="N,N,...", help="Cells across the shortest side.")
+    ] = "8,16,32,64,128",
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32",
     solver: Annotated[
         str | None,

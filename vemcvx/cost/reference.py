@@ -3,7 +3,7 @@
 The mesh is adapted until the estimated error of the reference is no more than a quarter of the smallest error that is
 asked for. By (nearly) Galerkin's orthogonality |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2, and a quarter leaves what
 is measured true to 3 %; where that does not hold, to a quarter. Scenes that cannot be adapted (viscosity has no
-estimate, and below a point load no mesh is fine enough) get twice the cells per unit length and four times the steps
+estimate, and below a point load no mesh is fine enough) get twice the cells along every side and four times the steps
 of the finest run.
 """
 

@@ -33,7 +33,7 @@ class Point:
     family : str or None
         Of meshes; None is the problem's own.
     n : int
-        Cells per unit length; of an adaptive run to begin with.
+        Cells across the shortest side; of an adaptive run to begin with.
     steps : int or None
         None where the run chooses its own.
     solver : str

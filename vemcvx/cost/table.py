@@ -2,7 +2,7 @@
 
 Columns of the table, one row a point:
 
-    family, n           meshes, and cells per unit length (of an adaptive run to begin with)
+    family, n           meshes, and cells across the shortest side (of an adaptive run to begin with)
     target              relative energy error that an adaptive run aims at; empty for uniform ones
     solver, accuracy    and the certified relative energy error of a step that is asked of it
     steps               of backward Euler, made

@@ -1,13 +1,14 @@
 """The box and the cell counts that every family of meshes is asked for.
 
-A family is called with n (cells per unit length) or with a pair of counts, and with a box ((x0, x1), (y0, y1)).
+A family is called with n (cells across the shortest side), a pair of counts or the size of a cell, and with a box
+((x0, x1), (y0, y1)). Counts do not depend on the unit of length.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from vemcvx.arrays import Floats, brief
 from vemcvx.errors import MeshError
 
 Count = int | tuple[int, int]
+Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
 # A mesh of that size takes 10 GB before anything is assembled.
 MOST_CELLS = 10**8
@@ -87,20 +89,43 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
     return float(value)
 
 
-def cell_counts(n: Count, box: Box, stretch: float = 1.0) -> tuple[int, int]:
-    """Cells along x and y: the given pair, or n / stretch and n * stretch a unit length, at least one."""
-    if isinstance(n, (tuple, list, np.ndarray)):
+def cell_counts(n: Count | None, box: Box, size: float | None = None, stretch: float = 1.0) -> tuple[int, int]:
+    """Cells along x and y, at least one: the given pair, or as many as squares so wide fill the box.
+
+    `stretch` is how much wider than squares, and lower, the cells of a family are.
+    """
+    if isinstance(n, (tuple, list, np.ndarray)) and size is None:
         if len(n) != 2:
             raise MeshError(f"n must be a whole number or a pair (nx, ny); got {n!r}.")
         nx, ny = check_whole("nx", n[0]), check_whole("ny", n[1])
     else:
-        n = check_whole("n", n)
-        nx, ny = max(1, round(n * box.width / stretch)), max(1, round(n * box.height * stretch))
+        along_x, along_y = squares_along(n, box, size)
+        nx, ny = max(1, round(along_x / stretch)), max(1, round(along_y * stretch))
     check_total(nx * ny)
     return nx, ny
 
 
-def check_total(cells: int) -> int:
+def squares_along(n: Count | None, box: Box, size: float | None) -> tuple[float, float]:
+    """How many squares fit along x and y, n of them across the shortest side, or of the given size; no whole numbers.
+
+    Raises
+    ------
+    MeshError
+        Neither or both are given, n is not a positive whole number, or the size not a positive one.
+    """
+    if (n is None) == (size is None):
+        both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
+        raise MeshError(f"n must be given (cells across the shortest side) or size= (the width of a cell); got {both}.")
+    if size is None:
+        cells, shortest = check_whole("n", n), min(box.width, box.height)
+        return cells * (box.width / shortest), cells * (box.height / shortest)
+    if not is_real(size) or not SHORTEST <= size <= LARGEST:
+        raise MeshError(f"size must be a length above {SHORTEST:g} and below {LARGEST:g}; got {brief(size)}.")
+    check_total(max(1.0, box.width / size) * max(1.0, box.height / size))
+    return box.width / size, box.height / size
+
+
+def check_total(cells: Number) -> Number:
     """Return the number of cells if a mesh of so many is no slip of the keyboard, or raise MeshError."""
     if cells > MOST_CELLS:
         raise MeshError(f"that would be {cells:.3g} cells; at most {MOST_CELLS:g} are made. Ask for fewer.")

@@ -25,11 +25,12 @@ class Clarabel(ThroughCvxpy):
         return "Clarabel"
 
     def tolerances(self, target: float) -> dict[str, Any]:
-        # The programs come scaled, so its equilibration is off. Regularisation caps the accuracy: with 1e-13 a sixth of
-        # the steps of the paper's run (h = 1/256) stops at a gap 1e6 times too large, with 1e-15 none does. Steps of .999
-        # of what the cones allow save 7 % of the iterations. Two threads are three times slower than one on the patterns
-        # cvxpy makes; faer takes 4.6 s where qdldl takes 22 on the paper's full program; iterative refinement, up to ten
-        # rounds a solve, doubles the time of a condensed program and on most changes no digit of its gap.
+        # The programs come scaled, so its equilibration is off. Regularisation caps the accuracy: with 1e-13 a sixth
+        # of the steps of the paper's run (h = 1/256) stops at a gap 1e6 times too large, with 1e-15 none does. Going
+        # .999 of the way to the cones saves 7 % of the iterations. Two threads are three times slower than one on the
+        # patterns cvxpy makes; faer takes 4.6 s where qdldl takes 22 on the paper's full program; iterative
+        # refinement, up to ten rounds a solve, doubles the time of a condensed program and on most changes no digit
+        # of its gap.
         tight = float(np.clip(CONIC_GAP * target, 1e-15, 1e-8))
         return {
             "tol_gap_abs": tight,

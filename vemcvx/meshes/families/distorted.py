@@ -9,12 +9,14 @@ from vemcvx.meshes.families.squares import square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 
-def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float = 0.5) -> PolygonMesh:
+def distorted(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, amount: float = 0.5
+) -> PolygonMesh:
     """Mesh a box with distorted squares.
 
     Parameters
     ----------
-    n, box, seed : as of `squares`
+    n, box, seed, size : as of `squares`
     amount : float
         In [0, 1): inner nodes move by up to this part of half a cell along each axis. Nodes then stay in disjoint
         boxes about their places, so opposite edges of a cell never meet and every cell is valid.
@@ -31,7 +33,7 @@ def distorted(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, amount: float
     """
     rectangle = check_box(box)
     amount = check_fraction("amount", amount, 1.0)
-    nx, ny = cell_counts(n, rectangle)
+    nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]

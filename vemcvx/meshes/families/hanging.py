@@ -15,12 +15,14 @@ AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])
 QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
 
 
-def hanging(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, fraction: float = 0.3) -> PolygonMesh:
+def hanging(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, fraction: float = 0.3
+) -> PolygonMesh:
     """Mesh a box with squares of two sizes and hanging nodes between them.
 
     Parameters
     ----------
-    n, box, seed : as of `squares`
+    n, box, seed, size : as of `squares`
         With n for the large cells; which of them are cut is random.
     fraction : float
         In [0, 1]: the part of the large cells that is cut in four.
@@ -37,7 +39,7 @@ def hanging(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, fraction: float
     """
     rectangle = check_box(box)
     fraction = check_fraction("fraction", fraction, 1.0, closed=True)
-    nx, ny = cell_counts(n, rectangle)
+    nx, ny = cell_counts(n, rectangle, size)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     cut = np.zeros(nx * ny, dtype=bool)
     cut[random.permutation(nx * ny)[: round(fraction * nx * ny)]] = True

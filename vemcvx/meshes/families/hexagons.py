@@ -14,17 +14,19 @@ from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_
 from vemcvx.meshes.families.padded import padded_mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
-# Width of a regular hexagon of area 1, so that n means n * n cells a unit area: a^2 sqrt(3)/2 = 1.
+# Width of a regular hexagon of area 1, so that hexagons are as many as squares: a^2 sqrt(3)/2 = 1.
 WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
 
 
-def hexagons(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+def hexagons(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
     """Mesh a box with hexagons, regular up to a stretch that makes them fit; cut in half or to pentagons at the sides.
 
     Parameters
     ----------
-    n, box, seed : as of `squares`
-        With n * n cells a unit area; every other of the rows has a half cell at either end in place of one whole.
+    n, box, seed, size : as of `squares`
+        As many cells as squares, nearly; every other of the rows has a half cell at either end in place of one whole.
 
     Returns
     -------
@@ -37,7 +39,7 @@ def hexagons(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
         As `squares`.
     """
     rectangle = check_box(box)
-    columns, rows = cell_counts(n, rectangle, stretch=WIDTH)
+    columns, rows = cell_counts(n, rectangle, size, stretch=WIDTH)
     lines, half_cells = np.arange(rows + 1)[:, None], np.arange(2 * columns + 1)
     # Row k has its upright edges where k + i is even; there the line below it is high and the line above it low.
     high = (lines + half_cells) % 2 == 0

@@ -11,12 +11,14 @@ from vemcvx.meshes.families.squares import square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 
-def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float = 0.15) -> PolygonMesh:
+def nonconvex(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, zigzag: float = 0.15
+) -> PolygonMesh:
     """Mesh a box with non-convex cells (where there is more than one).
 
     Parameters
     ----------
-    n, box, seed : as of `squares`
+    n, box, seed, size : as of `squares`
     zigzag : float
         In [0, 1/3): how far the thirds of every inner edge swerve to either side, in parts of a cell. Below 1/3 the
         edges of a corner stay apart.
@@ -33,7 +35,7 @@ def nonconvex(n: Count, box: Corners = UNIT_BOX, seed: int = 0, *, zigzag: float
     """
     rectangle = check_box(box)
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
-    nx, ny = cell_counts(n, rectangle)
+    nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
     along = _thirds(points, nx, ny, zigzag, rectangle)
     level, upright = (ny + 1) * nx, ny * (nx + 1)  # numbers of level and of upright edges, also those on the sides

@@ -9,30 +9,37 @@ from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 
-def squares(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+def squares(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
     """Mesh a box with equal squares; other families take what this one takes, and name the sides as it does.
 
     Parameters
     ----------
     n : int or (int, int)
-        Cells a unit length along each side (at least one), or the numbers of cells along x and y.
+        Cells across the shortest side of the box, and along the other as many as make them most nearly squares; or the
+        numbers of cells along x and y.
     box : ((x0, x1), (y0, y1))
         The rectangle to mesh.
     seed : int
         Start of the random numbers: the same seed gives the same mesh. Nothing is random here.
+    size : float
+        The width of a cell, instead of n; cells are as near to it as whole numbers of them come.
 
     Returns
     -------
     PolygonMesh
-        Nodes and cells row by row, boundaries "left", "right", "bottom", "top" and "boundary"; h = sqrt(2) / n.
+        Nodes and cells row by row, boundaries "left", "right", "bottom", "top" and "boundary"; in the unit square
+        h = sqrt(2) / n.
 
     Raises
     ------
     MeshError
-        n is not a positive whole number, or box is not a rectangle.
+        n is not a positive whole number, size is not a positive length, both or neither are given, or box is not a
+        rectangle.
     """
     rectangle = check_box(box)
-    points, corners = square_grid(*cell_counts(n, rectangle), rectangle)
+    points, corners = square_grid(*cell_counts(n, rectangle, size), rectangle)
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
 
 

@@ -9,12 +9,14 @@ from vemcvx.meshes.families.squares import square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 
-def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
+def triangles(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
     """Mesh a box with right-angled triangles, two to each square of `squares`.
 
     Parameters
     ----------
-    n, box, seed : as of `squares`
+    n, box, seed, size : as of `squares`
 
     Returns
     -------
@@ -27,6 +29,6 @@ def triangles(n: Count, box: Corners = UNIT_BOX, seed: int = 0) -> PolygonMesh:
         As `squares`.
     """
     rectangle = check_box(box)
-    points, corners = square_grid(*cell_counts(n, rectangle), rectangle)
+    points, corners = square_grid(*cell_counts(n, rectangle, size), rectangle)
     vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
     return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)

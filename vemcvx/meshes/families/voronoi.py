@@ -35,6 +35,7 @@ def voronoi(
     box: Corners = UNIT_BOX,
     seed: int = 0,
     *,
+    size: float | None = None,
     cells: int | None = None,
     relaxations: int = 50,
     shortest: float = 0.02,
@@ -43,11 +44,10 @@ def voronoi(
 
     Parameters
     ----------
-    n : int or (int, int), optional
-        n * n cells a unit area, or nx * ny cells in all; not needed if ``cells`` is given.
-    box, seed : as of `squares`
+    n, box, seed, size : as of `squares`
+        Which has as many cells.
     cells : int, optional
-        Number of cells, instead of n.
+        Number of cells, instead of n or size.
     relaxations : int
         Lloyd iterations; 0 keeps the raw Voronoi cells of the random seeds.
     shortest : float
@@ -64,23 +64,23 @@ def voronoi(
         As `squares`, or ``shortest`` not in [0, 0.1].
     """
     rectangle = check_box(box)
-    count = _number_of_cells(n, cells, rectangle)
+    count = _number_of_cells(n, rectangle, size, cells)
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     # Lengths below are in roots of the mean cell area, whatever the units of the rectangle.
     scale = np.sqrt(rectangle.width / count) * np.sqrt(rectangle.height)
-    size = np.array([rectangle.width, rectangle.height]) / scale
-    seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, 2)) * size
+    sides = np.array([rectangle.width, rectangle.height]) / scale
+    seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, 2)) * sides
     seeds = seeds[_by_rows(seeds)]
     for _ in range(relaxations):
-        seeds = areas_and_centroids(*_cells_of(seeds, size))[1]
-    points, offsets, vertices = merge_coincident(*_cells_of(seeds, size), size)
+        seeds = areas_and_centroids(*_cells_of(seeds, sides))[1]
+    points, offsets, vertices = merge_coincident(*_cells_of(seeds, sides), sides)
     if shortest > 0.0:
-        points, offsets, vertices = collapse_short_edges(points, offsets, vertices, size, shortest)
+        points, offsets, vertices = collapse_short_edges(points, offsets, vertices, sides, shortest)
     rows = _by_rows(points)
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
-    return PolygonMesh.unchecked(_placed(points[rows], size, rectangle), offsets, number[vertices], rectangle)
+    return PolygonMesh.unchecked(_placed(points[rows], sides, rectangle), offsets, number[vertices], rectangle)
 
 
 def _by_rows(points: Floats) -> Ints:
@@ -88,13 +88,11 @@ def _by_rows(points: Floats) -> Ints:
     return np.lexsort((points[:, 0], np.floor(points[:, 1])))
 
 
-def _number_of_cells(n: Count | None, cells: int | None, box: Box) -> int:
+def _number_of_cells(n: Count | None, box: Box, size: float | None, cells: int | None) -> int:
     if cells is not None:
         return check_total(check_whole("cells", cells))
-    if isinstance(n, (tuple, list, np.ndarray)):
-        nx, ny = cell_counts(n, box)
-        return nx * ny
-    return check_total(max(1, round(check_whole("n", n) ** 2 * box.width * box.height)))
+    nx, ny = cell_counts(n, box, size)
+    return nx * ny
 
 
 def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:

@@ -23,7 +23,7 @@ class Origin:
     family: str | None = None
     """The family of meshes, if it was one."""
     n: int | None = None
-    """What that family was asked for: cells per unit length."""
+    """What that family was asked for: cells across the shortest side."""
 
 
 def write_summary(history: Results, origin: Origin, writing: float, path: Path) -> None:

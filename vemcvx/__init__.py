@@ -36,6 +36,7 @@ from vemcvx.errors import (
     NotCertified,
     NotContracting,
     ProblemError,
+    ProgramError,
     SceneError,
     SceneWarning,
     VemcvxError,
@@ -43,6 +44,7 @@ from vemcvx.errors import (
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
+from vemcvx.exchange import read_program, write_program
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
@@ -93,6 +95,7 @@ __all__ = [
     "Pressure",
     "Prestress",
     "ProblemError",
+    "ProgramError",
     "Scene",
     "SceneError",
     "SceneWarning",
@@ -118,5 +121,7 @@ __all__ = [
     "meshes",
     "programs",
     "read_history",
+    "read_program",
     "simulate",
+    "write_program",
 ]

@@ -41,6 +41,10 @@ class HistoryError(VemcvxError):
     """A history cannot be read, written or drawn as asked."""
 
 
+class ProgramError(VemcvxError):
+    """A step's program cannot be read or written as asked."""
+
+
 class ProblemError(VemcvxError):
     """A problem file, or what the command line asks of it, does not make a run."""
 

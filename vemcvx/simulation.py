@@ -19,6 +19,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
+from vemcvx.results.programs import with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver
@@ -149,7 +150,7 @@ def programs(
     check_kinds(scene, mesh)
     instants = checked_times(times)
     posed = pose_scene(scene, mesh, instants.tolist())
-    return programs_of_march(
+    found = programs_of_march(
         posed.system,
         instants,
         solver=solver,
@@ -158,6 +159,7 @@ def programs(
         condense=condense,
         linear=linear,
     )
+    return with_origin(found, [effect.describe() for effect in scene.canonical], mesh)
 
 
 def _reported(progress: bool | Callable[[int, int], None] | None) -> Callable[[int, int], None] | None:

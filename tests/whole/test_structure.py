@@ -23,6 +23,7 @@ PAGE = {
     "effects": "the physics that a scene can name, each turned into arrays",
     "linear": "factorisations behind one seam",
     "program": "a step as a convex program: condensed, scaled, certified; it knows no mesh",
+    "exchange": "programs as files",
     "scene": "effects on a mesh, put together into a system",
     "solvers": "answers to a step's program",
     "stepping": "backward Euler: pose, answer, certify, record",
@@ -35,7 +36,7 @@ PAGE = {
     "__main__": "python -m vemcvx",
 }
 """From the ground up: each may import what stands above it here, and the ground below all (`GROUND`)."""
-APART = {"linear", "program"}, {"meshes", "vem", "effects"}
+APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 """Mechanics of programs on the one hand, of meshes on the other: neither knows the other; `scene` joins them."""
 HEAVY = {
     "cvxpy": {"program/in_cvxpy.py", "solvers/conic.py"},

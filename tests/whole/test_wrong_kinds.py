@@ -129,6 +129,8 @@ CALLED = [
                 "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
     (vx.adapt, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "target": 0.9, "solver": None, "initial": None,
                 "most_unknowns": 4000, "theta": 0.6}, {key: {"None"} for key in ("solver", "initial")}),
+    (vx.write_program, {"program": next(vx.programs(SCENE, MESH, [0.0, 1.0])), "path": "step.words"}, {}),
+    (vx.read_program, {"path": "step.npz"}, {}),
     (vx.meshes.squares, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
     (vx.meshes.triangles, {"n": 2, "box": ((0, 1), (0, 1))}, {}),
     (vx.meshes.hexagons, {"n": 2, "box": ((0, 1), (0, 1))}, {}),

@@ -1,4 +1,4 @@
-"""The command line, `vemcvx run FILE`, `vemcvx show FILE`, `vemcvx compare FILE` and `vemcvx cost FILE`."""
+"""The command line: `vemcvx run`, `show`, `compare`, `export` and `cost`, each of a problem file."""
 
 from vemcvx.cli.commands import app, main
 

@@ -142,6 +142,45 @@ def compare(
 
 
 @app.command()
+def export(
+    file: File,
+    steps: Annotated[str, typer.Option(metavar="N,N,...", help="Which steps; 1 is the first.")],
+    form: Annotated[str, typer.Option("--format", metavar="npz|mtx|cbf|qps|mps", help="Of the files.")] = "npz",
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None,
+    mesh: Mesh = None,
+    n: N = 16,
+    of: Annotated[int, typer.Option(min=1, help="Steps of backward Euler that the run has.")] = 64,
+    solver: Annotated[str, typer.Option(help="Whose certified answers say the optimum, as of run.")] = "newton",
+    accuracy: Annotated[
+        float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
+    ] = None,
+    condense: Annotated[bool, typer.Option(help="Programs on the contact unknowns, or on all.")] = True,
+    linear: Annotated[str | None, typer.Option(help="superlu, pardiso or multigrid.")] = None,
+    settings: Settings = [],  # noqa: B006 - as above
+) -> None:
+    """Write the convex programs of some steps, for other solvers, with their certified optima."""
+    with reported():
+        from vemcvx.cli.export import export_programs
+        from vemcvx.cli.problem_file import read_problem
+        from vemcvx.cli.run import RunOptions
+
+        asked = RunOptions(
+            family=mesh,
+            n=n,
+            steps=of,
+            solver=solver,
+            accuracy=accuracy,
+            out=out,
+            plot=False,
+            store=(),
+            condense=condense,
+            settings=tuple(settings),
+            linear=linear,
+        )
+        typer.echo(export_programs(read_problem(file), asked, steps, form))
+
+
+@app.command()
 def cost(
     file: File,
     mesh: Annotated[

@@ -35,7 +35,7 @@ class RunOptions:
     accuracy: float | None
     out: Path | None
     plot: bool
-    store: str
+    store: str | tuple[int, ...]
     condense: bool
     settings: tuple[str, ...]
     resume: bool = False
@@ -57,7 +57,7 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
     # Held until the history is written: of two runs with one folder the second is refused.
     with nullcontext() if asked.out is None else Folder(asked.out / ROWS, asked.resume) as rows:
         if asked.target is None:
-            history, told = _simulated(problem, asked, rows)
+            history, told = simulated(problem, asked, rows)
         else:
             history, told = _adapted(problem, asked, asked.target)
         lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
@@ -67,9 +67,9 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
     return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
 
 
-def _simulated(problem: Problem, asked: RunOptions, rows: Folder | None) -> tuple[History, list[str]]:
+def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:
     """On the mesh and at the instants asked for."""
-    solver, made = named_solver(asked.solver, asked.accuracy), []
+    solver, made, store = named_solver(asked.solver, asked.accuracy), [], asked.store
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     with progress_bar("assembling", TimeRemainingColumn()) as shown:
 
@@ -84,7 +84,7 @@ def _simulated(problem: Problem, asked: RunOptions, rows: Folder | None) -> tupl
             problem.times(asked.steps),
             solver=solver,
             initial=problem.initial,
-            store=int(asked.store) if asked.store.isdecimal() else asked.store,
+            store=int(store) if isinstance(store, str) and store.isdecimal() else store,
             condense=asked.condense,
             linear=named_linear(asked.linear),
             progress=advance,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +29,14 @@ class SolvedProgram(StepProgram):
         1 is the first after the initial instant.
     t : float
         The instant at which the step ends.
+    origin : mapping
+        What it is the program of, in words and numbers: "scene", "mesh", "solver".
     """
 
     answer: Answer
     step: int
     t: float
+    origin: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:

@@ -1,0 +1,263 @@
+"""Programs as files: back to the bit, and read and solved by others, whose gaps are computed from the file alone."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import clarabel
+import highspy
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from reading_cbf import read_cbf, to_second_order
+
+import vemcvx as vx
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import StepProgram
+
+EPS = float(np.finfo(float).eps)
+TIMES = np.linspace(0.0, 1.0, 4)
+FORMATS = "npz", "mtx", "cbf", "qps"
+
+
+def press(x, t):
+    return np.column_stack([np.full(len(x), 3 * t), np.full(len(x), -6.0 * t)])
+
+
+def push(x, t):
+    return np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)])
+
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.3)
+FRICTION = vx.TrescaFriction(bound=4.0, on="bottom")
+SCENES = {
+    "friction": (STEEL, vx.Clamp(on="right"), vx.Traction(push, on="left"), vx.BilateralContact(on="bottom"), FRICTION),
+    "bounds": (
+        STEEL,
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.05 * t, -0.01 * t], (len(x), 1)), on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(bound=2.0, on="bottom", while_closed=False),
+    ),
+    "soft": (
+        STEEL,
+        vx.Clamp(on="left"),
+        vx.Traction(press, on="top"),
+        vx.NormalCompliance(500.0, on="bottom"),
+        vx.TrescaFriction(bound=1.0, on="bottom"),
+    ),
+    "free": (
+        STEEL,
+        vx.Traction(lambda x, t: np.column_stack([t + 0 * x[:, 0], 0 * x[:, 0]]), on="left"),
+        vx.BilateralContact(on="bottom"),
+        FRICTION,
+    ),
+}
+pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction")
+
+
+def solved(name, condense=True, n=3):
+    return list(vx.programs(vx.Scene(*SCENES[name]), vx.meshes.squares(n), TIMES, condense=condense))[1]
+
+
+def in_space(seed=0):
+    """A program of blocks of two, as a surface in space has, with one soft limit."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(9, 9))
+    operators = Operators(
+        A @ A.T + np.eye(9),
+        sp.csr_matrix(rng.normal(size=(6, 9))),
+        block=2,
+        D=sp.csr_matrix(rng.normal(size=(2, 9))),
+        compliance=np.array([0.0, 0.3]),
+    )
+    return StepProgram(operators, 3 * rng.normal(size=9), np.full(3, 0.7), 0.1 * rng.normal(size=6), np.full(2, 0.05))
+
+
+@pytest.mark.parametrize("condense", [True, False])
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("form", FORMATS)
+def test_programs_come_back(tmp_path, form, name, condense):
+    """All data to the bit; K of a CBF as the product F'F, whose entries are sums of n products."""
+    program, path = solved(name, condense), tmp_path / f"step.{form}"
+    if (form, name, condense) == ("cbf", "free", False):
+        with pytest.raises(vx.ProgramError, match="take the condensed program"):
+            vx.write_program(program, path)
+        return
+    assert vx.write_program(program, path) == path
+    back = vx.read_program(path)
+    ours, theirs = program.operators, back.operators
+    for one, two in ((program.g, back.g), (program.w, back.w), (program.b, back.b), (program.e, back.e)):
+        assert np.array_equal(one, two)
+    assert np.array_equal(ours.compliance, theirs.compliance)
+    assert (ours.block, ours.features) == (theirs.block, theirs.features)
+    assert (ours.B != theirs.B).nnz == (ours.D != theirs.D).nnz == 0
+    off = abs(ours.K - theirs.K).max()
+    # Each factor of F is known to n eps, too; a K with a kernel has lost the anchors' part, 2^-8, to begin with.
+    assert off <= (4 * len(program.g) * EPS * abs(ours.K).max() if form == "cbf" else 0.0)
+    answer = program.answer
+    found = back.certify(answer.d, answer.lam, answer.p)
+    assert found.gap <= 4 * (program.certificate.gap + program.certificate.floor) + found.floor
+    if form == "npz":
+        assert isinstance(back, vx.SolvedProgram)
+        assert back.bounds == program.bounds
+
+
+@pytest.mark.parametrize("form", ["npz", "mtx", "cbf"])
+def test_cones_of_more_components_come_back(tmp_path, form):
+    program, rng = in_space(), np.random.default_rng(1)
+    back = vx.read_program(vx.write_program(program, tmp_path / f"a.{form}"))
+    assert not isinstance(back, vx.SolvedProgram)
+    d, lam, p = rng.normal(size=9), program.project(rng.normal(size=(3, 2))), rng.uniform(size=2)
+    d = program.feasible(d)
+    one, two = program.certify(d, lam, p), back.certify(d, lam, p)
+    assert two.gap == pytest.approx(one.gap, rel=1e-12)
+
+
+def test_words_say_what_it_is(tmp_path):
+    """Beside every file: scene, mesh, step, the certified optimum and bounds on it, how degenerate, how conditioned."""
+    program = solved("friction")
+    vx.write_program(program, tmp_path / "a.npz")
+    words = json.loads((tmp_path / "a.json").read_text())
+    assert (words["step"], words["t"], words["format"]) == (2, TIMES[2], "vemcvx program 1")
+    assert words["origin"]["mesh"]["cells"] == 9
+    assert any("Elasticity" in line for line in words["origin"]["scene"])
+    optimum = words["optimum"]
+    assert optimum["low"] <= optimum["value"] <= optimum["high"]
+    assert (optimum["low"], optimum["high"]) == program.bounds
+    assert words["unknowns"] == len(program.g)
+    assert words["nonzeros"]["B"] == program.operators.B.nnz
+    assert words["condition"] == pytest.approx(np.linalg.cond(program.operators.K), rel=1e-9)
+    assert words["degenerate"] == {"norm_terms": 0, "limits": 0}
+    # Of all unknowns: as estimated as of a dense matrix.
+    full = solved("friction", condense=False, n=18)
+    vx.write_program(full, tmp_path / "b.npz")
+    assert len(full.g) > 600
+    condition = json.loads((tmp_path / "b.json").read_text())["condition"]
+    assert condition == pytest.approx(np.linalg.cond(full.operators.K.toarray()), rel=1e-2)
+    # Equal programs give equal files.
+    first = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    vx.write_program(program, tmp_path / "a.npz")
+    assert first == {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+
+def test_degenerate_terms_are_counted(tmp_path):
+    """min 1/2 |d|^2 - g'd + |d_1| + |d_2| under d_3 <= 0: g = (1, .5, 0): full and at rest; at rest; met and idle."""
+    D, B = np.eye(3)[2:], np.eye(3)[:2]
+    plain = StepProgram(
+        Operators(np.eye(3), sp.csr_matrix(B), D=sp.csr_matrix(D)),
+        np.array([1.0, 0.5, 0.0]),
+        np.ones(2),
+        np.zeros(2),
+        np.zeros(1),
+    )
+    answer = vx.Answer(np.zeros(3), np.array([[1.0], [0.5]]), 0, p=np.zeros(1))
+    vx.write_program(vx.SolvedProgram.of(plain, answer, 1, 0.0), tmp_path / "a.mtx")
+    assert json.loads((tmp_path / "a.json").read_text())["degenerate"] == {"norm_terms": 1, "limits": 1}
+
+
+@pytest.mark.parametrize("condense", [True, False])
+@pytest.mark.parametrize("name", ["friction", "bounds", "soft"])
+def test_highs_solves_the_qps(tmp_path, name, condense):
+    """It reads the file; what it answers is certified by the program that is read from the same file."""
+    program = solved(name, condense)
+    vx.write_program(program, tmp_path / "step.mps")
+    highs = highspy.Highs()
+    highs.silent()
+    assert highs.readModel(str(tmp_path / "step.mps")) == highspy.HighsStatus.kOk
+    assert highs.getNumCol() == len(program.g) + len(program.w) + int((program.operators.compliance > 0).sum())
+    highs.run()
+    assert highs.modelStatusToString(highs.getModelStatus()) == "Optimal"
+    back, m, n = vx.read_program(tmp_path / "step.mps"), len(program.w), len(program.g)
+    x, duals = np.array(highs.getSolution().col_value), -np.array(highs.getSolution().row_dual)
+    lam, p = duals[:m] - duals[m : 2 * m], duals[2 * m :]
+    d = back.feasible(x[:n])
+    found = back.certify(d, lam, p)
+    away = d - program.answer.d
+    bound = found.error + found.error_floor + program.certificate.error + program.certificate.error_floor
+    assert np.sqrt(away @ program.operators.K @ away) <= bound
+    low, high = program.bounds
+    # Its own regularisation of the Hessian, 1e-7, and tolerances of 1e-7.
+    assert low - 1e-6 <= highs.getInfo().objective_function_value <= high + 1e-6
+    assert found.gap < 1e-6
+
+
+@pytest.mark.parametrize("name", ["friction", "bounds", "soft", "free", "in space"])
+def test_clarabel_solves_the_cbf(tmp_path, name):
+    """Through a reader of the format that knows nothing of us: the optimum lies within the bounds."""
+    program = in_space() if name == "in space" else solved(name)
+    vx.write_program(program, tmp_path / "step.cbf")
+    cost, A, b, cones = to_second_order(*read_cbf((tmp_path / "step.cbf").read_text()))
+    kinds = {"Q": clarabel.SecondOrderConeT, "L+": clarabel.NonnegativeConeT}
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    # A x + b in the cone is b - (-A) x = s in the cone.
+    found = clarabel.DefaultSolver(
+        sp.csc_matrix((len(cost), len(cost))),
+        cost,
+        sp.csc_matrix(-A),
+        b,
+        [kinds[kind](size) for kind, size in cones],
+        settings,
+    ).solve()
+    assert str(found.status) == "Solved"
+    back, n, block = vx.read_program(tmp_path / "step.cbf"), len(program.g), program.operators.block
+    d, z, start = np.array(found.x)[:n], np.array(found.z), cones[0][1]
+    terms = z[start : start + len(program.w) * (1 + block)].reshape(-1, 1 + block)
+    certificate = back.certify(back.feasible(d), -terms[:, 1:], z[start + terms.size :])
+    # Tolerances are 1e-8 of numbers of size one.
+    assert certificate.gap < 1e-6
+    assert terms[:, 0] == pytest.approx(program.w, abs=1e-6)
+    low, high = program.bounds if name != "in space" else [program.objective(back.feasible(d))] * 2
+    assert low - 1e-6 <= found.obj_val <= high + 1e-6
+
+
+def test_scs_solves_the_cbf(tmp_path):
+    """Which takes its cones in another order, and the same way round."""
+    import scs
+
+    program = solved("bounds")
+    vx.write_program(program, tmp_path / "step.cbf")
+    cost, A, b, cones = to_second_order(*read_cbf((tmp_path / "step.cbf").read_text()))
+    positive = np.concatenate([np.full(size, kind == "L+") for kind, size in cones])
+    order = np.concatenate([np.flatnonzero(positive), np.flatnonzero(~positive)])
+    data = {"A": sp.csc_matrix(-A[order]), "b": b[order], "c": cost}
+    sizes = {"l": int(positive.sum()), "q": [size for kind, size in cones if kind == "Q"]}
+    found = scs.solve(data, sizes, verbose=False, eps_abs=1e-8, eps_rel=1e-8)
+    low, high = program.bounds
+    assert low - 1e-5 <= found["info"]["pobj"] <= high + 1e-5
+
+
+def test_what_cannot_be_written_or_read_is_refused(tmp_path):
+    program = solved("friction")
+    nothing = next(vx.programs(vx.Scene(*SCENES["friction"][:3]), vx.meshes.squares(2), TIMES))
+    write = {
+        "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps."),
+        "b.qps": (in_space(), "QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
+        "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
+        "d.npz": (nothing, "no unknowns left to solve for; take condense=False."),
+        "none/e.npz": (program, "cannot be written"),
+    }
+    for name, (what, words) in write.items():
+        with pytest.raises(vx.ProgramError, match=re.escape(words)):
+            vx.write_program(what, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+    read = {
+        "a.npz": (b"PK", "a.npz: is damaged, or no .npz file"),
+        "b.mtx": (b"%%MatrixMarket matrix array real general\n1 1\n1\n", "b.mtx: found no g"),
+        "c.cbf": (b"VER\n1\n", "only files that write_program() has made are read"),
+        "d.qps": (b"NAME x\nROWS\nRANGE\n", "found the section 'RANGE'"),
+        "e.qps": (b"NAME x\nENDATA\n", "is no QPS file of a step's program"),
+    }
+    for name, (data, words) in read.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(vx.ProgramError, match=re.escape(words)):
+            vx.read_program(tmp_path / name)
+    with pytest.raises(vx.ProgramError, match="there is no such file"):
+        vx.read_program(tmp_path / "f.npz")
+    vx.write_program(program, tmp_path / "g.npz")
+    kept = dict(np.load(tmp_path / "g.npz"))
+    for name, value in {"w": -kept["w"], "g": kept["g"][1:], "b": np.full_like(kept["b"], np.nan)}.items():
+        np.savez(tmp_path / "h.npz", **{**kept, name: value})
+        with pytest.raises(vx.ProgramError, match=r"h.npz: is no convex program of a step"):
+            vx.read_program(tmp_path / "h.npz")

@@ -4,7 +4,8 @@
     rows      U_i: B_i d - t_i <= b_i,   L_i: -B_i d - t_i <= -b_i,   Z_j: D_j d - c_j p_j <= e_j      d free, t, p >= 0
 
 in free format, the upper triangle of the Hessian in QUADOBJ. Duals of U less those of L (of solvers whose duals of such
-rows are >= 0) are lam, those of Z are p; the columns p_j, of soft limits only, are the forces of these.
+rows are >= 0) are lam, those of Z are p; the columns p_j, of soft limits only, are the forces of these. That t >= 0 is
+implied; without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
 """
 
 from __future__ import annotations

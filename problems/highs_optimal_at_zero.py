@@ -1,0 +1,14 @@
+"""HiGHS 1.15.1 says "Optimal" at x = 0, where the value is 0 instead of -13/12: a report that needs highspy only.
+
+The program, in the file beside, is a step of friction with two unknowns. With the implied t >= 0 in it HiGHS is right.
+"""
+
+from pathlib import Path
+
+import highspy
+
+highs = highspy.Highs()
+highs.readModel(str(Path(__file__).with_suffix(".mps")))
+highs.run()
+print(highs.version(), highs.modelStatusToString(highs.getModelStatus()), list(highs.getSolution().col_value))
+print(f"value {highs.getInfo().objective_function_value}; that of d = t = (7/6, 1/3) is {-13 / 12}")

@@ -231,17 +231,18 @@ def test_scs_solves_the_cbf(tmp_path):
 def test_what_cannot_be_written_or_read_is_refused(tmp_path):
     program = solved("friction")
     nothing = next(vx.programs(vx.Scene(*SCENES["friction"][:3]), vx.meshes.squares(2), TIMES))
+    (tmp_path / "file").touch()
     write = {
         "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps."),
         "b.qps": (in_space(), "QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
         "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
         "d.npz": (nothing, "no unknowns left to solve for; take condense=False."),
-        "none/e.npz": (program, "cannot be written"),
+        "file/e.npz": (program, "cannot be written"),
     }
     for name, (what, words) in write.items():
         with pytest.raises(vx.ProgramError, match=re.escape(words)):
             vx.write_program(what, tmp_path / name)
-    assert not list(tmp_path.iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
     read = {
         "a.npz": (b"PK", "a.npz: is damaged, or no .npz file"),
         "b.mtx": (b"%%MatrixMarket matrix array real general\n1 1\n1\n", "b.mtx: found no g"),

@@ -16,10 +16,11 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_programs_print_what_is_printed_below_them(capsys):
-    """The second goes on where the first ends."""
+def test_the_programs_print_what_is_printed_below_them(capsys, tmp_path, monkeypatch):
+    """The others go on where the first ends."""
+    monkeypatch.chdir(tmp_path)
     programs = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", README, re.DOTALL)
-    assert len(programs) == 2
+    assert len(programs) == 3
     known = {}
     for program, printed in programs:
         exec(compile(program, "README.md", "exec"), known)

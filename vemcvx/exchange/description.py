@@ -50,15 +50,14 @@ def description(program: StepProgram) -> dict[str, Any]:
 
 def _optimum(program: SolvedProgram) -> dict[str, float]:
     certificate, (low, high) = program.certificate, program.bounds
-    d, K = program.answer.d, program.operators.K
     return {
-        "value": program.objective(d),
+        "value": program.objective(program.answer.d),
         "low": low,
         "high": high,
         "gap": certificate.gap,
         "rounding_floor": certificate.floor,
         "energy_error": certificate.error,
-        "energy_norm": float(np.sqrt(max(float(d @ (K @ d)), 0.0))),
+        "energy_norm": program.norm,
     }
 
 

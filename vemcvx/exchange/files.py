@@ -39,7 +39,7 @@ FORMATS: dict[str, Format] = {
 
 
 def write_program(program: StepProgram, path: str | Path) -> Path:
-    """Write a program in the format that the suffix names, and a JSON beside it; what is there is replaced.
+    """Write a program in the format that the suffix names, and a JSON beside it; folders are made, files replaced.
 
     Parameters
     ----------
@@ -59,11 +59,13 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
         There is no such format, it cannot hold the program, or the files cannot be written.
     """
     place, name = _place(path)
-    for end, data in encoded(program, name).items():
-        try:
+    files = encoded(program, name)
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        for end, data in files.items():
             place.with_name(place.stem + end).write_bytes(data)
-        except OSError as error:
-            raise ProgramError(f"{place}: cannot be written: {error}.") from error
+    except OSError as error:
+        raise ProgramError(f"{place}: cannot be written: {error}.") from error
     return place
 
 

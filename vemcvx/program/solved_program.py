@@ -50,6 +50,11 @@ class SolvedProgram(StepProgram):
         return self.certify(self.answer.d, self.answer.lam, self.answer.p)
 
     @cached_property
+    def norm(self) -> float:
+        """|d|_K, the energy norm of the increments: what errors may be held against."""
+        return float(np.sqrt(max(float(self.answer.d @ (self.operators.K @ self.answer.d)), 0.0)))
+
+    @cached_property
     def bounds(self) -> tuple[float, float]:
         """Below and above the least value of the objective: that of the answer less the gap, and that of the answer.
 

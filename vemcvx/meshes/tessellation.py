@@ -24,6 +24,7 @@ from vemcvx.meshes.checks.mesh import checked
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
 from vemcvx.meshes.polygons import shapes as geometry
 from vemcvx.meshes.polygons import topology
+from vemcvx.outline import Outline, in_a_line
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -101,6 +102,11 @@ class Tessellation:
     def n_nodes(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    def _repr_html_(self) -> str:
+        names = [(f'"{name}"', f"{len(edges)} edges") for name, edges in self.boundaries.items()]
+        data = [(name, in_a_line(values)) for name, values in self.cell_data.items()]
+        return Outline(f"{type(self).__name__}: {self.n_cells} cells, h = {self.h:.4g}", [*names, *data]).html()
 
     @property
     def n_cells(self) -> int:

@@ -18,12 +18,13 @@ from typing import Annotated
 import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
+from vemcvx.outline import ArrayRecord
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
 
 
-@dataclass(frozen=True, kw_only=True)
-class Contact:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Contact(ArrayRecord):
     """The contact boundary over time: m contact nodes, S stored instants.
 
     Nodes of the boundary are contact nodes unless another support fixes their normal component. Among them are nodes

@@ -12,6 +12,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
+from vemcvx.outline import Outline, Outlined
 from vemcvx.program import SolvedProgram
 from vemcvx.results.io.folder import read_results, write_results
 from vemcvx.results.probe.places import places
@@ -21,8 +22,8 @@ from vemcvx.results.results import Results
 from vemcvx.results.words import in_words
 
 
-@dataclass(frozen=True, kw_only=True)
-class History(Results):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class History(Results, Outlined):
     """The results of a simulation; arrays over time have one row per stored step.
 
     Attributes
@@ -118,9 +119,14 @@ class History(Results):
         """
         return next(programs_of_steps(self, [n], condense))
 
+    def outline(self) -> Outline:
+        """What prompts and notebooks show: the summary."""
+        return in_words(self)
+
     def summary(self) -> str:
         """The run in a few lines of words."""
-        return in_words(self)
+        words = self.outline()
+        return "\n".join([words.title, *(f"{name:<12}{said}" for name, said in words.lines)])
 
     def write(self, folder: str | Path) -> Path:
         """Write the history to a folder: see :mod:`vemcvx.results.io.folder`."""

@@ -19,7 +19,7 @@ from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Results:
     """The arrays of a simulation: what a :class:`vemcvx.History`, whose docstring says all of them, is made of."""
 

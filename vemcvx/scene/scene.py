@@ -9,6 +9,7 @@ import numpy as np
 from vemcvx.arrays import brief
 from vemcvx.effects import Effect, MaterialLaw
 from vemcvx.errors import SceneError
+from vemcvx.outline import Outline
 
 
 class Scene:
@@ -88,6 +89,10 @@ class Scene:
 
     def __repr__(self) -> str:
         return "Scene(\n" + "".join(f"    {effect!r},\n" for effect in self._effects) + ")"
+
+    def _repr_html_(self) -> str:
+        said = [effect.describe().partition(": ") for effect in self._effects]
+        return Outline("Scene", [(name, words) for name, _, words in said]).html()
 
 
 def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:

@@ -8,10 +8,11 @@ from typing import Annotated
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.outline import ArrayRecord
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trajectory:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Trajectory(ArrayRecord):
     """The backward-Euler solution of a System; scalars for all N + 1 instants, arrays for the stored S.
 
     Attributes

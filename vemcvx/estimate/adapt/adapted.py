@@ -23,6 +23,7 @@ from vemcvx.estimate.adapt.time_steps import split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.meshes import PolygonMesh
+from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
 from vemcvx.results.from_march import record
 from vemcvx.results.history import History
@@ -71,8 +72,8 @@ class Pass:
         return self.algebra + self.space + self.time
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Adapted:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Adapted(Outlined):
     """What :func:`adapt` returns.
 
     Attributes
@@ -96,6 +97,17 @@ class Adapted:
     def met(self) -> bool:
         """Whether the estimated error is within the target."""
         return self.passes[-1].total <= self.target
+
+    def outline(self) -> Outline:
+        """What prompts and notebooks show: whether the target is met, and the last pass."""
+        last, met = self.passes[-1], "met" if self.met else "not met"
+        parts = ", ".join(f"{name} {getattr(last, name):.1e}" for name in ("algebra", "space", "time"))
+        lines = [
+            ("estimated", f"{last.total:.2%} of the energy norm ({parts})"),
+            ("passes", f"{len(self.passes)}; last: cells {last.cells}, unknowns {last.unknowns}, steps {last.steps}"),
+            *(("jump", words) for words in self.budget.jumps),
+        ]
+        return Outline(f"Adapted: target {self.target:.2%}, {met}", lines)
 
     def summary(self) -> str:
         """The passes as a table."""

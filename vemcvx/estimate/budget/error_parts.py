@@ -22,6 +22,7 @@ from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
 from vemcvx.estimate.budget.residual import indicators
 from vemcvx.estimate.budget.skeleton import skeleton
 from vemcvx.estimate.budget.surface_forces import instant
+from vemcvx.outline import Outline, Outlined
 from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import PosedScene, pose_scene
@@ -29,8 +30,8 @@ from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ErrorBudget:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ErrorBudget(Outlined):
     """Relative energy errors of a run, part by part.
 
     Attributes
@@ -61,6 +62,15 @@ class ErrorBudget:
     added: Floats
     jumps: tuple[str, ...]
     scale: float
+
+    def outline(self) -> Outline:
+        """What prompts and notebooks show: the parts where their sum is largest."""
+        worst = self.steps[np.argmax(self.total)]
+        parts = [(name, f"{value:.1e}") for name, value in self.largest.items()]
+        return Outline(
+            f"ErrorBudget: estimated relative energy errors at step {worst}, the largest of {len(self.steps)} steps",
+            [*parts, *(("jump", words) for words in self.jumps)],
+        )
 
     @property
     def total(self) -> Floats:

@@ -17,6 +17,7 @@ from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver
+from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import at_rest, drag
@@ -84,7 +85,11 @@ def _solved_program(steps: Steps, before: State, after: State, n: int) -> Solved
     program = steps.posed(before, n, after.t, after.weights).program
     # The difference of two states may lie a rounding error beyond a bound.
     answer = after.answer(program.feasible(after.y - before.y), after.lam, after.p)
-    return SolvedProgram.of(program, answer, n, after.t)
+    found = SolvedProgram.of(program, answer, n, after.t)
+    if found.certificate.gap <= after.certificate.gap + found.certificate.floor:
+        return found
+    # It has lost digits, to which gaps are linear where terms stick and limits touch; they are found again.
+    return SolvedProgram.of(program, polished(program, answer), n, after.t)
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:
@@ -113,5 +118,6 @@ def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
         lam=lam - now.bias.reshape(lam.shape),
         p=trajectory.pressures[row],
         weights=trajectory.weights[row, norms],
+        certificate=replace(state.certificate, equilibrium=float(trajectory.gap[n])),
         iterations=int(trajectory.iterations[n]),
     )

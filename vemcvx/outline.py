@@ -6,13 +6,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import Field, dataclass, fields
 from html import escape
+from textwrap import shorten
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.arrays import brief
 
 Lines = Sequence[tuple[str, str]]
+LINE = 100
+"""Characters of what is no array."""
 KINDS = {"b": "true or false", "i": "whole numbers", "f": ""}
 
 
@@ -57,15 +61,24 @@ class ArrayRecord(Outlined):
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def outline(self) -> Outline:
-        """The fields in their order."""
-        return Outline(type(self).__name__, [(f.name, in_a_line(getattr(self, f.name))) for f in fields(self)])
+        """The fields in their order; those of arrays of arrays one by one."""
+        lines: list[tuple[str, str]] = []
+        for field in (field for field in fields(self) if field.repr):
+            value = getattr(self, field.name)
+            inner = value.outline().lines if isinstance(value, ArrayRecord) else [("", in_a_line(value))]
+            lines += [(f"{field.name}.{name}".rstrip("."), words) for name, words in inner]
+        return Outline(type(self).__name__, lines)
 
 
 def in_a_line(value: object) -> str:
     """An array by its shape, anything else in at most a line."""
     if isinstance(value, str):
         return value
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, sp.csr_matrix):
+        return f"{value.shape} sparse, {value.nnz} entries"
     if not isinstance(value, np.ndarray):
-        return brief(value)
+        return shorten(brief(value), LINE)
     kind = KINDS.get(value.dtype.kind, str(value.dtype))
     return f"{value.shape} {kind}".rstrip()

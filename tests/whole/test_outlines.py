@@ -10,6 +10,7 @@ import vemcvx as vx
 
 SCREEN = 30, 140
 """Lines, and characters in one."""
+NAMES = "history", "contact", "trajectory", "program", "certificate", "budget", "adapted", "scene", "mesh"
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +22,8 @@ def shown():
         "history": history,
         "contact": history.contact,
         "trajectory": history.trajectory,
+        "program": history.program(7),
+        "certificate": history.program(7).certificate,
         "budget": vx.error_budget(history),
         "adapted": adapted,
         "scene": scene,
@@ -28,7 +31,7 @@ def shown():
     }
 
 
-@pytest.mark.parametrize("name", ["history", "contact", "trajectory", "budget", "adapted", "scene", "mesh"])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_result_is_shown_in_a_screenful(shown, name):
     lines = repr(shown[name]).splitlines()
     assert len(lines) <= SCREEN[0]

@@ -35,13 +35,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vemcvx.arrays import EPS, Floats
+from vemcvx.outline import ArrayRecord
 
 ROUNDED = 4 * EPS
 """What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
 
 
-@dataclass(frozen=True)
-class Certificate:
+@dataclass(frozen=True, repr=False)
+class Certificate(ArrayRecord):
     """A bound on the error of one answer.
 
     Parameters

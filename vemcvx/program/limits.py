@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import called, function
 from vemcvx.arrays import Floats, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
+from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
 
 
-@dataclass(frozen=True)
-class Limits:
+@dataclass(frozen=True, repr=False)
+class Limits(ArrayRecord):
     """Row j of D, the limit e_j and the compliance c_j.
 
     With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier

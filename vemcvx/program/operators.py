@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.linear import DenseCholesky, Factor, Matrix, SuperLU
+from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.program.rows import Rows
 
@@ -26,8 +27,8 @@ def _none() -> sp.csr_matrix:
     return sp.csr_matrix((0, 0))
 
 
-@dataclass(frozen=True)
-class Operators:
+@dataclass(frozen=True, repr=False)
+class Operators(ArrayRecord):
     """The data of a step's program that do not change.
 
     Parameters

@@ -14,7 +14,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.step_program import Answer, StepProgram
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SolvedProgram(StepProgram):
     """The program of one step of a run as it was solved, and the answer.
 

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import EPS, Floats
+from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.checks import of_shape
 from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
@@ -29,8 +30,8 @@ def _none() -> Floats:
     return np.zeros(0)
 
 
-@dataclass(frozen=True)
-class StepProgram:
+@dataclass(frozen=True, repr=False)
+class StepProgram(ArrayRecord):
     """One step's program: its own data, beside the operators that all steps share.
 
     Minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a limit has a compliance c_j > 0, with
@@ -267,8 +268,8 @@ class StepProgram:
         return d
 
 
-@dataclass(frozen=True)
-class Answer:
+@dataclass(frozen=True, repr=False)
+class Answer(ArrayRecord):
     """A solver's answer to one step; nothing is claimed about it before it is certified.
 
     Parameters

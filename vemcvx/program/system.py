@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import called, function, instance, is_whole
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
+from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import (
     SAY,
     SYMMETRIC,
@@ -35,8 +36,8 @@ from vemcvx.program.motion import Motion
 ROUNDED = 8 * float(np.finfo(float).eps)
 
 
-@dataclass(frozen=True)
-class Norms:
+@dataclass(frozen=True, repr=False)
+class Norms(ArrayRecord):
     """The terms w_i |B_i v|: rows i * block ... (i + 1) * block of B make the vector B_i v.
 
     Parameters
@@ -161,8 +162,8 @@ class DraggedTerms:
     """t -> (q * block,), as of norm terms"""
 
 
-@dataclass(frozen=True)
-class Damping:
+@dataclass(frozen=True, repr=False)
+class Damping(ArrayRecord):
     """The form b of the rate, b(u', v), beside a(u, v).
 
     Parameters
@@ -184,8 +185,8 @@ class Damping:
         object.__setattr__(self, "C", C)
 
 
-@dataclass(frozen=True)
-class System:
+@dataclass(frozen=True, repr=False)
+class System(ArrayRecord):
     """K, the load, and the norm terms; the load already includes minus the Dirichlet force of moving supports.
 
     Parameters

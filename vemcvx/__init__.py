@@ -39,6 +39,7 @@ from vemcvx.errors import (
     ProgramError,
     SceneError,
     SceneWarning,
+    SolverFailed,
     VemcvxError,
 )
 from vemcvx.estimate import measures
@@ -101,6 +102,7 @@ __all__ = [
     "SceneWarning",
     "SolvedProgram",
     "Solver",
+    "SolverFailed",
     "StepProgram",
     "SuperLU",
     "Symmetry",

@@ -37,6 +37,10 @@ class NotAccepted(VemcvxError):
     """The chosen solver cannot take a term that the program has."""
 
 
+class SolverFailed(SceneError):
+    """The solver broke down: it raised an error of its own, or answered with what fits no program."""
+
+
 class HistoryError(VemcvxError):
     """A history cannot be read, written or drawn as asked."""
 

@@ -22,7 +22,7 @@ from vemcvx.results.history import History
 from vemcvx.results.programs import with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.solvers import Solver
+from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.storage import Folder, Memory, Storage
 from vemcvx.stepping.time_loop import checked_times, march
@@ -36,7 +36,7 @@ def simulate(
     mesh: PolygonMesh,
     times: ArrayLike,
     *,
-    solver: Solver | None = None,
+    solver: Solver | Solves | None = None,
     initial: ArrayLike | str | None = None,
     store: str | int | Sequence[int] = "all",
     check: bool = True,
@@ -54,7 +54,7 @@ def simulate(
     mesh : PolygonMesh
     times : increasing sequence of instants
         times[0] is the initial instant; data are evaluated at each of the others.
-    solver : Solver, optional
+    solver : Solver, or object with solve(program, target), optional
         By default Direct for programs without friction and one-sided contact, else Newton.
     initial : None, (n_nodes, 2) array, "equilibrium" or "settled"
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
@@ -127,7 +127,7 @@ def programs(
     mesh: PolygonMesh,
     times: ArrayLike,
     *,
-    solver: Solver | None = None,
+    solver: Solver | Solves | None = None,
     initial: ArrayLike | str | None = None,
     check: bool = True,
     condense: bool = True,

@@ -123,10 +123,10 @@ def test_a_miss_exits_with_three(tmp_path):
             "--mesh: there is no family 'penrose'; there are squares, triangles, hexagons, voronoi",
         ),
         (
-            ["--solver", "Gurobi"],
-            "--solver: there is no solver 'Gurobi'; there are newton, clarabel, osqp, direct, and",
+            ["--solver", "Guroby"],
+            "--solver: there is no solver 'Guroby'; there are newton, clarabel, osqp, direct, those that cvxpy finds",
         ),
-        (["--solver", "GUROBY"], "solver 'GUROBY': cvxpy does not find it here; it finds .*CLARABEL"),
+        (["--solver", "Gurobi"], "solver 'GUROBI': cvxpy does not find it here; it finds .*CLARABEL"),
         (["--solver", "direct"], "Direct: the program has absolute values.*accept the program: Newton, OSQP, Clarabel"),
         (["--set", "gravity=9.81"], "has no parameter 'gravity'; its scene has young=200.0, poisson=0.3, bound=4.0"),
         (["--set", "young"], "--set: found 'young'; wanted name=value, such as young=1"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +15,9 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Outcome, bounds_distance, clause, distance, judged
+from vemcvx.cli.compare import Compared, clause
+from vemcvx.cli.compare_tables import remarks
+from vemcvx.cli.judgement import Attempt, bounds_distance, distance, judged
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.conic import installed
 
@@ -37,23 +41,68 @@ initial = "settled"
 """
 
 
+BROKEN = """
+import os, time
+import vemcvx as vx
+
+class Sleeping:
+    def solve(self, program, target):
+        time.sleep(60)
+
+class Dying:
+    def solve(self, program, target):
+        os._exit(3)
+
+class Failing:
+    def solve(self, program, target):
+        raise KeyError("eq_dual")
+
+class Leaving(vx.Newton):
+    def prepare(self, operators):
+        raise SystemExit(7)
+
+class Full(vx.Newton):
+    def prepare(self, operators):
+        raise MemoryError
+"""
+
+
 def invoke(*arguments):
-    return CliRunner().invoke(app, ["compare", *map(str, arguments)])
+    return CliRunner().invoke(app, ["compare", *map(str, arguments)], env={"COLUMNS": "200"})
+
+
+def tables(output):
+    """Those on a page: head -> rows, as words of the first line of each; a row is found by solver and settings."""
+    found = {}
+    for part in output.split("\n\n"):
+        lines = part.splitlines()
+        start = next((i for i, line in enumerate(lines) if line.split()[:1] == ["solver"]), None)
+        if start is not None:
+            body = [line.split() for line in lines[start + 1 :] if not line.startswith(" ")]
+            found[lines[start].split()[2]] = {(line[0], line[1]): line[2:] for line in body}
+    return found
 
 
 def rows(output):
-    """The table as a dictionary: solver -> words of its line."""
-    table = output.split("\n\n")[1].splitlines()[1:]
-    return {line.split()[0]: line.split()[1:] for line in table}
+    """The table of answers: (solver, settings) -> words of its line."""
+    return tables(output)["rel."]
+
+
+def words(output):
+    """What happened to others: (solver, settings) -> words."""
+    return {key: " ".join(line) for key, line in tables(output).get("outcome", {}).items()}
 
 
 @pytest.fixture(scope="module")
-def outcomes():
+def attempts():
     """Newton, Clarabel and a poor Clarabel on a load that reverses."""
     solvers = (vx.Newton(), vx.Clarabel(), vx.Clarabel(options={"max_iter": 5}))
     scene, mesh = paper_scene(cyclic), small("voronoi")
     ran = [vx.simulate(scene, mesh, TIMES, solver=s, check=False) for s in solvers]
-    made = [Outcome(s, h.trajectory, h.seconds) for s, h in zip(solvers, ran, strict=True)]
+    made = [
+        Attempt(solver=s.name, settings="own", accuracy=s.accuracy, trajectory=h.trajectory, seconds=h.seconds)
+        for s, h in zip(solvers, ran, strict=True)
+    ]
     return pose_scene(scene, mesh).system, made
 
 
@@ -61,17 +110,19 @@ def test_all_that_accept_the_program_agree():
     done = invoke(PROBLEM, "--n", 6, "--steps", 4)
     assert done.exit_code == 0, done.output
     told = rows(done.output)
-    assert list(told) == ["Newton", "Clarabel", "OSQP", "Direct"]
-    assert " ".join(told["Direct"]) == "cannot: the program has absolute values, which it does not accept"
-    for name, accuracy in (("Clarabel", 1e-6), ("OSQP", 1e-6)):
-        asked, certified, floor, apart, allowed, kept = told[name][:6]
-        assert float(asked) == accuracy
-        assert float(certified) <= accuracy
+    both = [(name, settings) for name in ("Clarabel", "OSQP") for settings in ("tuned", "default")]
+    assert list(told) == [("Newton", "own"), *both]
+    assert words(done.output)["Direct", "own"].startswith("refused the program has absolute values, which it does not")
+    for name, settings in both:
+        asked, certified, good, floor, apart, allowed, honest = told[name, settings][:7]
+        assert float(asked) == 1e-6
+        assert good == ("yes" if float(certified) <= 1e-6 else "no")
         assert float(floor) < 1e-12
-        assert 0 < float(apart) <= float(allowed) <= 4 * accuracy
-        assert kept == "yes"
-    # The most certain is compared with nobody: accuracy, certificate, floor, iterations, safeguards, three times.
-    assert len(told["Newton"]) == 8
+        assert 0 < float(apart) <= float(allowed) <= 2 * 4 * float(certified)
+        assert honest == "yes"
+        assert good == "yes" or settings == "default"
+    # The most certain is compared with nobody.
+    assert told["Newton", "own"][4:7] == ["-", "-", "-"]
     assert "those by Newton, the most certain" in done.output
     assert "36 cells, 49 nodes, 78 unknowns, 4 steps" in done.output
 
@@ -79,16 +130,18 @@ def test_all_that_accept_the_program_agree():
 def test_linear_problems_are_directs_too():
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--set", "bound=0.0", "--solvers", "direct,Newton,newton")
     assert done.exit_code == 0, done.output
-    assert list(rows(done.output)) == ["Direct", "Newton"]
-    assert rows(done.output)["Newton"][5] == "yes"
+    assert list(rows(done.output)) == [("Direct", "own"), ("Newton", "own")]
+    assert rows(done.output)["Newton", "own"][6] == "yes"
 
 
 def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
-    done = invoke(PROBLEM, "--n", 4, "--steps", 3, "--accuracy", "1e-12", "--solvers", "newton,clarabel,MOSEKK")
+    options = ["--accuracy", "1e-12", "--tuning", "tuned", "--solvers", "newton,clarabel,Mosek"]
+    done = invoke(PROBLEM, "--n", 4, "--steps", 3, *options)
     assert done.exit_code == 0, done.output
-    assert "Clarabel misses its accuracy in 3 of 3 steps, first in step 1 at t = 0.333333" in done.output
-    assert " ".join(rows(done.output)["MOSEKK"]) == "cannot: cvxpy does not find it here"
-    assert rows(done.output)["Clarabel"][5] == "yes"
+    assert re.search(r"Clarabel +tuned +missed +misses its accuracy in 3 of 3 steps, first in step 1", done.output)
+    assert words(done.output)["MOSEK", "default"].startswith("refused cvxpy does not find it here")
+    assert rows(done.output)["Clarabel", "tuned"][2] == "no"
+    assert rows(done.output)["Clarabel", "tuned"][6] == "yes"
 
 
 @pytest.mark.parametrize(("solvers", "accuracy"), [("newton,osqp", "1e-17"), ("direct", "1e-6")])
@@ -105,26 +158,117 @@ def test_nobody_certified_exits_with_three(solvers, accuracy):
         (["--solvers", " , "], "--solvers: found ' , '; wanted names such as newton,clarabel,SCS, or all."),
         (["--set", "bond=3"], "--set: .* has no parameter 'bond'"),
         (["--accuracy", "2"], "found accuracy = 2.0; it is a relative energy error between 0 and 1"),
+        (["--option", "clarabel=3"], r"--option: found 'clarabel=3'; wanted SOLVER\.NAME=VALUE, such as clarabel\.max"),
+        (["--option", "scs.max_iters=3"], "--option: 'scs' is none of the solvers asked for, newton, clarabel, osqp"),
+        (["--option", "newton.speed=3"], "--option: newton has no setting 'speed'; it has accuracy, max_iterations"),
+        (["--option", "newton.max_iterations=many"], "Newton: found max_iterations = 'many'"),
+        (["--tuning", "fine"], "--tuning: found 'fine'; there are both, tuned, default"),
+        (["--time-limit", "0"], "--time-limit: found 0; wanted seconds, more than zero"),
+        (["--csv", "nowhere/a.csv"], "--csv: nowhere/a.csv cannot be written: its folder must exist"),
     ],
 )
 def test_mistakes(options, says):
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, *options)
-    assert done.exit_code == 2
+    assert done.exit_code == 2, done.output
     assert re.search(says, " ".join(done.output.split()))
 
 
 def test_all_asks_whatever_cvxpy_finds():
-    told = rows(invoke(PROBLEM, "--n", 4, "--steps", 2, "--solvers", "all").output)
-    assert {name.lower() for name in told} == {"newton", "direct"} | {name.lower() for name in installed()}
+    """No solver that is installed is left out, and what becomes of each is a row."""
+    done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--solvers", "all")
+    told = {name.lower() for name, _ in [*rows(done.output), *words(done.output)]}
+    assert told == {"newton", "direct"} | {name.lower() for name in installed()}
     # cvxpy's interface to SciPy knows linear programs only.
-    assert " ".join(told["SCIPY"]) == "cannot: the program has quadratic, which it does not accept"
+    assert words(done.output)["SCIPY", "default"].startswith("refused the program has quadratic, which it does not")
+    assert "Traceback" not in done.output
+
+
+def test_options_reach_solvers_and_are_told():
+    options = [
+        "--option",
+        "clarabel.max_iter=5",
+        "--option",
+        "Newton.max_iterations=40",
+        "--solvers",
+        "newton,CLARABEL",
+    ]
+    done = invoke(PROBLEM, "--n", 4, "--steps", 2, *options)
+    # Asked twice a step, for a step that missed is asked again.
+    assert int(rows(done.output)["Clarabel", "default"][7]) == 2 * 5
+    assert "max_iter = 5 (asked for)" in done.output
+    refused = invoke(PROBLEM, "--n", 4, "--steps", 2, "--option", "clarabel.speed=9", "--solvers", "newton,clarabel")
+    assert re.search(r"Clarabel +tuned +refused +refused the options \{'speed': 9\}", refused.output)
+    assert rows(refused.output)["Newton", "own"][2] == "yes"
+
+
+@pytest.fixture
+def broken(tmp_path):
+    (tmp_path / "broken.py").write_text(BROKEN)
+    return tmp_path / "broken.py"
+
+
+def test_whatever_breaks_down_is_a_row(broken):
+    names = ["Failing", "Leaving", "Full"]
+    done = invoke(PROBLEM, "--n", 3, "--steps", 1, "--solvers", ",".join(["newton", *(f"{broken}:{x}" for x in names)]))
+    assert done.exit_code == 0, done.output
+    told = words(done.output)
+    assert told["Failing", "own"] == "failed it failed: KeyError: 'eq_dual'"
+    assert told["Leaving", "own"] == "failed it failed: SystemExit: 7"
+    assert told["Full", "own"] == "failed it ran out of memory"
+    assert rows(done.output)["Newton", "own"][2] == "yes"
+
+
+@pytest.mark.slow
+def test_a_time_limit_ends_a_solver_and_its_process(broken):
+    """The sleeper would take a minute; the others are done in the limit, the most certain among them."""
+    solvers = f"newton,{broken}:Sleeping,{broken}:Dying,clarabel"
+    done = invoke(PROBLEM, "--n", 3, "--steps", 1, "--time-limit", "20", "--tuning", "tuned", "--solvers", solvers)
+    assert done.exit_code == 0, done.output
+    assert words(done.output) == {
+        ("Sleeping", "own"): "stopped stopped after 20 s",
+        ("Dying", "own"): "failed its process ended: ended with exit code 3",
+    }
+    assert list(rows(done.output)) == [("Newton", "own"), ("Clarabel", "tuned")]
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_tables_fit(width):
+    done = CliRunner().invoke(
+        app,
+        ["compare", PROBLEM, "--n", "4", "--steps", "2", "--solvers", "all"],
+        env={"COLUMNS": str(width)},
+    )
+    assert max(map(len, done.stdout.splitlines())) <= width
+    assert ("assemble" in done.stdout) == (width == 120)
+    assert "…" not in done.stdout
+
+
+def test_files(tmp_path):
+    paths = {kind: tmp_path / f"told.{kind}" for kind in ("json", "csv", "html")}
+    written = [part for kind, path in paths.items() for part in (f"--{kind}", path)]
+    done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--solvers", "newton,clarabel,direct", *written)
+    assert done.exit_code == 0, done.output
+    told = json.loads(paths["json"].read_text())
+    names = [("Newton", "own"), ("Clarabel", "tuned"), ("Clarabel", "default"), ("Direct", "own")]
+    assert [(row["solver"], row["settings"]) for row in told["rows"]] == names
+    assert [row["outcome"] for row in told["rows"]][::3] == ["certified", "refused"]
+    assert told["trustworthy"] is True
+    (used,) = told["settings"]
+    assert used["reasons"]["max_threads"][0] == "1"
+    with paths["csv"].open(newline="") as file:
+        for line, row in zip(csv.DictReader(file), told["rows"], strict=True):
+            assert line == {key: "" if value is None else str(value) for key, value in row.items()}
+    page = paths["html"].read_text()
+    assert page.count("<tr>") == 1 + 4 + 1 + len(used["reasons"])
+    assert "http" not in page
+    assert "src=" not in page
 
 
 def test_where_the_sum_bounds_nothing_it_says_so(tmp_path):
     (tmp_path / "pressed.py").write_text(ONE_SIDED)
     done = invoke(tmp_path / "pressed.py", "--n", 4, "--steps", 2, "--solvers", "newton,clarabel")
     assert done.exit_code == 0, done.output
-    assert rows(done.output)["Clarabel"][5] == "-"
+    assert rows(done.output)["Clarabel", "tuned"][6] == "-"
     assert "no bound here, where weights follow the pressure" in done.output
 
 
@@ -144,10 +288,10 @@ def test_what_bounds_a_distance():
         assert bounds_distance(vx.System(K, load, **given)) is bounds, given
 
 
-def test_distances_are_those_of_the_energy_norm(outcomes):
-    system, (newton, clarabel, poor) = outcomes
-    apart = (newton.trajectory.state - poor.trajectory.state) @ np.linalg.cholesky(system.K.toarray())
-    scale = np.maximum.accumulate(newton.trajectory.norm)
+def test_distances_are_those_of_the_energy_norm(attempts):
+    system, (newton, clarabel, poor) = (attempts[0], [attempt.trajectory for attempt in attempts[1]])
+    apart = (newton.state - poor.state) @ np.linalg.cholesky(system.K.toarray())
+    scale = np.maximum.accumulate(newton.norm)
     relative = np.linalg.norm(apart, axis=1)[1:] / scale[1:]
     found = distance(system, newton, poor)
     assert found.distance == pytest.approx(relative.max(), rel=1e-9)
@@ -155,17 +299,18 @@ def test_distances_are_those_of_the_energy_norm(outcomes):
     assert distance(system, newton, clarabel).distance < 1e-3 * found.distance
 
 
-def test_a_false_certificate_is_called_wrong(outcomes):
+def test_a_false_certificate_is_called_wrong(attempts):
     """An answer whose certificate claims a thousandth of its error: the table says so, and the command fails."""
-    system, (newton, clarabel, poor) = outcomes
-    assert judged("", system, [newton, clarabel, poor]).trustworthy
-    share = distance(system, newton, poor)
+    system, (newton, clarabel, poor) = attempts
+    assert judged(system, [newton, clarabel, poor]).trustworthy
+    share = distance(system, newton.trajectory, poor.trajectory)
     lie = 0.01 * (share.distance / share.allowed) ** 2 * poor.trajectory.gap
-    liar = replace(poor, trajectory=replace(poor.trajectory, gap=lie))
-    found = judged("", system, [newton, liar])
+    liar = replace(poor, settings="tuned", trajectory=replace(poor.trajectory, gap=lie))
+    found = judged(system, [newton, liar])
     assert not found.trustworthy
-    assert "WRONG: Clarabel is farther from Newton than both certificates allow" in found.text
-    assert rows("\n" + found.text)["Clarabel"][5] == "NO"
+    assert [row.honest for row in found.rows] == [None, False]
+    told = Compared("", "", (), found)
+    assert remarks(told)[-1] == "WRONG: Clarabel (tuned) is farther from Newton than both certificates allow"
 
 
 @pytest.mark.parametrize(
@@ -183,11 +328,13 @@ def test_the_readme_shows_this_table():
     text = (ROOT / "README.md").read_text()
     command, block = re.search(r"`vemcvx (compare [^`]*)`[^`]*```text\n(.*?)```", text, re.DOTALL).groups()
     arguments = command.split()[1:]
-    done = invoke(str(ROOT / arguments[0]), *arguments[1:])
+    done = CliRunner().invoke(app, ["compare", str(ROOT / arguments[0]), *arguments[1:]], env={"COLUMNS": "80"})
     assert done.exit_code == 0, done.output
-    assert done.output.splitlines()[:4] == block.splitlines()[:4]
-    assert set(rows(done.output)) >= set(rows(block))
-    for name, words in rows(block).items():
-        if words[0] != "cannot:" and name not in ("Newton", "HIGHS"):
+    # The title, the size, and both lines of the head.
+    assert done.output.splitlines()[:6] == block.splitlines()[:6]
+    shown, found = rows(block), rows(done.output)
+    assert set(found) >= set(shown)
+    for key, line in shown.items():
+        if key[0] not in ("Newton", "HIGHS"):
             # Certified errors are of the size that is printed.
-            assert 0.05 < float(rows(done.output)[name][1]) / float(words[1]) < 20
+            assert 0.05 < float(found[key][1]) / float(line[1]) < 20

@@ -1,26 +1,18 @@
 """The commands and their options; what they do stands in the modules they call, imported when needed.
 
-Exit codes: 0 done, 2 invalid input, 3 not certified. Results go to standard output; errors, warnings and the
-progress bar (on a terminal only) go to standard error. SIGTERM and SIGHUP end a command as Ctrl-C does: terminal and
-folders are left in order.
+Results go to standard output; errors, warnings and the progress bar (on a terminal only) go to standard error.
 """
 
 from __future__ import annotations
 
-import signal
-import threading
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from vemcvx.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.cli.reported import NOT_CERTIFIED, reported
+from vemcvx.errors import ProblemError
 from vemcvx.version import __version__
-
-INVALID, NOT_CERTIFIED = 2, 3
 
 app = typer.Typer(
     add_completion=False,
@@ -54,7 +46,7 @@ def run(
         int | None, typer.Option(min=1, help="Steps of backward Euler. (default: 64; 8, with --target)")
     ] = None,
     solver: Annotated[
-        str, typer.Option(help="newton, clarabel, osqp, direct, or what cvxpy finds: SCS, HIGHS ...")
+        str, typer.Option(help="newton, clarabel, osqp, direct, what cvxpy finds: scs, highs ...; FILE.py:CLASS.")
     ] = "newton",
     accuracy: Annotated[
         float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
@@ -120,24 +112,52 @@ def compare(
     n: N = 16,
     steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 8,
     solvers: Annotated[
-        str, typer.Option(metavar="A,B,...", help="Solvers by name; all: these and whatever cvxpy finds.")
+        str, typer.Option(metavar="A,B,...", help="By name, in any case; FILE.py:CLASS; all: what there is.")
     ] = "newton,clarabel,osqp,direct",
     accuracy: Annotated[
         float | None, typer.Option(help="Certified relative energy error of a step. (default: each solver's own)")
     ] = None,
+    options: Annotated[
+        list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
+    ] = [],  # noqa: B006 - as above
+    tuning: Annotated[
+        str, typer.Option(metavar="both|tuned|default", help="Settings of solvers that cvxpy calls.")
+    ] = "both",
+    time_limit: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Wall-clock, for each solver: its own process is then ended."),
+    ] = None,
+    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all figures there.")] = None,
+    csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table there.")] = None,
+    html: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a page of its own there.")] = None,
     settings: Settings = [],  # noqa: B006 - as above
 ) -> None:
     """Solve a problem by several solvers, and hold their answers against each other and their certificates."""
     with reported():
         from vemcvx.cli.compare import Comparison, compare_solvers
+        from vemcvx.cli.compare_files import WRITERS, check_writable
+        from vemcvx.cli.compare_tables import in_words
         from vemcvx.cli.problem_file import read_problem
 
-        found = compare_solvers(
-            read_problem(file),
-            Comparison(family=mesh, n=n, steps=steps, solvers=solvers, accuracy=accuracy, settings=tuple(settings)),
+        paths = {kind: path for kind, path in (("json", json), ("csv", csv), ("html", html)) if path is not None}
+        for kind, path in paths.items():
+            check_writable(path, f"--{kind}")
+        asked = Comparison(
+            family=mesh,
+            n=n,
+            steps=steps,
+            solvers=solvers,
+            accuracy=accuracy,
+            settings=tuple(settings),
+            options=tuple(options),
+            tuning=tuning,
+            time_limit=time_limit,
         )
-        typer.echo(found.text)
-        if not found.trustworthy:
+        found = compare_solvers(read_problem(file), asked)
+        for kind, path in paths.items():
+            path.write_text(WRITERS[kind](found), encoding="utf-8")
+        typer.echo(in_words(found))
+        if not found.judged.trustworthy:
             raise typer.Exit(NOT_CERTIFIED)
 
 
@@ -246,54 +266,6 @@ def options(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
 ) -> None:
     """Options of the program itself."""
-
-
-class Ended(BaseException):
-    """The system has asked the command to end; `args` has the number of the signal."""
-
-
-@contextmanager
-def reported() -> Iterator[None]:
-    """Turn errors into a line and an exit code, and warnings into a line."""
-
-    def warn(message: Warning | str, *_: object, **__: object) -> None:
-        typer.echo(f"vemcvx: warning: {message}", err=True)
-
-    try:
-        with warnings.catch_warnings(), _ended_in_order():
-            warnings.showwarning = warn
-            yield
-    except VemcvxError as error:
-        typer.echo(f"vemcvx: {error}", err=True)
-        raise typer.Exit(NOT_CERTIFIED if isinstance(error, NotCertified) else INVALID) from error
-    except MemoryError as error:
-        words = "take a coarser mesh (--n), fewer steps (--steps), or store fewer (--store)"
-        typer.echo(f"vemcvx: not enough memory: {error or 'none is left'}; {words}.", err=True)
-        raise typer.Exit(INVALID) from error
-    except SystemExit as error:
-        typer.echo(f"vemcvx: the problem's own code ended the program by SystemExit({error.code!r}).", err=True)
-        raise typer.Exit(INVALID) from error
-    except Ended as error:
-        raise typer.Exit(128 + error.args[0]) from error
-
-
-@contextmanager
-def _ended_in_order() -> Iterator[None]:
-    """Let the signals that end a process raise Ended, unless somebody handles or ignores them."""
-
-    def end(number: int, _: object) -> None:
-        raise Ended(number)
-
-    asked = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    main = threading.current_thread() is threading.main_thread()
-    ours = [number for number in asked if main and signal.getsignal(number) is signal.SIG_DFL]
-    try:
-        for number in ours:
-            signal.signal(number, end)
-        yield
-    finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def main() -> None:

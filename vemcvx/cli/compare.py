@@ -1,39 +1,34 @@
-"""`vemcvx compare`: one problem by several solvers, against each other and their certificates.
+"""`vemcvx compare`: one problem by several solvers, each with settings tuned for it and as its library comes.
 
-Steps with given weights are nonexpansive in the energy norm, so two answers y, z to the same steps obey
-
-    |y_n - z_n|_K <= sum over m <= n of sqrt(2 gap_m) + sqrt(2 floor_m), of y, plus the same of z.
-
-The left side is exact: K is the matrix of the scene. Against the most certain answer, whose right side is the
-smallest, that is a test of every certificate. Where the weights follow the pressure, or friction or rates meet
-limits, a step depends on the one before in ways that the sum does not bound
-(:class:`vemcvx.stepping.trajectory.Trajectory`); it is then printed only.
+Whatever becomes of a solver is a row: it refuses the program, misses, breaks down, or is out of time. With a time
+limit each is given a process of its own, which is ended; then even one that takes its process down is but a row.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-import numpy as np
+from rich.progress import TimeElapsedColumn
 
-from vemcvx.arrays import Floats, Ints
-from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.solver_names import NAMES, named_solver
-from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError
-from vemcvx.program.system import System
+from vemcvx.cli.judgement import FAILED, MISSED, REFUSED, STOPPED, Attempt, Judged, judged
+from vemcvx.cli.problem_file import Problem, read_problem
+from vemcvx.cli.progress import Shown, progress_bar
+from vemcvx.cli.solver_names import NAMES, named_solver, read_options
+from vemcvx.cost.alone import Crashed, Refused, TookTooLong, alone_within
+from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, SolverFailed
 from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import simulate
-from vemcvx.solvers import Solver
+from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import installed
+from vemcvx.solvers.settings import TUNED
 from vemcvx.stepping.time_loop import checked_times
-from vemcvx.stepping.trajectory import Trajectory
 
-COLUMNS = "solver      asked  certified  floor  distance  allowed  kept  iterations  safeguards"
-SECONDS = ("assemble", "prepare", "solve")
+SETTINGS = {"both": ("tuned", "default"), "tuned": ("tuned",), "default": ("default",)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,76 +41,130 @@ class Comparison:
     solvers: str
     accuracy: float | None
     settings: tuple[str, ...]
+    options: tuple[str, ...] = ()
+    tuning: str = "both"
+    time_limit: float | None = None
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What one solver made of the problem, and the seconds it took."""
+class Entrant:
+    """A solver that is asked, and whose settings it has: its own, tuned ones, or those of its library."""
 
     solver: Solver
-    trajectory: Trajectory
-    seconds: dict[str, float]
+    settings: str
 
     @property
-    def missed(self) -> Ints:
-        """The steps whose certified error is above the accuracy asked for."""
-        return np.flatnonzero(self.trajectory.certificate > self.solver.accuracy)
-
-    @property
-    def allowed(self) -> Floats:
-        """(N + 1,) how far the certificates allow the states to be from the exact ones, in energy norm."""
-        return np.cumsum(np.sqrt(2 * self.trajectory.gap) + np.sqrt(2 * self.trajectory.floor))
+    def attempt(self) -> Attempt:
+        """Its attempt, before anything came of it."""
+        return Attempt(solver=self.solver.name, settings=self.settings, accuracy=self.solver.accuracy)
 
 
 @dataclass(frozen=True)
-class Refusal:
-    """Why a solver made nothing of it."""
+class Compared:
+    """What was compared, with what settings, and how it came out."""
 
-    solver: Solver
-    words: str
-
-
-@dataclass(frozen=True)
-class Apart:
-    """Distance of two answers and what their certificates allow, relative, where it matters most."""
-
-    distance: float
-    allowed: float
-    kept: bool
+    title: str
+    size: str
+    entrants: tuple[Entrant, ...]
+    judged: Judged
 
 
-@dataclass(frozen=True)
-class Found:
-    """The table, and whether some solver certified its answer while no certificate was contradicted."""
-
-    text: str
-    trustworthy: bool
-
-
-def compare_solvers(problem: Problem, asked: Comparison) -> Found:
+def compare_solvers(problem: Problem, asked: Comparison) -> Compared:
     """Simulate the problem by all solvers asked for.
 
     Raises
     ------
     VemcvxError
-        The problem itself cannot be posed, or names of solvers mean nothing.
+        The problem itself cannot be posed, or names or options of solvers mean nothing.
     """
-    solvers = _named(asked)
+    if asked.time_limit is not None and not asked.time_limit > 0:
+        raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
+    chosen = entrants(asked)
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
-    times = problem.times(asked.steps)
-
-    def attempt(solver: Solver) -> Outcome | Refusal:
-        try:
-            history = simulate(scene, mesh, times, solver=solver, initial=problem.initial, check=False)
-        except (NotAccepted, NotCertified, NotContracting) as error:
-            return Refusal(solver, clause(str(error)))
-        return Outcome(solver, history.trajectory, history.seconds)
-
-    with warned_once():
-        system = pose_scene(scene, mesh, checked_times(times).tolist()).system
-        outcomes = [attempt(solver) for solver in solvers]
+    with warned_once(), progress_bar("posing", TimeElapsedColumn()) as shown:
+        system = pose_scene(scene, mesh, checked_times(problem.times(asked.steps)).tolist()).system
+        attempts = [_attempted(problem, asked, chosen, i, shown) for i in range(len(chosen))]
+        found = judged(system, _once(attempts))
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"
-    return judged(f"{problem.name}: {problem.title}\n{size}", system, outcomes)
+    return Compared(f"{problem.name}: {problem.title}", size, chosen, found)
+
+
+def entrants(asked: Comparison) -> tuple[Entrant, ...]:
+    """The solvers asked for, by name; those that cvxpy calls with each of the settings asked for."""
+    if asked.tuning not in SETTINGS:
+        raise ProblemError(f"--tuning: found {asked.tuning!r}; there are {', '.join(SETTINGS)}.")
+    # This imports cvxpy: the first solver should not pay for that.
+    every = [*NAMES, *(name.lower() for name in installed() if name.lower() not in NAMES)]
+    typed = [name.strip() for name in asked.solvers.split(",") if name.strip()]
+    typed = [name if ":" in name else name.lower() for name in typed]
+    names = list(dict.fromkeys(one for name in typed for one in (every if name == "all" else [name])))
+    if not names:
+        raise ProblemError(f"--solvers: found {asked.solvers!r}; wanted names such as newton,clarabel,SCS, or all.")
+    options = read_options(asked.options, names)
+    solvers = [named_solver(name, asked.accuracy, "--solvers", options.get(name, {})) for name in names]
+    return tuple(entrant for solver in solvers for entrant in _with_settings(solver, SETTINGS[asked.tuning]))
+
+
+def _with_settings(solver: Solver, wanted: Sequence[str]) -> list[Entrant]:
+    if not isinstance(solver, ThroughCvxpy):
+        return [Entrant(solver, "own")]
+    if solver.solver not in TUNED:
+        return [Entrant(replace(solver, tuned=False), "default")]
+    return [Entrant(replace(solver, tuned=settings == "tuned"), settings) for settings in wanted]
+
+
+def _attempted(problem: Problem, asked: Comparison, chosen: Sequence[Entrant], i: int, shown: Shown | None) -> Attempt:
+    entrant = chosen[i]
+    label = f"{entrant.attempt.label}, {i + 1} of {len(chosen)}"
+
+    def advance(n: int, steps: int) -> None:
+        if shown is not None:
+            shown(label, n, steps)
+
+    if asked.time_limit is None:
+        advance(0, asked.steps)
+        return attempted(problem, asked, entrant, advance)
+    if shown is not None:
+        shown(label, i, len(chosen))
+    try:
+        return alone_within(asked.time_limit, installed, attempted_alone, path=problem.path, asked=asked, i=i)
+    except TookTooLong:
+        return replace(entrant.attempt, outcome=STOPPED, says=f"stopped after {asked.time_limit:g} s")
+    except Crashed as crash:
+        return replace(entrant.attempt, outcome=FAILED, says=f"its process ended: {crash}")
+    except Refused as refusal:
+        raise SceneError(str(refusal)) from None
+
+
+def attempted_alone(path: Path, asked: Comparison, i: int) -> Attempt:
+    """The attempt of entrant `i`, in a process that has read nothing yet."""
+    return attempted(read_problem(path), asked, entrants(asked)[i], None)
+
+
+def attempted(
+    problem: Problem, asked: Comparison, entrant: Entrant, progress: Callable[[int, int], None] | None
+) -> Attempt:
+    """What a solver makes of the problem; errors of the problem itself are raised."""
+    scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
+    times, solver = problem.times(asked.steps), entrant.solver
+    advance = False if progress is None else progress
+    try:
+        history = simulate(scene, mesh, times, solver=solver, initial=problem.initial, check=False, progress=advance)
+    except NotAccepted as error:
+        return replace(entrant.attempt, outcome=REFUSED, says=clause(str(error)))
+    except (NotCertified, NotContracting) as error:
+        return replace(entrant.attempt, outcome=MISSED, says=clause(str(error)))
+    except SolverFailed as error:
+        return replace(entrant.attempt, outcome=FAILED, says=clause(str(error)))
+    except MemoryError:
+        return replace(entrant.attempt, outcome=FAILED, says="it ran out of memory")
+    return replace(entrant.attempt, trajectory=history.trajectory, seconds=dict(history.seconds))
+
+
+def _once(attempts: Sequence[Attempt]) -> list[Attempt]:
+    """A solver that refuses the program with all settings is told once."""
+    told = [(a.solver, a.says) if a.outcome == REFUSED else i for i, a in enumerate(attempts)]
+    return [a for i, a in enumerate(attempts) if told.index(told[i]) == i]
 
 
 @contextmanager
@@ -128,92 +177,6 @@ def warned_once() -> Iterator[None]:
         warnings.warn(words, kind, stacklevel=2)
 
 
-def judged(title: str, system: System, outcomes: Sequence[Outcome | Refusal]) -> Found:
-    """The table of all outcomes, each against the most certain one."""
-    answered = [outcome for outcome in outcomes if isinstance(outcome, Outcome)]
-    best = min(answered, key=lambda outcome: outcome.allowed[-1], default=None)
-    rigorous = bounds_distance(system)
-    lines, trustworthy = [title, "", COLUMNS + "".join(f"{name:>10}" for name in SECONDS)], False
-    broken = []
-    for outcome in outcomes:
-        if isinstance(outcome, Refusal):
-            lines.append(f"{outcome.solver.name:<11} cannot: {outcome.words}")
-            continue
-        trustworthy = trustworthy or len(outcome.missed) == 0
-        apart = None if best is None or outcome is best else distance(system, best, outcome)
-        lines.append(_line(outcome, apart, rigorous))
-        if rigorous and apart is not None and not apart.kept:
-            broken.append(outcome.solver.name)
-    lines += ["", *_remarks(answered, best, rigorous)]
-    if best is not None:
-        lines += [f"WRONG: {name} is farther from {best.solver.name} than both certificates allow" for name in broken]
-    return Found("\n".join(lines), trustworthy and not broken)
-
-
-def distance(system: System, one: Outcome, other: Outcome) -> Apart:
-    """How far two answers are apart: where the certificates allow less, else where it is largest."""
-    apart = one.trajectory.state - other.trajectory.state
-    length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
-    allowed = one.allowed + other.allowed
-    scale = one.trajectory.scale
-    unit = np.where(scale > 0, scale, 1.0)
-    excess = length - allowed
-    n = int(np.argmax(excess)) if (excess > 0).any() else int(np.argmax(length / unit))
-    return Apart(float(length[n] / unit[n]), float(allowed[n] / unit[n]), bool((excess <= 0).all()))
-
-
-def bounds_distance(system: System) -> bool:
-    """Whether the certificates of all steps, added up, bound the distance of two answers."""
-    if system.limits is None:
-        return system.norms is None or system.norms.law is None
-    # Without norm terms and rates a step knows nothing of the one before, and only its own certificate counts.
-    return system.norms is None and system.damping is None
-
-
 def clause(message: str) -> str:
     """An error's first clause, without the name of the solver before it."""
     return re.split(r"[;.](?:\s|$)", re.sub(r"^solver \S+: ", "", message), maxsplit=1)[0]
-
-
-def _named(asked: Comparison) -> list[Solver]:
-    if asked.solvers.strip().lower() == "all":
-        names = [*NAMES, *(name for name in installed() if name.lower() not in NAMES)]
-    else:
-        names = list(dict.fromkeys(name.strip() for name in asked.solvers.split(",") if name.strip()))
-    if not names:
-        raise ProblemError(f"--solvers: found {asked.solvers!r}; wanted names such as newton,clarabel,SCS, or all.")
-    solvers = [named_solver(name, asked.accuracy, "--solvers") for name in names]
-    # So that the first of them does not pay for the import of cvxpy.
-    installed()
-    return solvers
-
-
-def _line(outcome: Outcome, apart: Apart | None, rigorous: bool) -> str:
-    run, seconds = outcome.trajectory, outcome.seconds
-    iterations = int(np.median(run.iterations[1:])) if len(run.times) > 1 else 0
-    against = " " * 23
-    if apart is not None:
-        kept = ("yes" if apart.kept else "NO") if rigorous else "-"
-        against = f"{apart.distance:8.1e}  {apart.allowed:7.1e}  {kept:<4}"
-    figures = (
-        f"{outcome.solver.name:<11} {outcome.solver.accuracy:.0e}  {run.certificate.max():9.1e}  "
-        f"{run.certificate_floor.max():.0e}  {against}  {iterations:10}  {run.safeguards.sum():10}"
-    )
-    return figures + "".join(f"{seconds[name]:10.3f}" for name in SECONDS)
-
-
-def _remarks(answered: list[Outcome], best: Outcome | None, rigorous: bool) -> list[str]:
-    lines = []
-    for outcome in answered:
-        missed = outcome.missed
-        if len(missed):
-            run, n = outcome.trajectory, missed[0]
-            lines.append(
-                f"{outcome.solver.name} misses its accuracy in {len(missed)} of {len(run.times) - 1} steps, "
-                f"first in step {n} at t = {run.times[n]:.6g}, where it reached {run.certificate[n]:.1e}"
-            )
-    if best is not None and len(answered) > 1:
-        lines.append(f"distance: of the states to those by {best.solver.name}, the most certain, in energy norm")
-    if best is not None and not rigorous:
-        lines.append("allowed: no bound here, where weights follow the pressure or friction or rates meet limits")
-    return lines

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import ast
-import importlib.util
 import inspect
-import os
-import sys
-import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
 from vemcvx.arrays import brief
-from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.cli.python_file import executed, literal, own_errors
+from vemcvx.errors import ProblemError
 from vemcvx.meshes import FAMILIES, PolygonMesh
 from vemcvx.scene import Scene
 
@@ -76,14 +71,11 @@ class Problem:
         if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
             there_are = ", ".join(map(str, known.values())) or "none"
             raise ProblemError(f"--set: {self.path} has no parameter {name!r}; its scene has {there_are}.")
-        try:
-            return name, ast.literal_eval(text)
-        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-            return name, text
+        return name, literal(text)
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
-        return _own(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named))
+        return own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named))
 
     def _checked(self, made: object, kind: type[Part], part: str, wanted: str) -> Part:
         if not isinstance(made, kind):
@@ -100,17 +92,7 @@ def read_problem(file: str | Path) -> Problem:
         There is no such file, it fails, or it lacks one of its three functions.
     """
     path = Path(file)
-    if not os.path.isfile(path):
-        here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
-        raise ProblemError(f"{path}: there is no such problem file; here are {here or 'no Python files'}.")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise ProblemError(f"{path}: a problem file is Python and ends in .py.")
-    module, loader = importlib.util.module_from_spec(spec), spec.loader
-    with _neighbours(path):
-        # Dataclasses look their module up by name.
-        sys.modules[spec.name] = module
-        _own(path, "executing it", lambda: loader.exec_module(module))
+    module = executed(path, "problem file")
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
     if missing:
         raise ProblemError(
@@ -125,27 +107,3 @@ def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]
         return inspect.signature(function).parameters
     except (TypeError, ValueError):
         return {}
-
-
-@contextmanager
-def _neighbours(path: Path) -> Iterator[None]:
-    """Let a problem file import those beside it, as `python FILE` does."""
-    folder = str(path.resolve().parent)
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
-
-
-def _own(path: Path, what: str, action: Callable[[], Any]) -> Any:
-    """Do what a problem file asks for; an error of its own making is named with its line."""
-    try:
-        return action()
-    except VemcvxError:
-        raise
-    except (Exception, SystemExit) as error:
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-        where = f", line {lines[-1]}" if lines else ""
-        words = " ".join(str(error).split())
-        raise ProblemError(f"{path}{where}: {what} failed: {type(error).__name__}: {words}") from error

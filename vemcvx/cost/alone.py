@@ -13,7 +13,8 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import IO, Any, ParamSpec, TypeVar
 
 from vemcvx.errors import VemcvxError
@@ -21,6 +22,7 @@ from vemcvx.errors import VemcvxError
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+READY = b"."
 PROGRAM = "from vemcvx.cost.alone import main; main()"
 
 
@@ -32,6 +34,10 @@ class Crashed(Exception):
     """The process died, or raised anything else; what is known of why."""
 
 
+class TookTooLong(Exception):
+    """The process was ended when its time was up."""
+
+
 def alone(function: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
     """Call a function of a module in a new process, with arguments and result that can be pickled.
 
@@ -39,32 +45,73 @@ def alone(function: Callable[Given, Result], *given: Given.args, **named: Given.
     ------
     Refused, Crashed
     """
-    request = pickle.dumps((function, given, named))
+    answer: Result = _called(None, (None, function, given, named))
+    return answer
+
+
+def alone_within(
+    seconds: float,
+    ready: Callable[[], object],
+    function: Callable[Given, Result],
+    *given: Given.args,
+    **named: Given.kwargs,
+) -> Result:
+    """The same in a process that is ended so many seconds after it has called `ready`.
+
+    Raises
+    ------
+    Refused, Crashed, TookTooLong
+    """
+    answer: Result = _called(seconds, (ready, function, given, named))
+    return answer
+
+
+def _called(seconds: float | None, request: tuple[Any, ...]) -> Any:
     path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
+    reply, late = b"", threading.Event()
     # A file without a name: nothing is left of it, whatever happens.
     with tempfile.TemporaryFile() as said:
         pipe, command = subprocess.PIPE, [sys.executable, "-c", PROGRAM]
         with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=said) as process:
-            reply = _asked(process.stdin, process.stdout, request) if process.stdin and process.stdout else b""
+            if process.stdin and process.stdout and _asked(process.stdin, process.stdout, pickle.dumps(request)):
+                with _ended_after(process, seconds, late):
+                    reply = process.stdout.read()
             code = process.wait()
+        if late.is_set():
+            raise TookTooLong
         if code or not reply:
             raise Crashed(_why(code, said))
-    answer: tuple[Result, str | None] = pickle.loads(reply)
-    result, refusal = answer
+    result, refusal = pickle.loads(reply)
     if refusal is not None:
         raise Refused(refusal)
     return result
 
 
+@contextmanager
+def _ended_after(process: subprocess.Popen[bytes], seconds: float | None, late: threading.Event) -> Iterator[None]:
+    """Kill the process when so many seconds have passed, and set the event."""
+
+    def end() -> None:
+        late.set()
+        process.kill()
+
+    timer = threading.Timer(threading.TIMEOUT_MAX if seconds is None else seconds, end)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 def _asked(stdin: IO[bytes], stdout: IO[bytes], request: bytes) -> bytes:
-    """What a process answers; nothing if it dies before."""
+    """READY, once a process is; nothing if it dies before."""
     try:
         stdin.write(request)
         stdin.flush()
     except OSError:
         return b""
-    return stdout.read()
+    return stdout.read(len(READY))
 
 
 def _why(code: int, said: IO[bytes]) -> str:
@@ -81,14 +128,18 @@ def main() -> None:
     # What the function prints must not come between.
     reply = os.dup(1)
     os.dup2(2, 1)
-    function, given, named = pickle.load(sys.stdin.buffer)
+    ready, function, given, named = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer: tuple[Any, str | None]
-    try:
-        answer = (function(*given, **named), None)
-    except VemcvxError as error:
-        answer = (None, str(error))
+    if ready is not None:
+        ready()
     with os.fdopen(reply, "wb") as stream:
+        stream.write(READY)
+        stream.flush()
+        try:
+            answer = (function(*given, **named), None)
+        except VemcvxError as error:
+            answer = (None, str(error))
         pickle.dump(answer, stream)
 
 

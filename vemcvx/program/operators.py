@@ -19,6 +19,8 @@ ABSOLUTE_VALUES = "absolute values"
 SECOND_ORDER_CONES = "second-order cones"
 BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
+FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS})
+"""All that a program can have."""
 ROUNDED = 64 * float(np.finfo(float).eps)
 """Of motions, in parts of their largest entries: they are made orthonormal, in columns of many entries."""
 

@@ -1,5 +1,6 @@
 """Solvers of one step's convex program, of different kinds."""
 
+from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.clarabel import Clarabel
 from vemcvx.solvers.conic import ThroughCvxpy
 from vemcvx.solvers.default import choose
@@ -8,4 +9,15 @@ from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.osqp import OSQP
 from vemcvx.solvers.solver import Prepared, Solver
 
-__all__ = ["OSQP", "Clarabel", "Direct", "Newton", "Prepared", "Solver", "ThroughCvxpy", "choose"]
+__all__ = [
+    "OSQP",
+    "Clarabel",
+    "Direct",
+    "Newton",
+    "Prepared",
+    "Solver",
+    "Solves",
+    "ThroughCvxpy",
+    "as_solver",
+    "choose",
+]

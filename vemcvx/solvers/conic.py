@@ -29,8 +29,8 @@ from vemcvx.program.operators import (
     Operators,
 )
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.program.tolerances import CONIC_TOLERANCE
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
+from vemcvx.solvers.settings import settings_for
 from vemcvx.solvers.solver import Solver
 
 if TYPE_CHECKING:
@@ -50,6 +50,13 @@ def installed() -> tuple[str, ...]:
     return tuple(cp.installed_solvers())
 
 
+def known() -> frozenset[str]:
+    """Names of the solvers that cvxpy can call, here or elsewhere."""
+    from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
+
+    return frozenset({*SOLVER_MAP_CONIC, *SOLVER_MAP_QP})
+
+
 @dataclass(frozen=True)
 class ThroughCvxpy(Solver):
     """Any solver that cvxpy can call.
@@ -57,27 +64,32 @@ class ThroughCvxpy(Solver):
     Parameters
     ----------
     solver : str
-        Its name in cvxpy: "SCS", "HIGHS", "PIQP", "MOSEK", ...
+        Its name in cvxpy, in any case of letters: "SCS", "HIGHS", "PIQP", "MOSEK", ...
     accuracy : float
         Certified relative energy error asked of a step.
     polish : bool
         Add one active-set step to every answer. Off by default, so that solvers stay independent.
     options : mapping, optional
         Passed on to the solver, over our own choices.
+    tuned : bool
+        Ask with the settings of :mod:`vemcvx.solvers.settings`; otherwise as the solver's library comes.
     """
 
     solver: str
     accuracy: float = 1e-6
     polish: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
+    tuned: bool = True
 
     semidefinite: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.solver, str):
             raise SceneError(f"ThroughCvxpy: found solver = {brief(self.solver)}; wanted its name in cvxpy, as 'SCS'.")
+        object.__setattr__(self, "solver", self.solver.upper())
         super().__post_init__()
         flag(self.polish, f"{self.name}: polish")
+        flag(self.tuned, f"{self.name}: tuned")
         named = isinstance(self.options, Mapping) and all(isinstance(name, str) for name in self.options)
         if not named:
             raise SceneError(f"{self.name}: found options = {brief(self.options)}; wanted a dict of its own names.")
@@ -127,15 +139,9 @@ class ThroughCvxpy(Solver):
         """Options to add when the answer misses; empty where there is nothing slower to try."""
         return {}
 
-    def tolerances(self, target: float) -> dict[str, Any]:
-        """The solver's options for a duality gap of `target` on a scaled program."""
-        tight = float(np.clip(CONIC_TOLERANCE * target, 1e-14, 1e-8))
-        table = {
-            "SCS": {"eps_abs": max(tight, 1e-11), "eps_rel": 0.0, "max_iters": 200_000, "normalize": False},
-            "PIQP": {"eps_abs": tight, "eps_rel": tight},
-            "QOCO": {"abstol": tight, "reltol": tight},
-        }
-        return table.get(self.solver, {})
+    def asks_with(self, gap: float) -> dict[str, Any]:
+        """The solver's options for a duality gap of a scaled program."""
+        return {**(settings_for(self.solver, gap) if self.tuned else {}), **self.options}
 
 
 class _PreparedConic:
@@ -153,7 +159,7 @@ class _PreparedConic:
             return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
         cones = self._settings.cones
         answer = self._ask(program, target, cones, {})
-        careful = self._settings.careful()
+        careful = self._settings.careful() if self._settings.tuned else {}
         if careful and program.duality_gap(answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
             again = self._ask(program, target, cones and self._form.block > 1, careful)
             answer = replace(again, iterations=again.iterations + answer.iterations)
@@ -161,7 +167,7 @@ class _PreparedConic:
 
     def _ask(self, program: StepProgram, target: float, cones: bool, more: dict[str, Any]) -> Answer:
         posed = self._posed(program, cones)
-        status, iterations = _run(posed, self._settings, {**self._settings.tolerances(target), **more})
+        status, iterations = _run(posed, self._settings, {**more, **self._settings.asks_with(target)})
         if posed.d.value is None:
             still = np.zeros((program.operators.count, program.operators.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
@@ -205,13 +211,13 @@ def _run(posed: CvxpyStep, settings: ThroughCvxpy, options: dict[str, Any]) -> t
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 
-    problem, options = posed.problem, {**options, **settings.options}
-    verbose = bool(options.pop("verbose", False))
+    problem, options = posed.problem, dict(options)
+    verbose, warm_start = bool(options.pop("verbose", False)), bool(options.pop("warm_start", True))
     posed.d.save_value(None)
     try:
         with COMPILING:
             data, chain, inverse = problem.get_problem_data(settings.solver, solver_opts=options)
-        raw = chain.solve_via_data(problem, data, warm_start=True, verbose=verbose, solver_opts=options)
+        raw = chain.solve_via_data(problem, data, warm_start=warm_start, verbose=verbose, solver_opts=options)
         solution = chain.invert(raw, inverse)
     except SolverError as error:
         return f"failed: {error}", 0

@@ -6,6 +6,7 @@ import logging
 
 from vemcvx.errors import NotAccepted
 from vemcvx.program.operators import Operators
+from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.clarabel import Clarabel
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
@@ -18,7 +19,7 @@ BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
 log = logging.getLogger("vemcvx")
 
 
-def choose(operators: Operators, asked: Solver | None) -> Solver:
+def choose(operators: Operators, given: Solver | Solves | None) -> Solver:
     """The solver for programs of `operators`.
 
     Raises
@@ -26,10 +27,11 @@ def choose(operators: Operators, asked: Solver | None) -> Solver:
     NotAccepted
         The solver asked for cannot take a feature of the program.
     """
-    if asked is None:
+    if given is None:
         solver = next(s for s in BY_SIZE if operators.features <= s.accepts)
         log.info("solver: %s, the smallest that accepts %s", solver.name, words(operators.features))
         return solver
+    asked = as_solver(given)
     missing = operators.features - asked.accepts
     if missing:
         able = ", ".join(s.name for s in BY_SIZE if operators.features <= s.accepts)

@@ -7,6 +7,8 @@ believed in nothing: the caller certifies every answer.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from typing import ClassVar, Protocol, Self
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from vemcvx.arguments import is_whole, part
 from vemcvx.arrays import Floats, brief
-from vemcvx.errors import SceneError
+from vemcvx.errors import SolverFailed, VemcvxError
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
@@ -121,20 +123,32 @@ class Solver(ABC):
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
 
 
+@contextmanager
+def named_failures(solver: str) -> Iterator[None]:
+    """Raise SolverFailed, with the name of the solver, for errors of its own; those of this package pass."""
+    try:
+        yield
+    except (VemcvxError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        words = " ".join(str(error).split()).rstrip(".")
+        raise SolverFailed(f"solver {solver}: it failed: {type(error).__name__}: {words}.") from error
+
+
 def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
     """What a solver answered, if it is an answer to this program.
 
     Raises
     ------
-    SceneError
+    SolverFailed
         It is no Answer, or its arrays are none of the program's shapes.
     """
     if not isinstance(answer, Answer) or not is_whole(answer.iterations):
-        raise SceneError(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
+        raise SolverFailed(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
     operators = program.operators
     shapes = {"d": program.g.shape, "lam": (operators.count, operators.block), "p": program.e.shape}
     for name, shape in shapes.items():
         found = getattr(answer, name)
         if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
-            raise SceneError(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
+            raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
     return answer

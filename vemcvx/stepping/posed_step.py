@@ -20,7 +20,7 @@ from vemcvx.program.system import Norms
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
 from vemcvx.solvers.sets import Iterate
-from vemcvx.solvers.solver import fitting
+from vemcvx.solvers.solver import fitting, named_failures
 from vemcvx.stepping.acceptance import caused_beside
 from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.seminorm import answered, proximal, refuse_unbalanced
@@ -108,7 +108,8 @@ class PosedStep:
         scaled = scales.scale(self.program, alpha, free)
 
         def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
-            answer = self.run.after(spent + more).prepared.solve(program, target, lam, p)
+            with named_failures(self.run.solver.name):
+                answer = self.run.after(spent + more).prepared.solve(program, target, lam, p)
             return fitting(answer, program, self.run.solver.name)
 
         asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)

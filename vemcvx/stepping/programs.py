@@ -16,7 +16,7 @@ from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.system import System
-from vemcvx.solvers import Solver
+from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
 from vemcvx.stepping.certified_in_full import certified_in_full
@@ -32,7 +32,7 @@ def programs_of_march(
     system: System,
     times: ArrayLike,
     *,
-    solver: Solver | None = None,
+    solver: Solver | Solves | None = None,
     initial: ArrayLike | str | None = None,
     check: bool = True,
     condense: bool = True,
@@ -71,7 +71,7 @@ def programs_of_trajectory(
 
 
 def _prepared(
-    system: System, instants: Floats, solver: Solver | None, condense: bool, linear: LinearSolver | None
+    system: System, instants: Floats, solver: Solver | Solves | None, condense: bool, linear: LinearSolver | None
 ) -> tuple[PreparedRun, Steps]:
     linear = choose_linear(system.n, linear)
     with one_thread(len(system.retained) if condense and linear.eliminates else system.n):

@@ -16,8 +16,9 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
-from vemcvx.solvers import Prepared, Solver, choose
+from vemcvx.solvers import Prepared, Solver, Solves, choose
 from vemcvx.solvers.response import Response
+from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.ledger import Ledger, StepData
 
@@ -178,20 +179,22 @@ def asked_of(solver: Solver, scales: Scaling) -> Operators:
 
 
 def prepare(
-    system: System, solver: Solver | None, check: bool, condense: bool, linear: LinearSolver | None = None
+    system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
 ) -> PreparedRun:
     """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)
     chosen = choose(condensation.operators, solver)
     scales = scaling(condensation.operators)
     plain = condensation.operators.own_columns is not None and not condensation.operators.compliance.any()
+    with named_failures(chosen.name):
+        prepared = chosen.prepare(asked_of(chosen, scales))
     refines = plain and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,
         condensation=condensation,
         scaling=scales,
         solver=chosen,
-        prepared=chosen.prepare(asked_of(chosen, scales)),
+        prepared=prepared,
         check=check,
         refines=refines,
     )

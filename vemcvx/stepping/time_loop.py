@@ -19,7 +19,7 @@ from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
-from vemcvx.solvers import Solver
+from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import at_rest, drag
@@ -35,7 +35,7 @@ def march(
     system: System,
     times: ArrayLike,
     *,
-    solver: Solver | None = None,
+    solver: Solver | Solves | None = None,
     initial: ArrayLike | str | None = None,
     store: str | int | Sequence[int] = "all",
     check: bool = True,
@@ -51,7 +51,7 @@ def march(
     system : System
     times : increasing sequence of N + 1 instants
         times[0] is the initial one.
-    solver : Solver, optional
+    solver : Solver, or object with solve(program, target), optional
         By default the smallest that accepts the program.
     initial : None, (n,) array, "equilibrium" or "settled"
         Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
@@ -130,18 +130,13 @@ def steps_of(run: PreparedRun, instants: Floats, prepared_for: Callable[[System]
 
 
 def check_kinds(
-    system: System, solver: Solver | None, linear: LinearSolver | None, progress: object = None
+    system: System, solver: Solver | Solves | None, linear: LinearSolver | None, progress: object = None
 ) -> None:
     """Raise SceneError for what is no system, no solver, no linear solver or no function."""
     if not isinstance(system, System):
         raise SceneError(f"march: found {brief(system)} where the System goes; simulate() takes a scene and a mesh.")
-    if solver is not None and not isinstance(solver, Solver):
-        raise SceneError(
-            f"solver: found {brief(solver)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
-            "for the smallest that accepts the program."
-        )
     if solver is not None:
-        solver.check_accuracy()
+        as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), or None (chosen).")
     if progress is not None and not callable(progress):

@@ -30,7 +30,7 @@ from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
-from vemcvx.solvers import Solver
+from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.state import prepare
@@ -127,7 +127,7 @@ def adapt(
     times: ArrayLike,
     target: float = 0.02,
     *,
-    solver: Solver | None = None,
+    solver: Solver | Solves | None = None,
     initial: ArrayLike | str | None = None,
     most_unknowns: int = 400_000,
     theta: float = THETA,
@@ -144,7 +144,7 @@ def adapt(
         The first and the last instant, and those at which the history stores the answer; others are inserted between.
     target : float
         Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined.
-    solver : Solver, optional
+    solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by that: nothing finer is needed.
     initial : None, "equilibrium" or "settled"
         As in :func:`vemcvx.simulate`.
@@ -274,10 +274,11 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
         times = split
 
 
-def _lenient(solver: Solver | None, target: float) -> Solver | None:
-    """Algebra well below the error of the mesh is enough; what is no solver is refused by the march."""
-    if not isinstance(solver, Solver):
-        return solver
+def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
+    """Algebra well below the error of the mesh is enough."""
+    if given is None:
+        return None
+    solver = as_solver(given)
     solver.check_accuracy()
     return solver if solver.accuracy >= ADAPTED * target else solver.asked(ADAPTED * target)
 

@@ -1,0 +1,148 @@
+"""A solver of one's own: any object with `solve(program, target)`, made a Solver.
+
+It inherits from nothing and is registered nowhere. Its `solve` is given one scaled step at a time, a
+:class:`vemcvx.program.step_program.StepProgram`, with the duality gap asked for; parameters named lam and p, if it has
+them, get the multipliers of the step before, to begin with. It returns an Answer, or (d, lam, p), (d, lam) or d alone.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, Protocol
+
+import numpy as np
+
+from vemcvx.arrays import Floats, brief
+from vemcvx.errors import SceneError, SolverFailed
+from vemcvx.program.checks import of_shape
+from vemcvx.program.operators import FEATURES, Operators
+from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.solvers.solver import Solver
+
+PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
+
+
+class Solves(Protocol):
+    """What a solver of one's own has: `solve`. Attributes `accepts` and `accuracy`, if it has them, are read, too."""
+
+    def solve(self, program: StepProgram, target: float) -> Any:
+        """Answer one scaled step up to a duality gap of `target`."""
+
+
+def as_solver(given: Solver | Solves) -> Solver:
+    """A Solver as it is; any other object with `solve` as one.
+
+    Raises
+    ------
+    SceneError
+        It is a class, or has no `solve`, or an `accepts` that names no features.
+    """
+    if isinstance(given, Solver):
+        return given
+    if isinstance(given, type) or not callable(getattr(given, "solve", None)):
+        raise SceneError(
+            f"solver: found {brief(given)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
+            "for the smallest that accepts the program; any object with solve(program, target) is a solver."
+        )
+    return Adapted(given)
+
+
+class Adapted(Solver):
+    """A solver around somebody's object with `solve`.
+
+    Parameters
+    ----------
+    own : object
+        `solve(program, target)`; without `accepts` it is taken to accept every feature, without `accuracy` 1e-6 is
+        asked of it.
+    """
+
+    def __init__(self, own: Solves):
+        self._own = own
+        self.accuracy = getattr(own, "accuracy", Solver.accuracy)
+        self._accepts = _features(getattr(own, "accepts", FEATURES), self.name)
+
+    def __repr__(self) -> str:
+        """Its name, and those of its public attributes that are plain: they say the same in every process."""
+        plain = {name: value for name, value in _attributes(self._own).items() if isinstance(value, (int, float, str))}
+        settings = {**plain, "accuracy": self.accuracy}
+        return f"{self.name}({', '.join(f'{name}={value!r}' for name, value in sorted(settings.items()))})"
+
+    @property
+    def name(self) -> str:
+        return type(self._own).__name__
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return self._accepts
+
+    def prepare(self, operators: Operators) -> _PreparedOwn:
+        return _PreparedOwn(self._own, self.name)
+
+
+class _PreparedOwn:
+    def __init__(self, own: Solves, name: str):
+        self._own, self._name = own, name
+        self._asks = _asks_for(own)
+
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        if len(program.g) == 0:
+            return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
+        begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
+        given = {name: begin[name] for name in self._asks}
+
+        return read_answer(self._own.solve(program, target, **given), program, self._name)
+
+
+def read_answer(raw: Any, program: StepProgram, name: str) -> Answer:
+    """What a solver returned, as an answer within the bounds; multipliers that are missing are recovered.
+
+    Raises
+    ------
+    SolverFailed
+        It is none, or of other sizes than the program's.
+    """
+    said = raw if isinstance(raw, Answer) else None
+    parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
+    if not 1 <= len(parts) <= 3:
+        raise SolverFailed(f"solver {name}: found the answer {brief(raw)}; it must {PROMISED}.")
+    operators = program.operators
+    shapes = {"d": program.g.shape, "lam": (operators.count, operators.block), "p": program.e.shape}
+    given = {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
+    if "d" not in given:
+        raise SolverFailed(f"solver {name}: found the answer {brief(raw)}; it must {PROMISED}.")
+    try:
+        read = {key: of_shape(part, f"solver {name}: {key}", shapes[key]) for key, part in given.items()}
+    except SceneError as error:
+        raise SolverFailed(str(error)) from None
+    d = program.feasible(read["d"])
+    lam, p = program.multipliers(d, read.get("lam"), read.get("p"))
+    if said is None:
+        return Answer(d, lam, 0, p=p)
+    return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
+
+
+def _there(raw: Any) -> bool:
+    """Whether multipliers were given; an Answer's are empty by default."""
+    return raw is not None and not (isinstance(raw, np.ndarray) and raw.size == 0)
+
+
+def _features(raw: Any, name: str) -> frozenset[str]:
+    known = isinstance(raw, (set, frozenset, list, tuple)) and all(isinstance(x, str) and x in FEATURES for x in raw)
+    if not known:
+        there_are = ", ".join(map(repr, sorted(FEATURES)))
+        raise SceneError(f"solver {name}: found accepts = {brief(raw)}; wanted a set of some of {there_are}.")
+    return frozenset(raw)
+
+
+def _attributes(own: object) -> dict[str, Any]:
+    return {name: value for name, value in getattr(own, "__dict__", {}).items() if not name.startswith("_")}
+
+
+def _asks_for(own: Solves) -> list[str]:
+    """Which of the multipliers of the step before `solve` has parameters for."""
+    try:
+        parameters = inspect.signature(own.solve).parameters
+    except (TypeError, ValueError):
+        return []
+    return [name for name in ("lam", "p") if name in parameters]

@@ -32,7 +32,9 @@ class UnilateralContact(Effect):
     on : str or sequence of str
         Boundary names.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along n in the undeformed state, >= 0, in units of length; it may change in time.
+        Distance to the obstacle along n in the undeformed state, in units of length; it may change in time. Negative
+        where they overlap (interference, press fits): the body is then pressed back by so much, either from the start
+        with ``initial="settled"``, or by a gap that falls from zero.
     """
 
     on: str | Sequence[str]
@@ -68,5 +70,5 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
 
 
 def distance(gap: data.Datum, subject: str, x: Floats, t: float) -> Floats:
-    """The gap (k,) at points x (k, dim) and the instant `t`, checked."""
-    return data.nonnegative(gap, x, t, subject, name="gap", rule="a gap is a distance and must be >= 0")
+    """The gap (k,) at points x (k, dim) and the instant `t`."""
+    return data.scalar(gap, x, t, f"{subject}: gap")

@@ -51,7 +51,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     jump = _norm(run, settled.unknowns - y)
     scale = max(state.ledger.norm, _norm(run, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
-        raise SceneError(_violation(run, state, jump / scale if scale > 0 else np.inf))
+        raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
     return _at_rest(
         run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=_off(settled, jump))
     )
@@ -161,4 +161,18 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
         f"initial: the state at t = {state.t:.6g} is not held by friction (condition (2.1)): one step there moves it "
         f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}.{where} Start from initial='settled' (one step from "
         "zero) or 'equilibrium' (no friction), from a given state, or with a load that begins at zero."
+    )
+
+
+def _overlap(run: PreparedRun, state: State) -> str | None:
+    """Where a state is beyond a bound, in words; None if it is nowhere."""
+    operators, limits = run.operators, run.system.limits
+    over = operators.limits.read(state.y) - state.data.remaining_gap
+    inside = np.where(operators.compliance > 0, 0.0, over)
+    if limits is None or not inside.max(initial=0.0) > 0:
+        return None
+    worst = int(np.argmax(inside))
+    return (
+        f"initial: at t = {state.t:.6g} the body is {inside[worst]:.6g} inside its obstacle at {limits.name(worst)}. "
+        "Start from initial='settled' (one step from zero), from a given state, or with a gap that begins at zero."
     )

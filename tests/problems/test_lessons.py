@@ -1,0 +1,118 @@
+"""Every lesson is run cell by cell, as a notebook runs it; what it asserts holds, and it shows what it promises.
+
+The numbers that a lesson rests on are asserted in the lesson, where a student reads why; here stands what a lesson
+as such must be, and what would pass unnoticed if an assertion were lost from it.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "problems" / "lessons"
+FILES = sorted(path.name for path in FOLDER.glob("*.py"))
+LESSONS = [name for name in FILES if "solutions" not in name]
+figures = pytest.importorskip("matplotlib.figure")
+
+
+def cells(name):
+    """Kind ("markdown" or "code") and text of every cell; what precedes the first mark is code."""
+    first, *rest = re.split(r"^# %%(.*)\n", (FOLDER / name).read_text(), flags=re.MULTILINE)
+    marked = zip(rest[::2], rest[1::2], strict=True)
+    return [("code", first), *(("markdown" if "[markdown]" in mark else "code", text) for mark, text in marked)]
+
+
+@cache
+def ran(name):
+    """The namespace after all cells, and the values of the cells' last lines, which a notebook shows."""
+    space, shown = {"__name__": "__main__"}, []
+    for kind, text in cells(name):
+        if kind == "code":
+            body = ast.parse(text).body
+            last = body.pop() if body and isinstance(body[-1], ast.Expr) else None
+            exec(compile(ast.Module(body, []), name, "exec"), space)
+            if last is not None:
+                shown.append(eval(compile(ast.Expression(last.value), name, "eval"), space))
+    return space, shown
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_it_runs(name, capsys):
+    """Nothing it shows in passing fills more than a screen."""
+    assert all(len(repr(value)) < 2000 for value in ran(name)[1])
+    assert len(capsys.readouterr().out) < 4000
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_it_asserts(name):
+    """A lesson without assertions would pass whatever it computed."""
+    tree = ast.parse((FOLDER / name).read_text())
+    assert sum(isinstance(node, ast.Assert) for node in ast.walk(tree)) >= 4
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_it_is_a_lesson(name):
+    """Formula, picture, question, exercises, and their solutions in a file of their own."""
+    prose = "".join(text for kind, text in cells(name) if kind == "markdown")
+    assert prose.count("$$") >= 4
+    assert "**Question:**" in prose
+    assert any(isinstance(value, figures.Figure) for value in ran(name)[1])
+    number = re.match(r"lesson_(\d)_", name).group(1)
+    assert f"# # Lesson {number}" in prose
+    solutions = f"lesson_{number}_solutions.py"
+    assert f"`{solutions}`" in prose
+    asked = re.findall(r"^# (\d+)\. ", prose[prose.index("# ## Exercises") :], re.MULTILINE)
+    solved = re.findall(r"^# \*\*(\d+)\.\*\*", (FOLDER / solutions).read_text(), re.MULTILINE)
+    assert asked == solved == [str(i) for i in range(1, len(asked) + 1)]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_cells_of_markdown_are_comments_alone(name):
+    lines = [line for kind, text in cells(name) if kind == "markdown" for line in text.splitlines()]
+    assert [line for line in lines if line and not line.startswith("#")] == []
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_two_cells_give_a_value_to_one_name(name):
+    """Marimo orders cells by who defines what, and refuses two that define the same; names with _ stay in a cell."""
+    defined = Counter()
+    for kind, text in cells(name):
+        defined.update(outermost_names(ast.parse(text)) if kind == "code" else ())
+    assert [one for one, times in defined.items() if times > 1] == []
+
+
+def outermost_names(tree):
+    """Names that a cell gives a value to outside functions, except those that begin with an underscore."""
+    names, waiting = set(), list(tree.body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
+        elif not isinstance(node, ast.Lambda | ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                names.add(node.id)
+            waiting += ast.iter_child_nodes(node)
+    return {name for name in names if not name.startswith("_")}
+
+
+def test_lesson_1_a_step_by_hand_minimises_its_energy():
+    space, _ = ran("lesson_1_one_slider.py")
+    K, g, anywhere = space["K"], space["g"], np.linspace(-4, 4, 8001)
+    for u_prev in (-1.0, 0.0, 0.7):
+        for f in (-3.0, -0.4, 0.0, 1.9):
+            u = space["step_by_hand"](u_prev, f)
+
+            def energy(v, u_prev=u_prev, f=f):
+                return 0.5 * K * v**2 - f * v + g * np.abs(v - u_prev)
+
+            assert energy(u) <= energy(anywhere).min() + 1e-14
+            lam = space["friction_by_hand"](u_prev, f)
+            assert energy(u) == pytest.approx(-((f - lam) ** 2) / (2 * K) - lam * u_prev, abs=1e-14)

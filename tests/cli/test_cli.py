@@ -98,6 +98,19 @@ def test_mesh_store_and_condensation_by_name(tmp_path):
     assert vx.read_history(tmp_path).stored.tolist() == [4]
 
 
+def test_a_mesh_file_in_place_of_a_family(tmp_path):
+    path = tmp_path / "part.vtu"
+    vx.meshes.voronoi(3).write(path)
+    done = invoke("run", PROBLEM, "--steps", 2, "--mesh", path, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())["mesh"]
+    assert (found["family"], found["n"], found["cells"]) == (str(path), None, 9)
+    assert "9 cells" in invoke("show", PROBLEM, "--mesh", path).output
+    missing = invoke("run", PROBLEM, "--mesh", tmp_path / "gone.vtu")
+    assert missing.exit_code == 2
+    assert "gone.vtu" in missing.output
+
+
 def test_pictures_alone_go_where_results_go(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = invoke("run", written(tmp_path, MINIMAL, "loose.py"), "--n", 2, "--steps", 1, "--plot")

@@ -26,7 +26,8 @@ File = Annotated[
     str, typer.Argument(metavar="FILE", help="A problem file: Python with scene(**parameters), mesh(n), times(steps).")
 ]
 Mesh = Annotated[
-    str | None, typer.Option(help="Family of meshes: squares, triangles, voronoi ... (default: the problem's own)")
+    str | None,
+    typer.Option(help="Family of meshes: squares, triangles ...; or a mesh file. (default: the problem's own)"),
 ]
 N = Annotated[int, typer.Option("--n", min=1, help="Cells across the shortest side.")]
 Settings = Annotated[

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from vemcvx.arrays import brief
 from vemcvx.cli.python_file import executed, literal, own_errors
 from vemcvx.errors import ProblemError
-from vemcvx.meshes import FAMILIES, PolygonMesh
+from vemcvx.meshes import FAMILIES, PolygonMesh, read
 from vemcvx.scene import Scene
 
 Part = TypeVar("Part", Scene, PolygonMesh)
@@ -42,9 +42,13 @@ class Problem:
         return self._checked(made, Scene, "scene", "a vemcvx.Scene")
 
     def mesh(self, n: int, family: str | None = None) -> PolygonMesh:
-        """The mesh, of the problem's own family by default."""
+        """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file."""
+        if family is not None and is_file(family):
+            return read(family)
         if family is not None and family not in (*FAMILIES, self.family):
-            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(FAMILIES)}.")
+            raise ProblemError(
+                f"--mesh: there is no family {family!r}; there are {', '.join(FAMILIES)}, and files such as part.msh."
+            )
         made = self._call("mesh", n) if family is None else self._call("mesh", n, family=family)
         return self._checked(made, PolygonMesh, "mesh", "a vemcvx.PolygonMesh")
 
@@ -99,6 +103,11 @@ def read_problem(file: str | Path) -> Problem:
             f"{path}: does not define {' nor '.join(missing)}; a problem file defines {', '.join(PARTS.values())}."
         )
     return Problem(path, module)
+
+
+def is_file(family: str) -> bool:
+    """Whether what --mesh names is a file, not a family."""
+    return bool(Path(family).suffix)
 
 
 def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:

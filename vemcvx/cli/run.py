@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.progress import TimeRemainingColumn
 
-from vemcvx.cli.problem_file import Problem
+from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.progress import progress_bar
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
@@ -61,7 +61,9 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
         else:
             history, told = _adapted(problem, asked, asked.target)
         lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
-        lines += _written(history, asked, Origin(problem.name, asked.family or problem.family, asked.n))
+        mesh = asked.family or problem.family
+        n = None if mesh is not None and is_file(mesh) else asked.n
+        lines += _written(history, asked, Origin(problem.name, mesh, n))
         if rows is not None:
             rows.remove()
     return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from vemcvx import effects
-from vemcvx.cli.problem_file import Problem
+from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.effects import Effect
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
@@ -29,6 +29,11 @@ def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[st
     console.print(table(problem, family, n, settings))
 
 
+def _mesh(problem: Problem, family: str | None, n: int) -> str:
+    name = family or problem.family or "its own"
+    return name if is_file(name) else f"{name}, n = {n}"
+
+
 def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...] = ()) -> Table:
     """The scene as rows of a name and words."""
     scene, mesh = problem.scene(settings), problem.mesh(n, family)
@@ -39,7 +44,7 @@ def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...
         ("simulated", "\n".join(effect.describe() for effect in scene.canonical)),
         *([("left out", "\n".join(posed.inactive))] if posed.inactive else []),
         ("not simulated", ", ".join(_absent(scene))),
-        ("mesh", f"{family or problem.family or 'its own'}, n = {n}: {size}"),
+        ("mesh", f"{_mesh(problem, family, n)}: {size}"),
         ("unknowns", f"{posed.system.n} in all, {len(seen.retained)} after condensation"),
         ("program", _program(seen.operators, posed.system.damping is not None)),
         ("terms", _terms(seen.operators)),

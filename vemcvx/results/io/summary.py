@@ -21,9 +21,9 @@ class Origin:
 
     problem: str = "unnamed"
     family: str | None = None
-    """The family of meshes, if it was one."""
+    """The family of meshes, if it was one, or the mesh file."""
     n: int | None = None
-    """What that family was asked for: cells across the shortest side."""
+    """What that family was asked for: cells across the shortest side; None of a file."""
 
 
 def write_summary(history: Results, origin: Origin, writing: float, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The command line: `vemcvx run`, `show`, `compare`, `export` and `cost`, each of a problem file."""
+"""The command line: `vemcvx run`, `show`, `compare`, `export` and `cost` of a problem file, and `vemcvx collection`."""
 
 from vemcvx.cli.commands import app, main
 

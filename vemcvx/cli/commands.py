@@ -202,6 +202,24 @@ def export(
 
 
 @app.command()
+def collection(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to.")] = Path("collection"),
+    form: Annotated[
+        str | None, typer.Option("--format", metavar="mtx|cbf|qps|mps", help="One more format, beside npz.")
+    ] = None,
+) -> None:
+    """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
+    with reported():
+        from rich.progress import TimeRemainingColumn
+
+        from vemcvx.cli.collection import write_collection
+        from vemcvx.cli.progress import progress_bar
+
+        with progress_bar("reading", TimeRemainingColumn()) as shown:
+            typer.echo(write_collection(out, form, told=shown))
+
+
+@app.command()
 def cost(
     file: File,
     mesh: Annotated[

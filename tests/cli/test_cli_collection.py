@@ -1,0 +1,105 @@
+"""`vemcvx collection`: named, graded, equal from run to run, and confirmed by a script that knows nothing of us."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_cli import invoke
+
+import vemcvx as vx
+from vemcvx.cli.collection import INSTANCES, confirm, write_collection
+
+SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
+GRADES = {instance.grade for instance in INSTANCES}
+
+
+def one_a_grade():
+    """The first condensed instance of each grade that takes no time."""
+    small = [one for one in INSTANCES if one.condense and one.n <= 32]
+    return [next(one for one in small if one.grade == grade) for grade in sorted(GRADES)]
+
+
+def test_the_list_is_named_and_graded():
+    names = [instance.name for instance in INSTANCES]
+    assert len(set(names)) == len(names) == 75
+    hard = {"bounds", "pressure", "soft", "viscous", "sticking", "degenerate", "incompressible", "units"}
+    assert {"easy", "sizes"} | hard == GRADES
+
+
+def test_the_script_needs_four_packages():
+    tree = ast.parse(SCRIPT.read_text())
+    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    others = {name.split(".")[0] for name in names} - set(sys.stdlib_module_names)
+    assert others == {"numpy", "scipy", "clarabel", "highspy"}
+
+
+def test_what_is_written_is_confirmed(tmp_path, capsys):
+    """In each grade: the manifest says what the files hold, and independent gaps agree with ours."""
+    said = write_collection(tmp_path, "mtx", instances=one_a_grade())
+    assert said.startswith(f"{len(GRADES)} instances of 'vemcvx collection 1'")
+    rows = json.loads((tmp_path / "manifest.json").read_text())["instances"]
+    assert {row["grade"] for row in rows} == GRADES
+    for row in rows:
+        program = vx.read_program(tmp_path / f"{row['name']}.npz")
+        other = vx.read_program(tmp_path / f"{row['name']}.mtx")
+        assert len(program.g) == len(other.g) == row["unknowns"]
+        assert program.bounds == (row["optimum"]["low"], row["optimum"]["high"])
+        assert program.certificate.error <= 1e-8 * program.norm
+        own = confirm.Program(tmp_path / f"{row['name']}.npz")
+        value, gap, floor = own.certified(own.d, own.lam, own.p)
+        assert gap <= program.certificate.gap + program.certificate.floor + floor
+        optimum = row["optimum"]
+        assert value == pytest.approx(optimum["value"], abs=optimum["high"] - optimum["low"] + floor)
+        assert (row["degenerate"]["norm_terms"] > 0) == (row["grade"] == "degenerate")
+    assert (tmp_path / "confirm.py").read_text() == SCRIPT.read_text()
+    assert confirm.main(tmp_path) == 0
+    table = list(csv.DictReader((tmp_path / "results.csv").read_text().splitlines()))
+    said = capsys.readouterr().out
+    assert f"{len(table)} of {len(table)} answers to {len(rows)} instances confirm the certified optima" in said
+    assert {row["confirmed"] for row in table} == {"True"}
+    assert len(table) == sum(5 if row["unknowns"] <= 100 else 3 for row in rows)
+    # Certificates are bounds: none is less than the distance to our answer, but for what both leave open.
+    for row in table:
+        assert float(row["true"]) <= 1.01 * float(row["certified"]) + 1e-7
+
+
+def test_an_optimum_that_is_none_is_not_confirmed(tmp_path, monkeypatch):
+    """Gaps that are too small by far are found out by any other answer."""
+    write_collection(tmp_path, instances=[one_a_grade()[0]])
+    right = confirm.Program.certified
+    monkeypatch.setattr(confirm.Program, "certified", lambda *given: (right(*given)[0], 0.0, 0.0))
+    assert confirm.main(tmp_path) == 1
+
+
+def test_it_is_the_same_every_time(tmp_path):
+    for name in ("a", "b"):
+        write_collection(tmp_path / name, "cbf", instances=one_a_grade()[:3])
+    files = sorted(path.name for path in (tmp_path / "a").iterdir())
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+
+
+def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch):
+    done = invoke("collection", "--out", tmp_path / "new", "--format", "sif")
+    assert done.exit_code == 2
+    assert "--format: there is no format 'sif'" in done.output
+    monkeypatch.setattr(vx, "__file__", str(tmp_path / "vemcvx" / "__init__.py"))
+    done = invoke("collection", "--out", tmp_path / "new")
+    assert done.exit_code == 2
+    assert "found no problem files" in done.output
+
+
+@pytest.mark.slow
+def test_the_whole_collection_is_confirmed(tmp_path):
+    done = invoke("collection", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    run = subprocess.run([sys.executable, tmp_path / "confirm.py"], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "answers to 75 instances confirm the certified optima" in run.stdout

@@ -1,0 +1,228 @@
+"""Read every instance back, solve it by Clarabel and HiGHS, and confirm the certified optimum.
+
+    python confirm.py [FOLDER]
+
+Needs numpy, scipy, clarabel and highspy only. With d_1, d_2 two answers to one program and gap_1, gap_2 their gaps,
+
+    |d_1 - d_2|_K <= (2 gap_1)^(1/2) + (2 gap_2)^(1/2),
+
+and the intervals [primal - gap, primal] of both hold the least value. Both are tested, with gaps computed here; and who
+solves what is counted, by the certified error of the answer relative to |d|_K. Each solver is given the numbers of the
+file as they are, with its defaults and with the tolerance that its line names; Clarabel also with two inequalities in
+place of a cone.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import clarabel
+import highspy
+import numpy as np
+import scipy.linalg as la
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+ASKED = 1e-3, 1e-6, 1e-9
+LIMIT, SHIFT = 10.0, 0.01
+"""Seconds: of a solver for an instance, which a miss counts as, too; and the shift of the geometric mean."""
+MOST_FOR_HIGHS = 100
+"""Unknowns: HiGHS may take very long for more, its limit of time notwithstanding."""
+EPS = float(np.finfo(float).eps)
+
+
+class Program:
+    """min 1/2 d'Kd - g'd + sum w|Bd - b| under Dd <= e (or (Dd - e)_+^2 / 2c), from an NPZ."""
+
+    def __init__(self, path: Path):
+        with np.load(path) as file:
+            kept = {name: file[name] for name in file.files}
+        for name in ("K", "B", "D"):
+            if name not in kept:
+                data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in ("data", "indices", "indptr", "shape"))
+                kept[name] = sp.csr_matrix((data, indices, indptr), shape=shape)
+        self.K, self.B, self.D = (sp.csc_matrix(kept[name]) for name in ("K", "B", "D"))
+        self.g, self.w, self.b, self.e, self.c = (kept[name] for name in ("g", "w", "b", "e", "c"))
+        self.d, self.lam, self.p = kept["d"], kept["lam"].ravel(), kept["p"]
+        # One component a norm term, and rows that read one unknown each: so it is in the plane.
+        assert len(self.b) == len(self.w)
+        assert (np.diff(sp.csr_matrix(self.D).indptr) == 1).all()
+        dense = isinstance(kept["K"], np.ndarray)
+        self.solve = partial(la.cho_solve, la.cho_factor(kept["K"])) if dense else splu(self.K).solve
+
+    def norm(self, d: Any) -> float:
+        """|d|_K."""
+        return float(np.sqrt(max(d @ (self.K @ d), 0.0)))
+
+    def feasible(self, d: Any) -> Any:
+        """d within its hard bounds."""
+        d, D = d.copy(), sp.csr_matrix(self.D)
+        for i, x, e in zip(D.indices[self.c == 0], D.data[self.c == 0], self.e[self.c == 0], strict=True):
+            d[i] = min(d[i], e / x) if x > 0 else max(d[i], e / x)
+        return d
+
+    def certified(self, d: Any, lam: Any, p: Any) -> tuple[float, float, float]:
+        """Primal value, gap, and what rounding may hide in it, of any d within its bounds."""
+        lam, p = np.clip(lam, -self.w, self.w), np.maximum(p, 0.0)
+        s, z, soft = self.B @ d - self.b, self.D @ d - self.e, self.c > 0
+        r = self.g - self.B.T @ lam - self.D.T @ p - self.K @ d
+        held = np.where(soft & (z > 0), (z - self.c * p) ** 2 / np.where(soft, 2 * self.c, 1.0), 0.0)
+        open_ = np.where(z <= 0, 0.5 * self.c * p * p - p * z, 0.0)
+        gap = 0.5 * abs(r @ self.solve(r)) + float((self.w * abs(s) - lam * s).sum() + held.sum() + open_.sum())
+        pressed = 0.5 * float((np.maximum(z, 0.0)[soft] ** 2 / self.c[soft]).sum())
+        primal = 0.5 * d @ (self.K @ d) - self.g @ d + self.w @ abs(s) + pressed
+        size = abs(self.g) + abs(self.B.T) @ abs(lam) + abs(self.D.T) @ p + abs(self.K) @ abs(d)
+        floor = 0.5 * EPS**2 * abs(size @ abs(self.solve(size)))
+        floor += EPS * float((abs(self.B) @ abs(d) + abs(self.b)) @ self.w + (abs(self.D) @ abs(d) + abs(self.e)) @ p)
+        return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
+
+
+def by_clarabel(program: Program, tight: bool, cones: bool = True) -> tuple[Any, Any, Any]:
+    """d, lam, p by cones (t_i, B_i d - b_i), or by two inequalities a term, and inequalities."""
+    n, m, r = len(program.g), len(program.w), len(program.e)
+    P, one = sp.csc_matrix(sp.block_diag([program.K, sp.csc_matrix((m, m)), sp.diags(program.c)])), sp.eye(m)
+    if cones:
+        order = np.arange(2 * m).reshape(2, m).T.ravel()
+        blocks: Any = [[None, -one], [-program.B, None]]
+        rows = sp.csr_matrix(sp.bmat(blocks))[order]
+        right = np.concatenate([np.zeros(m), -program.b])[order]
+    else:
+        rows = sp.csr_matrix(sp.bmat([[program.B, -one], [-program.B, -one]]))
+        right = np.concatenate([program.b, -program.b])
+    limits = sp.hstack([program.D, sp.csr_matrix((r, m)), -sp.diags(program.c)])
+    A = sp.csc_matrix(sp.vstack([sp.hstack([rows, sp.csr_matrix((2 * m, r))]), limits]))
+    b = np.concatenate([right, program.e])
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.time_limit = False, LIMIT
+    if tight:
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    kinds = [clarabel.SecondOrderConeT(2)] * m if cones else [clarabel.NonnegativeConeT(2 * m)] * (m > 0)
+    kinds = kinds + [clarabel.NonnegativeConeT(r)] * (r > 0)
+    q = np.concatenate([-program.g, program.w, np.zeros(r)])
+    found = clarabel.DefaultSolver(sp.triu(P).tocsc(), q, A, b, kinds, settings).solve()
+    z = np.array(found.z)
+    return np.array(found.x)[:n], -z[1 : 2 * m : 2] if cones else z[:m] - z[m : 2 * m], z[2 * m :]
+
+
+def by_highs(program: Program, tight: bool) -> tuple[Any, Any, Any]:
+    """d, lam, p by -t <= B d - b <= t with t >= 0."""
+    n, m, r = len(program.g), len(program.w), len(program.e)
+    one = sp.eye(m)
+    A = sp.csc_matrix(
+        sp.bmat([[program.B, -one, None], [-program.B, -one, None], [program.D, None, -sp.diags(program.c)]])
+    )
+    highs, infinite = highspy.Highs(), highspy.kHighsInf
+    highs.silent()
+    highs.setOptionValue("time_limit", LIMIT)
+    if tight:
+        for name in ("primal_feasibility_tolerance", "dual_feasibility_tolerance"):
+            highs.setOptionValue(name, 1e-10)  # the least that it takes
+    model = highspy.HighsModel()
+    lp, size = model.lp_, n + m + r
+    lp.num_col_, lp.num_row_ = size, 2 * m + r
+    lp.col_cost_ = np.concatenate([-program.g, program.w, np.zeros(r)])
+    lp.col_lower_ = np.concatenate([np.full(n, -infinite), np.zeros(m + r)])
+    lp.col_upper_ = np.full(size, infinite)
+    lp.row_lower_ = np.full(2 * m + r, -infinite)
+    lp.row_upper_ = np.concatenate([program.b, -program.b, program.e])
+    lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = A.indptr, A.indices, A.data
+    Q = sp.csc_matrix(sp.tril(sp.block_diag([program.K, sp.csc_matrix((m, m)), sp.diags(program.c)])))
+    model.hessian_.dim_, model.hessian_.format_ = size, highspy.HessianFormat.kTriangular
+    model.hessian_.start_, model.hessian_.index_, model.hessian_.value_ = Q.indptr, Q.indices, Q.data
+    highs.passModel(model)
+    highs.run()
+    found = highs.getSolution()
+    x, duals = np.array(found.col_value), -np.array(found.row_dual)
+    if len(x) != size or len(duals) != 2 * m + r or not np.isfinite(x).all():
+        return np.zeros(n), np.zeros(m), np.zeros(r)
+    return x[:n], duals[:m] - duals[m : 2 * m], duals[2 * m :]
+
+
+SOLVERS: dict[str, tuple[Callable[..., Any], bool]] = {
+    "Clarabel": (by_clarabel, False),
+    "Clarabel 1e-12": (by_clarabel, True),
+    "same, no cones": (partial(by_clarabel, cones=False), True),
+    "HiGHS": (by_highs, False),
+    "HiGHS 1e-10": (by_highs, True),
+}
+
+
+def confirmed(program: Program, name: str) -> dict[str, Any]:
+    """One solver on one instance: how long, how well, and whether it contradicts the certified optimum."""
+    solve, tight = SOLVERS[name]
+    start = time.perf_counter()
+    d, lam, p = solve(program, tight)
+    seconds = time.perf_counter() - start
+    s = program.D @ d - program.e
+    over = float(np.maximum(s[program.c == 0], 0.0).max(initial=0.0))
+    d = program.feasible(d)
+    ours, theirs = program.certified(program.d, program.lam, program.p), program.certified(d, lam, p)
+    unit = program.norm(program.d) or 1.0
+    errors = [np.sqrt(2 * (gap + floor)) for _, gap, floor in (ours, theirs)]
+    low = max(value - gap - floor for value, gap, floor in (ours, theirs))
+    high = min(value + floor for value, gap, floor in (ours, theirs))
+    near = program.norm(d - program.d) <= sum(errors)
+    balance = program.g - program.B.T @ lam - program.D.T @ p - program.K @ d
+    return {
+        "solver": name,
+        "seconds": seconds,
+        "primal_residual": over,
+        "dual_residual": float(abs(balance).max(initial=0.0)),
+        "gap": theirs[1],
+        "certified": float(np.sqrt(2 * theirs[1]) / unit),
+        "true": program.norm(d - program.d) / unit,
+        "confirmed": bool(near and low <= high),
+    }
+
+
+def main(folder: Path) -> int:
+    """The whole folder: a table in results.csv, counts in words; 0 where every optimum was confirmed."""
+    instances, rows = json.loads((folder / "manifest.json").read_text())["instances"], []
+    for instance in instances:
+        program = Program(folder / f"{instance['name']}.npz")
+        small, own = len(program.g) <= MOST_FOR_HIGHS, {name: instance[name] for name in ("name", "grade")}
+        rows += [{**own, **confirmed(program, name)} for name in SOLVERS if small or not name.startswith("HiGHS")]
+    with open(folder / "results.csv", "w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]))
+        table.writeheader()
+        table.writerows(rows)
+    wrong = [row for row in rows if not row["confirmed"]]
+    for row in wrong:
+        print(f"NOT CONFIRMED: {row['name']} by {row['solver']}")
+    print(f"{len(rows) - len(wrong)} of {len(rows)} answers to {len(instances)} instances confirm the certified optima")
+    say(rows)
+    return 1 if wrong else 0
+
+
+def say(rows: list[dict[str, Any]]) -> None:
+    """Success rates, shifted geometric means of seconds at 1e-6, and the performance profile there."""
+    fastest: dict[str, float] = {}
+    for row in rows:
+        taken = row["seconds"] if row["certified"] <= ASKED[1] else np.inf
+        fastest[row["name"]] = min(fastest.get(row["name"], np.inf), taken)
+    asked = "".join(f"{error:8.0e}" for error in ASKED)
+    print(f"{'solver':15} tried {asked}   mean s  within 1x   2x   5x  20x")
+    for name in SOLVERS:
+        own = [row for row in rows if row["solver"] == name]
+        if not own:
+            continue
+        solved = [sum(row["certified"] <= asked for row in own) for asked in ASKED]
+        times = np.array([row["seconds"] if row["certified"] <= ASKED[1] else LIMIT for row in own])
+        mean = float(np.exp(np.log(times + SHIFT).mean()) - SHIFT)
+        best = np.array([fastest[row["name"]] for row in own])
+        met = np.array([row["certified"] <= ASKED[1] for row in own])
+        profile = [float((met & (times <= k * best)).mean()) for k in (1, 2, 5, 20)]
+        counts = "".join(f"{count:8d}" for count in solved)
+        print(f"{name:15} {len(own):5d} {counts} {mean:8.3f}     " + "".join(f"{share:5.0%}" for share in profile))
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent))

@@ -13,7 +13,7 @@ import pytest
 from test_cli import invoke
 
 import vemcvx as vx
-from vemcvx.cli.collection import INSTANCES, confirm, write_collection
+from vemcvx.cli.collection import INSTANCES, confirm, write_collection, writing
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
 GRADES = {instance.grade for instance in INSTANCES}
@@ -21,7 +21,8 @@ GRADES = {instance.grade for instance in INSTANCES}
 
 def one_a_grade():
     """The first condensed instance of each grade that takes no time."""
-    small = [one for one in INSTANCES if one.condense and one.n <= 32]
+    large = "cattaneo_mindlin", "janssen_silo", "shear_lag", "thermal_expansion_blocked_by_friction"
+    small = [one for one in INSTANCES if one.condense and one.n <= 32 and one.problem not in large]
     return [next(one for one in small if one.grade == grade) for grade in sorted(GRADES)]
 
 
@@ -90,7 +91,7 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch):
     done = invoke("collection", "--out", tmp_path / "new", "--format", "sif")
     assert done.exit_code == 2
     assert "--format: there is no format 'sif'" in done.output
-    monkeypatch.setattr(vx, "__file__", str(tmp_path / "vemcvx" / "__init__.py"))
+    monkeypatch.setattr(writing, "PLACES", (tmp_path, tmp_path))
     done = invoke("collection", "--out", tmp_path / "new")
     assert done.exit_code == 2
     assert "found no problem files" in done.output

@@ -106,7 +106,8 @@ def by_clarabel(program: Program, tight: bool, cones: bool = True) -> tuple[Any,
     kinds = [clarabel.SecondOrderConeT(2)] * m if cones else [clarabel.NonnegativeConeT(2 * m)] * (m > 0)
     kinds = kinds + [clarabel.NonnegativeConeT(r)] * (r > 0)
     q = np.concatenate([-program.g, program.w, np.zeros(r)])
-    found = clarabel.DefaultSolver(sp.triu(P).tocsc(), q, A, b, kinds, settings).solve()
+    data = sp.csc_matrix(sp.triu(P)), q, A, b, kinds, settings
+    found = clarabel.DefaultSolver(*data).solve()
     z = np.array(found.z)
     return np.array(found.x)[:n], -z[1 : 2 * m : 2] if cones else z[:m] - z[m : 2 * m], z[2 * m :]
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-import vemcvx
 from vemcvx.cli.collection.instances import INSTANCES, VERSION, Instance
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.errors import ProblemError
@@ -22,6 +21,11 @@ from vemcvx.simulation import programs
 from vemcvx.version import __version__
 
 MANIFEST, SCRIPT = "manifest.json", "confirm.py"
+PLACES = (
+    Path(__file__).parents[3] / "problems",
+    Path(sysconfig.get_path("data")) / "share" / "vemcvx" / "problems",
+)
+"""Of the problem files: in a checkout, and installed."""
 STILL = 1e-9
 """Part of the largest slip, below which a term sticks whose weight is lowered."""
 
@@ -98,10 +102,8 @@ def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
 
 
 def _problems() -> Path:
-    """The folder of the problem files: that of the checkout, or of what was installed."""
-    beside = Path(vemcvx.__file__).parents[1] / "problems"
-    installed = Path(sysconfig.get_path("data")) / "share" / "vemcvx" / "problems"
-    for folder in (beside, installed):
+    """The folder of the problem files."""
+    for folder in PLACES:
         if (folder / f"{INSTANCES[0].problem}.py").is_file():
             return folder
-    raise ProblemError(f"collection: found no problem files, neither in {beside} nor in {installed}; install again.")
+    raise ProblemError(f"collection: found no problem files, neither in {PLACES[0]} nor in {PLACES[1]}; install again.")

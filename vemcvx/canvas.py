@@ -37,6 +37,25 @@ def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:
+    """Return the axes given, or those of a new figure of that size in inches."""
+    return new_figure(width, height).add_subplot() if ax is None else ax
+
+
+def figure_of(ax: Axes) -> Figure:
+    """Return the figure that axes stand in."""
+    return ax.figure.figure
+
+
+def legend_below(ax: Axes, own: bool) -> None:
+    """Name what is drawn: below the axes of a figure of our own, within axes that were given."""
+    count = len(ax.get_legend_handles_labels()[0])
+    if count and own:
+        figure_of(ax).legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
+    elif count:
+        ax.legend(frameon=False, fontsize="small")
+
+
 def distinct(colours: Sequence[str]) -> ListedColormap:
     """Return a colour map of these colours alone, in steps of equal width."""
     from matplotlib.colors import ListedColormap

@@ -51,7 +51,7 @@ def test_run_writes_what_it_says(tmp_path):
     history = vx.read_history(tmp_path / "out")
     assert history.stored.tolist() == [0, 4, 8]
     assert history.summary() in done.output
-    pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png"]
+    pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png", "wear.png"]
     files = ["history.npz", "history.pvd", "step_0000.vtu", "step_0004.vtu", "step_0008.vtu", "summary.json"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(pictures + files)
     assert f"files       {tmp_path / 'out'}: history.pvd with 3 instants, summary.json, history.npz" in done.output

@@ -16,14 +16,15 @@ from vemcvx.plots import (
     friction_traction,
     stick_slip_map,
     stressed_body,
+    wear,
     write_plots,
 )
 from vemcvx.plots.contact_line import contact_line
-from vemcvx.plots.deformed_mesh import magnification
+from vemcvx.plots.scale import magnification
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)
-PICTURES = (deformed_mesh, friction_traction, stick_slip_map, energy_ledger)
+PICTURES = (deformed_mesh, friction_traction, stick_slip_map, wear, energy_ledger)
 
 
 def bound(x, t):
@@ -60,7 +61,7 @@ def test_the_mesh_is_drawn_where_it_moves_to(history):
     ax = deformed_mesh(history).axes[0]
     u, mesh = history.displacement[-1], history.mesh
     factor = float(ax.get_title().split("magnified ")[1].split(" times")[0])
-    assert 0.05 < factor * np.linalg.norm(u, axis=1).max() <= 0.15
+    assert 0.05 < factor * np.linalg.norm(history.displacement, axis=2).max() <= 0.15
     cells = ax.collections[0]
     size = np.linalg.norm(u, axis=1)
     for cell, path, colour in zip(mesh.cells, cells.get_paths(), cells.get_array(), strict=True):
@@ -71,6 +72,7 @@ def test_the_mesh_is_drawn_where_it_moves_to(history):
 def test_arrows_are_the_friction_forces_to_scale(history):
     arrows = deformed_mesh(history).axes[0].collections[1:]
     traction, sticks = history.contact.traction[-1], history.contact.sticking[-1]
+    # The dashed outline is no collection: all that follows the cells are arrows.
     drawn = np.concatenate([np.column_stack([arrow.U, arrow.V]) for arrow in arrows])
     assert len(drawn) >= 8
     # Every arrow is the traction of some contact node, all at one scale.
@@ -132,7 +134,7 @@ def test_the_map_shows_every_node_and_step(history):
     way = np.where(contact.sticking[1:, order], 0, np.sign(increments))
     assert set(np.unique(way)) == {-1, 0, 1}
     drawn = figure.axes[0].collections[0].get_array()
-    assert np.array_equal(drawn[::2, ::2], way)
+    assert np.array_equal(drawn[:, ::2], way)
     assert {text.get_text() for text in figure.legends[0].get_texts()} == {
         "stick",
         "slip towards larger $x_1$",
@@ -141,16 +143,15 @@ def test_the_map_shows_every_node_and_step(history):
 
 
 @pytest.mark.parametrize("store", ["last", 7])
-def test_steps_that_are_not_stored_are_not_painted(history, store):
+def test_a_band_reaches_from_one_stored_instant_to_the_next(history, store):
     some = vx.simulate(history.scene, history.mesh, TIMES, store=store)
     ax = stick_slip_map(some).axes[0]
     mesh, every = ax.collections[0], stick_slip_map(history).axes[0].collections[0]
     steps = some.stored[some.stored > 0]
-    assert np.array_equal(mesh.get_array()[::2, ::2], every.get_array()[::2, ::2][steps - 1])
-    times = mesh.get_coordinates()[:, 0, 1]
-    assert np.array_equal(times, np.column_stack([TIMES[steps - 1], TIMES[steps]]).ravel())
-    assert f"({24 - len(steps)} steps not stored)" in ax.get_title()
-    assert mesh.get_array().mask[1::2].all()
+    assert np.array_equal(mesh.get_array()[:, ::2], every.get_array()[:, ::2][steps - 1])
+    assert np.array_equal(mesh.get_coordinates()[:, 0, 1], TIMES[[0, *steps]])
+    assert f"each band: its last step ({24 - len(steps)} of 24 steps not stored)" in ax.get_title()
+    assert not mesh.get_array().mask[:, ::2].any()
 
 
 def test_the_ledger_adds_up(history):
@@ -216,7 +217,7 @@ def test_nothing_is_cut_off(history, squeezed, draw):
 
 
 def test_what_there_is_to_show_is_written(history, loose, tmp_path):
-    names = {"deformed_mesh.png", "friction_traction.png", "stick_slip_map.png", "energy_ledger.png"}
+    names = {f"{picture.__name__}.png" for picture in PICTURES}
     assert {path.name for path in write_plots(history, tmp_path / "new")} == names
     assert {path.name for path in (tmp_path / "new").iterdir()} == names
     for path in (tmp_path / "new").iterdir():
@@ -237,12 +238,106 @@ def test_pictures_of_others_stay(loose, tmp_path):
         write_plots(loose, 5)
 
 
+@pytest.mark.parametrize(("suffix", "begins"), [(".svg", b"<?xml"), (".pdf", b"%PDF")])
+def test_pictures_for_print(history, loose, tmp_path, suffix, begins):
+    written = write_plots(history, tmp_path, suffix)
+    assert [path.name for path in written] == [f"{picture.__name__}{suffix}" for picture in PICTURES]
+    assert all(path.read_bytes().startswith(begins) for path in written)
+    # They are known as ours, and replaced; others' are not.
+    assert len(write_plots(loose, tmp_path, suffix)) == len(list(tmp_path.iterdir())) == 2
+    (tmp_path / f"wear{suffix}").write_bytes(b"a thesis")
+    with pytest.raises(vx.HistoryError, match="not drawn by this version"):
+        write_plots(history, tmp_path, suffix)
+    with pytest.raises(vx.HistoryError, match="write_plots: found suffix '.jpg'; there are '.png', '.svg' and '.pdf'"):
+        write_plots(history, tmp_path, ".jpg")
+
+
+def test_wear_is_friction_work_and_ever_darker(history):
+    ax, contact = wear(history, [8, 24]).axes[0], history.contact
+    order = np.argsort(contact.points[:, 0])
+    for line, step in zip(ax.lines, (8, 24), strict=True):
+        assert np.array_equal(line.get_xydata(), np.column_stack([contact.points[:, 0], contact.wear[step]])[order])
+    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["t = 0.3333", "t = 1"]
+    assert [line.get_xydata()[:, 1].max() for line in wear(history).axes[0].lines] == pytest.approx(
+        contact.wear[[6, 12, 18, 24]].max(axis=1)
+    )
+    with pytest.raises(vx.HistoryError, match="wear: found 5 steps; it draws 1 to 4 of them"):
+        wear(history, [1, 2, 3, 4, 5])
+
+
+def test_all_steps_share_one_scale(history):
+    """Frames laid side by side: the same magnification, colours, arrows and view, whatever the step."""
+    frames = [deformed_mesh(history, step).axes[0] for step in (1, 6, 24)]
+    assert len({ax.get_title().split("magnified ")[1].split(" times")[0] for ax in frames}) == 1
+    assert len({ax.collections[0].get_clim() for ax in frames}) == 1
+    assert len({(ax.get_xlim(), ax.get_ylim()) for ax in frames}) == 1
+    scales = set()
+    for ax, step in zip(frames, (1, 6, 24), strict=True):
+        drawn = np.concatenate([np.column_stack([a.U, a.V]) for a in ax.collections[1:]])
+        scales.add(round(np.abs(drawn).max() / np.abs(history.contact.traction[step]).max(), 9))
+    assert len(scales) == 1
+    assert len({friction_traction(history, step).axes[0].get_ylim() for step in (1, 6, 24)}) == 1
+    bodies = [stressed_body(new_figure().add_subplot(), history, step=step) for step in (1, 6, 24)]
+    assert len({(ax.collections[0].get_clim(), ax.collections[0].get_cmap().name) for ax in bodies}) == 1
+
+
+def test_magnified_as_asked_with_the_units_and_limits_of_the_reader(history):
+    units = {"length": "mm", "force": "N", "time": "s"}
+    figure = new_figure()
+    axes = figure.subplots(2, 3).ravel()
+    deformed_mesh(history, ax=axes[0], magnify=0.5, limits=(0, 7), units=units)
+    assert axes[0].collections[0].get_paths()[0].vertices[0] == pytest.approx(
+        (history.mesh.points + 0.5 * history.displacement[-1])[history.mesh.cells[0][0]]
+    )
+    assert axes[0].collections[0].get_clim() == (0, 7)
+    assert axes[0].get_title().startswith("t = 1 s, displacements magnified 0.5 times")
+    assert "(N/mm)" in axes[0].get_title()
+    assert friction_traction(history, ax=axes[1], limits=(-9, 9), units=units) is figure
+    assert axes[1].get_ylim() == (-9, 9)
+    assert axes[1].get_ylabel() == "friction on the body\n(N/mm)"
+    stick_slip_map(history, ax=axes[2], units=units)
+    assert (axes[2].get_xlabel(), axes[2].get_ylabel()) == ("$x_1$ (mm)", "t (s)")
+    wear(history, ax=axes[3], limits=(0, 1), units=units)
+    assert axes[3].get_ylabel() == "friction work\n(N mm/mm)"
+    energy_ledger(history, ax=axes[4], limits=(-1, 1), units=units)
+    assert (axes[4].get_ylim(), axes[4].get_ylabel()) == ((-1, 1), "energy (N mm)")
+    stressed_body(axes[5], history, magnify=2, limits=(-1, 1), units={**units, "force per area": "MPa"})
+    assert "displacements × 2," in axes[5].get_title()
+    assert axes[5].collections[0].get_clim() == (-1, 1)
+    for wrong, words in (
+        ({"magnify": 0}, "magnify: found 0; wanted a positive number"),
+        ({"magnify": "much"}, "magnify: found 'much'; wanted a positive number"),
+        ({"limits": (2, 1)}, r"limits: found \(2, 1\); wanted two numbers"),
+        ({"limits": "all"}, "limits: found 'all'; wanted two numbers"),
+        ({"units": "mm"}, "units: found 'mm'; wanted a mapping"),
+        ({"units": {"mass": "kg"}}, "units: found 'mass': 'kg'; wanted words for 'length', 'force', "),
+    ):
+        with pytest.raises(vx.HistoryError, match=words):
+            deformed_mesh(history, **wrong)
+
+
+def test_a_thin_layer_is_not_turned_inside_out():
+    """In SI: steel pressed by a thousandth of its thickness, under a block a hundred times as wide as it is thick."""
+    scene = vx.Scene(
+        vx.Elasticity(210e9, 0.3),
+        vx.Clamp(on="bottom"),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -1e-6 * t], (len(x), 1)), on="top"),
+    )
+    history = vx.simulate(scene, vx.meshes.squares((40, 4), box=((0, 0.1), (0, 0.001))), [0.0, 1.0])
+    ax = deformed_mesh(history).axes[0]
+    factor = float(ax.get_title().split("magnified ")[1].split(" times")[0])
+    heights = [np.ptp(path.vertices[:, 1]) for path in ax.collections[0].get_paths()]
+    # The body's width alone would allow 10,000.
+    assert 100 <= factor <= 500
+    assert min(heights) > 0.4 * 0.001 / 4
+
+
 def test_pictures_say_what_they_miss(history, loose, tmp_path):
-    for draw in (friction_traction, stick_slip_map):
+    for draw in (friction_traction, stick_slip_map, wear):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no contact nodes"):
             draw(loose)
     start = vx.simulate(history.scene, history.mesh, [0.0])
-    for draw in (energy_ledger, stick_slip_map):
+    for draw in (energy_ledger, stick_slip_map, wear):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no step"):
             draw(start)
     (tmp_path / "taken").write_text("a file")

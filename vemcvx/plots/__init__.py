@@ -7,6 +7,7 @@ from vemcvx.plots.friction_traction import friction_traction
 from vemcvx.plots.pictures import write_plots
 from vemcvx.plots.stick_slip_map import stick_slip_map
 from vemcvx.plots.stressed_body import body_and_graph, stressed_body
+from vemcvx.plots.wear import wear
 
 __all__ = [
     "beside_closed_form",
@@ -16,5 +17,6 @@ __all__ = [
     "friction_traction",
     "stick_slip_map",
     "stressed_body",
+    "wear",
     "write_plots",
 ]

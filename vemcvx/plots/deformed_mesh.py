@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
-from vemcvx.canvas import draw_arrows, new_figure
+from vemcvx.canvas import axes_or_new, draw_arrows, figure_of, legend_below
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
+from vemcvx.plots.scale import common_magnification, extent, value_range
+from vemcvx.plots.units import Units, unit
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
@@ -17,60 +20,77 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-SHOWN = 0.15
-"""Displacements are magnified to about this part of the body's size at most."""
 MOST_ARROWS = 10
 OFFSET = 0.05
 """Distance of the arrows from the contact boundary, as part of the body's size."""
 
 
-def deformed_mesh(history: History, step: int = -1) -> Figure:
+def deformed_mesh(
+    history: History,
+    step: int = -1,
+    *,
+    ax: Axes | None = None,
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
     """Draw the mesh deformed at a stored step.
+
+    Magnification, colours, arrows and the part of the plane that is shown are the same at all steps.
 
     Parameters
     ----------
     history : History
     step : int
         A stored step; negative ones count from the end.
+    ax : Axes, optional
+        Where to draw; by default on a new figure.
+    magnify : float, optional
+        How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
+    limits : (low, high), optional
+        Ends of the colour scale; by default 0 and the largest |u| of all stored steps.
+    units : mapping of str to str, optional
+        Names of units, such as {"length": "mm", "force": "N", "time": "s"}: see :mod:`vemcvx.plots.units`.
 
     Returns
     -------
     matplotlib Figure
-        Cells are coloured by the mean of |u| at their vertices. Displacements are magnified by 1, 2 or 5 times
-        a power of ten, as the title says; arrows are the friction forces per length on the body at contact nodes.
+        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
+        the friction forces per length on the body at contact nodes.
     """
     row, mesh = history.row(step), history.mesh
-    u = history.displacement[row]
-    factor = magnification(u, _size(history))
-    figure = new_figure(6.0, 1.6 + 4.2 * _slenderness(mesh.points))
-    ax = mesh.plot(ax=figure.add_subplot(), displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.75")
-    cells = ax.collections[0]
-    size = cell_means(history, np.linalg.norm(u, axis=1))
-    cells.set_array(size)
-    cells.set(cmap="viridis", clim=(0.0, size.max() or 1.0))
+    factor = common_magnification(history, _size(history), magnify)
+    u, own = history.displacement[row], ax is None
+    ax = axes_or_new(ax, 6.0, 1.6 + 4.2 * _slenderness(mesh.points))
+    mesh.plot(ax=ax, displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.75")
+    cells = ax.collections[-1]
+    cells.set_array(cell_means(history, np.linalg.norm(u, axis=1)))
+    cells.set(cmap="viridis", clim=value_range(limits, (0.0, _largest_mean(history))))
+    length = unit(units, "length")
     # In axes of its own beside these, the bar stays as high as the body's frame, whatever its shape.
-    figure.colorbar(cells, cax=ax.inset_axes((1.04, 0.0, 0.045, 1.0)), label="$|u|$ (units of length)")
+    figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.04, 0.0, 0.045, 1.0)), label=f"$|u|$ ({length})")
     _outline(ax, history)
-    title = f"t = {history.times[row]:.4g}, displacements magnified {factor:g} times"
+    title = f"t = {history.times[row]:.4g}{_time(units)}, displacements magnified {factor:g} times"
     if len(history.contact.nodes):
-        largest = _arrows(ax, history, row, mesh.points + factor * u)
-        title += f"\narrows: friction on the body, at most {largest:.3g} (force per length)"
-    ax.set(xlabel="$x_1$ (units of length)", ylabel="$x_2$ (units of length)")
+        largest = _arrows(ax, history, row, factor)
+        force = unit(units, "force per length")
+        title += f"\narrows: friction on the body, at most {largest:.3g} ({force})"
+    ax.set(xlabel=f"$x_1$ ({length})", ylabel=f"$x_2$ ({length})")
     ax.set_title(title, fontsize="medium")
+    ax.update_datalim(extent(history, factor))
     ax.autoscale_view()
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    return figure
+    legend_below(ax, own)
+    return figure_of(ax)
 
 
-def magnification(u: Floats, size: float) -> float:
-    """1, 2 or 5 times a power of ten that makes the largest displacement SHOWN of `size`, or a little less."""
-    largest = float(np.linalg.norm(u, axis=1).max())
-    if largest == 0.0:
-        return 1.0
-    wanted = SHOWN * size / largest
-    power = 10.0 ** np.floor(np.log10(wanted))
-    # Powers of ten are rounded: 1 + 1e-9 keeps a wanted 5 from becoming 2.
-    return float(max(f for f in (power, 2 * power, 5 * power) if f <= wanted * (1 + 1e-9)))
+def _time(units: Units | None) -> str:
+    """The unit after an instant, if it has a name."""
+    return f" {units['time']}" if units and "time" in units else ""
+
+
+def _largest_mean(history: History) -> float:
+    """The largest colour of all stored steps; 1 where nothing moves."""
+    return max(float(cell_means(history, np.linalg.norm(u, axis=1)).max()) for u in history.displacement) or 1.0
 
 
 def cell_means(history: History, at_nodes: Floats) -> Floats:
@@ -97,22 +117,26 @@ def _line(cells: int) -> float:
 def _outline(ax: Axes, history: History) -> None:
     ends = history.mesh.points[history.mesh.boundaries["boundary"]]
     lines = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    ax.plot(*lines.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed")
+    ax.plot(*lines.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
 
 
-def _arrows(ax: Axes, history: History, row: int, points: Floats) -> float:
-    """Friction at contact nodes evenly apart, just outside the body; returns the largest on any node."""
+def _arrows(ax: Axes, history: History, row: int, factor: float) -> float:
+    """Friction at contact nodes evenly apart, just outside the body; returns the largest on any node at this step."""
     contact, line = history.contact, contact_line(history, "deformed_mesh")
     places = np.linspace(line.position[0], line.position[-1], MOST_ARROWS)
     shown = line.order[np.unique(np.abs(line.position[:, None] - places).argmin(axis=0))]
-    size, largest = _size(history), float(np.linalg.norm(contact.traction[row], axis=1).max())
+    size, points = _size(history), history.mesh.points + factor * history.displacement[row]
     centres = points[contact.nodes[shown]] + OFFSET * size * contact.normals[shown]
-    spacing = np.linalg.norm(np.diff(centres, axis=0), axis=1).min(initial=0.1 * size)
-    forces = contact.traction[row, shown] * (0.9 * spacing / largest if largest else 1.0)
+    # Lengths do not depend on the step: the nodes' places do not, and the largest force is that of all steps.
+    spacing = np.linalg.norm(np.diff(contact.points[shown], axis=0), axis=1).min(initial=0.1 * size)
+    sizes = np.linalg.norm(contact.traction, axis=2).max(axis=1)
+    forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
     sticks = contact.sticking[row, shown]
     for chosen, colour, word in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
         if chosen.any():
             draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=0.006)
-            ax.plot([], [], color=colour, linewidth=3, label=word)
-    ax.update_datalim(centres)
-    return largest
+        ax.plot([], [], color=colour, linewidth=3, label=word)
+    margin = OFFSET * size * contact.normals[shown]
+    for corner in extent(history, factor):
+        ax.update_datalim(corner + margin)
+    return float(sizes[row])

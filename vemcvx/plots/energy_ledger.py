@@ -7,13 +7,17 @@ what backward Euler loses beside friction; it goes to zero with the step.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.canvas import figure_of, light_grid, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.plots.palette import DISSIPATED, NUMERICAL, STORED, WORK
+from vemcvx.plots.scale import value_range
+from vemcvx.plots.units import Units, unit
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
@@ -21,8 +25,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def energy_ledger(history: History) -> Figure:
+def energy_ledger(
+    history: History,
+    *,
+    ax: Axes | Sequence[Axes] | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
     """Draw the energies of all steps, stored or not, and their certificates on a logarithmic axis.
+
+    Parameters
+    ----------
+    history : History
+    ax : Axes, or two of them, optional
+        Where to draw the energies, and the certificates if there are two; by default on a new figure.
+    limits : (low, high), optional
+        Ends of the axis of energies.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.units`.
 
     Raises
     ------
@@ -31,18 +51,21 @@ def energy_ledger(history: History) -> Figure:
     """
     if history.steps == 0:
         raise HistoryError("energy_ledger: this history has no step after the initial instant.")
-    figure = new_figure(7.6, 3.9)
-    left, right = figure.subplots(1, 2)
-    _energies(left, history)
-    _certificates(right, history)
-    for ax in (left, right):
-        ax.set_xlabel("t (units of time)")
-        light_grid(ax)
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
-    return figure
+    given = new_figure(7.6, 3.9).subplots(1, 2) if ax is None else ax
+    panels = list(given) if isinstance(given, Iterable) else [given]
+    _energies(panels[0], history, unit(units, "energy"))
+    if limits is not None:
+        panels[0].set_ylim(value_range(limits, ()))
+    for second in panels[1:]:
+        _certificates(second, history)
+    for panel in panels:
+        panel.set_xlabel(f"t ({unit(units, 'time')})")
+        light_grid(panel)
+        panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
+    return figure_of(panels[0])
 
 
-def _energies(ax: Axes, history: History) -> None:
+def _energies(ax: Axes, history: History, energy: str) -> None:
     run = history.trajectory
     stored = run.energy - run.energy[0]
     lines = (
@@ -53,7 +76,7 @@ def _energies(ax: Axes, history: History) -> None:
     )
     for values, colour, style, label in lines:
         ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=label)
-    ax.set(ylabel="energy (units of force × length)", title="Energy ledger")
+    ax.set(ylabel="energy" if energy == "energy" else f"energy ({energy})", title="Energy ledger")
 
 
 def _certificates(ax: Axes, history: History) -> None:

@@ -5,19 +5,42 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.canvas import axes_or_new, figure_of, legend_below, light_grid
 from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import SLIP, STICK
+from vemcvx.plots.scale import value_range
+from vemcvx.plots.units import Units, unit
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def friction_traction(history: History, step: int = -1) -> Figure:
+def friction_traction(
+    history: History,
+    step: int = -1,
+    *,
+    ax: Axes | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
     """Draw the friction traction on the body against +-g at a stored step.
+
+    Parameters
+    ----------
+    history : History
+    step : int
+        A stored step; negative ones count from the end.
+    ax : Axes, optional
+        Where to draw; by default on a new figure.
+    limits : (low, high), optional
+        Ends of the axis of forces; by default the same for all steps.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.units`.
 
     Raises
     ------
@@ -28,9 +51,8 @@ def friction_traction(history: History, step: int = -1) -> Figure:
     line = contact_line(history, "friction_traction")
     traction = line.along(history.contact.traction[row])
     low, high = _range(history, row, line)
-    sticks = history.contact.sticking[row, line.order]
-    figure = new_figure(6.4, 3.6)
-    ax = figure.add_subplot()
+    sticks, own = history.contact.sticking[row, line.order], ax is None
+    ax = axes_or_new(ax, 6.4, 3.6)
     for chosen, colour in ((sticks, STICK), (~sticks, SLIP)):
         for start, stop in line.spans(chosen):
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0)
@@ -41,17 +63,18 @@ def friction_traction(history: History, step: int = -1) -> Figure:
     for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (~sticks, SLIP, "s", "slip")):
         if chosen.any():
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
-    top = 1.2 * max(float(high.max()), float(-low.min()), float(np.abs(traction).max())) or 1.0
+    contact = history.contact
+    top = 1.2 * max(float(np.abs(force).max()) for force in (contact.bound, contact.backward, contact.traction)) or 1.0
     ax.set(
         xlim=(line.limits.min(), line.limits.max()),
-        ylim=(-top, top),
-        xlabel=f"{line.label} (units of length)",
-        ylabel="friction on the body\n(units of force per length)",
+        ylim=value_range(limits, (-top, top)),
+        xlabel=f"{line.label} ({unit(units, 'length')})",
+        ylabel=f"friction on the body\n({unit(units, 'force per length')})",
         title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip",
     )
     light_grid(ax)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    return figure
+    legend_below(ax, own)
+    return figure_of(ax)
 
 
 def _range(history: History, row: int, line: ContactLine) -> tuple[Floats, Floats]:

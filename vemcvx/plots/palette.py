@@ -11,3 +11,5 @@ SECOND, THIRD = "#D55E00", "#009E73"
 PUSH = "0.2"
 SIGNED, TENSION, COMPRESSION, SIZE = "RdBu_r", "Reds", "Blues_r", "viridis"
 """Colour maps: tension red and compression blue, both or one; and of what has no sign."""
+EARLY_TO_LATE = ("#D8D8D8", "#9FC9E2", "#0072B2", "#3B1C6B")
+"""Curves of ever later instants: ever darker."""

@@ -7,31 +7,38 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vemcvx.arguments import choice
 from vemcvx.errors import HistoryError
 from vemcvx.owned_files import path_of
 from vemcvx.plots.deformed_mesh import deformed_mesh
 from vemcvx.plots.energy_ledger import energy_ledger
 from vemcvx.plots.friction_traction import friction_traction
 from vemcvx.plots.stick_slip_map import stick_slip_map
+from vemcvx.plots.wear import wear
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURES: dict[str, Callable[[History], Figure]] = {
-    "deformed_mesh.png": deformed_mesh,
-    "friction_traction.png": friction_traction,
-    "stick_slip_map.png": stick_slip_map,
-    "energy_ledger.png": energy_ledger,
+    "deformed_mesh": deformed_mesh,
+    "friction_traction": friction_traction,
+    "stick_slip_map": stick_slip_map,
+    "wear": wear,
+    "energy_ledger": energy_ledger,
 }
-OF_CONTACT = {"friction_traction.png", "stick_slip_map.png"}
-OF_STEPS = {"stick_slip_map.png", "energy_ledger.png"}
+OF_CONTACT = {"friction_traction", "stick_slip_map"}
+OF_STEPS = {"stick_slip_map", "energy_ledger"}
 DPI = 200
-DRAWN_BY = {"Software": "vemcvx"}
-"""Our mark, in the file."""
+MARKS = {
+    ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
+    ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
+    ".pdf": ({"Creator": "vemcvx"}, b"/Creator (vemcvx)"),
+}
+"""Our mark, in the file: what is said to matplotlib, and what it writes."""
 
 
-def write_plots(history: History, folder: str | Path) -> list[Path]:
+def write_plots(history: History, folder: str | Path, suffix: str = ".png") -> list[Path]:
     """Write the pictures that a history has something to show for; without contact or steps there are fewer.
 
     Parameters
@@ -39,6 +46,8 @@ def write_plots(history: History, folder: str | Path) -> list[Path]:
     history : History
     folder : str or Path
         Made if need be.
+    suffix : {".png", ".svg", ".pdf"}
+        The kind of file.
 
     Returns
     -------
@@ -53,37 +62,38 @@ def write_plots(history: History, folder: str | Path) -> list[Path]:
         matplotlib is not installed.
     """
     folder = path_of(folder, "write_plots")
-    check_pictures(folder)
+    suffix = choice(suffix, "write_plots", "suffix", list(MARKS), HistoryError)
+    check_pictures(folder, suffix)
     drawn = {name: draw(history) for name, draw in PICTURES.items() if _has(history, name)}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in PICTURES:
-            (folder / name).unlink(missing_ok=True)
+            (folder / f"{name}{suffix}").unlink(missing_ok=True)
         for name, figure in drawn.items():
-            figure.savefig(folder / name, dpi=DPI, metadata=DRAWN_BY)
+            figure.savefig(folder / f"{name}{suffix}", dpi=DPI, metadata=MARKS[suffix][0])
     except OSError as error:
         raise HistoryError(f"{folder}: cannot write pictures there: {error}.") from error
-    return [folder / name for name in drawn]
+    return [folder / f"{name}{suffix}" for name in drawn]
 
 
-def check_pictures(folder: Path) -> None:
+def check_pictures(folder: Path, suffix: str = ".png") -> None:
     """Raise HistoryError where a picture of a name of ours is there that was not drawn by us."""
-    for name in PICTURES:
-        if os.path.lexists(folder / name) and not _ours(folder / name):
+    for path in (folder / f"{name}{suffix}" for name in PICTURES):
+        if os.path.lexists(path) and not _ours(path):
             raise HistoryError(
-                f"{folder / name}: not drawn by this version, so it is not replaced. Choose another folder, or move it "
-                "away."
+                f"{path}: not drawn by this version, so it is not replaced. Choose another folder, or move it away."
             )
 
 
 def _ours(path: Path) -> bool:
     try:
-        with path.open("rb") as file:
-            return b"Software\0vemcvx" in file.read(1024)
+        return MARKS[path.suffix][1] in path.read_bytes()
     except OSError:
         return False
 
 
 def _has(history: History, name: str) -> bool:
     contact, steps = len(history.contact.nodes) > 0, bool((history.stored > 0).any())
+    if name == "wear":
+        return steps and bool(history.contact.wear.any())
     return (contact or name not in OF_CONTACT) and (steps or name not in OF_STEPS)

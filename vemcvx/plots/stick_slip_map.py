@@ -7,23 +7,34 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.canvas import distinct, new_figure
+from vemcvx.canvas import axes_or_new, distinct, figure_of, legend_below
 from vemcvx.errors import HistoryError
 from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import BACKWARD, FORWARD, STICK_AREA
+from vemcvx.plots.units import Units, unit
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
 STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))
 
 
-def stick_slip_map(history: History) -> Figure:
+def stick_slip_map(history: History, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw, for every contact node and stored step, whether it sticks or slips and which way.
 
-    A step fills the time from the instant before it to its own; steps that are not stored remain white.
+    A step fills the time from the stored instant before it to its own. Where steps between the two were not stored, the
+    band still shows its last step alone, and the title says so.
+
+    Parameters
+    ----------
+    history : History
+    ax : Axes, optional
+        Where to draw; by default on a new figure.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.units`.
 
     Raises
     ------
@@ -34,24 +45,24 @@ def stick_slip_map(history: History) -> Figure:
     steps = history.stored[history.stored > 0]
     if len(steps) == 0:
         raise HistoryError("stick_slip_map: this history has no step after the initial instant.")
-    times, states = history.trajectory.times, directions(history, line)
-    figure = new_figure(6.4, 4.2)
-    ax = figure.add_subplot()
-    spans = np.column_stack([times[steps - 1], times[steps]])
+    times, states, own = history.trajectory.times, directions(history, line), ax is None
+    ax = axes_or_new(ax, 6.4, 4.2)
+    edges = times[np.concatenate([[0], steps])]
     colours = distinct([colour for _, colour, _ in STATES])
-    ax.pcolormesh(line.limits.ravel(), spans.ravel(), _with_gaps(states), cmap=colours, vmin=-1.5, vmax=1.5)
+    ax.pcolormesh(line.limits.ravel(), edges, _with_gaps(states), cmap=colours, vmin=-1.5, vmax=1.5)
     for state, colour, words in STATES:
         if (states == state).any():
             ax.plot([], [], "s", markersize=9, color=colour, label=words.format(line.symbol))
     missing = history.steps - len(steps)
     ax.set(
-        ylim=(spans[0, 0], spans[-1, 1]),
-        xlabel=f"{line.label} (units of length)",
-        ylabel="t (units of time)",
-        title="Stick and slip on the contact boundary" + (f" ({missing} steps not stored)" if missing else ""),
+        ylim=(edges[0], edges[-1]),
+        xlabel=f"{line.label} ({unit(units, 'length')})",
+        ylabel=f"t ({unit(units, 'time')})",
     )
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    return figure
+    bands = f"\neach band: its last step ({missing} of {history.steps} steps not stored)" if missing else ""
+    ax.set_title("Stick and slip on the contact boundary" + bands, fontsize="medium")
+    legend_below(ax, own)
+    return figure_of(ax)
 
 
 def directions(history: History, line: ContactLine) -> Floats:
@@ -68,8 +79,8 @@ def directions(history: History, line: ContactLine) -> Floats:
 
 
 def _with_gaps(states: Floats) -> Floats:
-    """Rows and columns of NaN between those of `states`: what no stored step and no node owns."""
+    """Columns of NaN between those of `states`: what no node owns."""
     rows, columns = states.shape
-    whole = np.full((2 * rows - 1, 2 * columns - 1), np.nan)
-    whole[::2, ::2] = states
+    whole = np.full((rows, 2 * columns - 1), np.nan)
+    whole[:, ::2] = states
     return whole

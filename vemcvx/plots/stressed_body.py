@@ -6,18 +6,19 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats
 from vemcvx.canvas import draw_arrows, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh
-from vemcvx.plots.deformed_mesh import magnification
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
+from vemcvx.plots.scale import common_magnification, value_range
+from vemcvx.plots.units import Units, unit
 from vemcvx.results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import Collection
     from matplotlib.figure import Figure
 
 Window = tuple[tuple[float, float], tuple[float, float]]
@@ -51,6 +52,9 @@ def stressed_body(
     window: Window | None = None,
     stretch: float = 1.0,
     mirrors: Sequence[tuple[int, int]] = (),
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
 ) -> Axes:
     """Draw the body on given axes.
 
@@ -71,6 +75,12 @@ def stressed_body(
         How many times longer lengths along x_2 are drawn: of slender bodies.
     mirrors : sequence of (1 or -1, 1 or -1)
         Signs of x_1 and x_2 in the images to be drawn, without mesh, of a body that is the half or quarter of a whole.
+    magnify : float, optional
+        How many times larger displacements are drawn than they are; by default one that suits all stored steps.
+    limits : (low, high), optional
+        Ends of the colour scale; by default the same for all stored steps.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.units`.
 
     Returns
     -------
@@ -87,24 +97,26 @@ def stressed_body(
             raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
     row, mesh = history.row(step), history.mesh
     u, (label, part) = history.displacement[row], STRESSES[stress]
-    values = part(history.stress(step))
     seen = _inside(mesh.centroids, window)
     size = float(np.ptp(mesh.points, axis=0).max() if window is None else max(np.ptp(window, axis=1)))
-    factor = magnification(u[_inside(mesh.points, window)], 0.5 * size)
+    factor = common_magnification(history, 0.5 * size, magnify, _inside(mesh.points, window))
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
     mesh.plot(ax=ax, displacement=factor * u, linewidth=line, edgecolor="0.35")
     cells = ax.collections[0]
-    cells.set_array(values)
-    _colour(cells, values[seen], stress in UNSIGNED)
+    cells.set_array(part(history.stress(step)))
+    stresses = [part(history.stress(int(n)))[seen] for n in history.stored]
+    colours, ends = _colours(stresses, stress in UNSIGNED)
+    cells.set(cmap=colours, clim=value_range(limits, ends))
     for signs in mirrors:
         _image(ax, history, factor * u, signs)
     bar = ax.figure.colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.035, 1.0)))
-    bar.set_label(f"{label} (force per area)", fontsize="small")
+    bar.set_label(f"{label} ({unit(units, 'force per area')})", fontsize="small")
     largest = _arrows(ax, history, row, mesh.points + factor * u, (forces, size, window, stretch))
     words = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""
     ax.set_title(f"t = {history.times[row]:.4g}, displacements × {factor:g}{words}", fontsize="small")
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
-    ax.set(xlabel="$x_1$ (length)", ylabel=f"$x_2$ (length{drawn})", aspect=stretch)
+    length = unit(units, "length")
+    ax.set(xlabel=f"$x_1$ ({length})", ylabel=f"$x_2$ ({length}{drawn})", aspect=stretch)
     ax.tick_params(labelsize="small")
     if window is None:
         ax.autoscale_view()
@@ -123,6 +135,9 @@ def body_and_graph(
     stretch: float = 1.0,
     mirrors: Sequence[tuple[int, int]] = (),
     shares: tuple[float, float] = (1.0, 1.0),
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
 ) -> tuple[Figure, Axes]:
     """Return a figure with the stressed body, and axes beside it (below it, if it is slender) for a graph.
 
@@ -145,6 +160,9 @@ def body_and_graph(
         window=window,
         stretch=stretch,
         mirrors=mirrors,
+        magnify=magnify,
+        limits=limits,
+        units=units,
     )
     return figure, graph
 
@@ -171,20 +189,20 @@ def _image(ax: Axes, history: History, moved: Floats, signs: tuple[int, int]) ->
     )
 
 
-def _colour(cells: Collection, values: Floats, unsigned: bool) -> None:
-    """Choose colours and their range: of both signs about zero, or of one."""
-    top = float(np.percentile(np.abs(values), SHOWN_CELLS)) or 1.0
-    if np.ptp(values) < UNIFORM * top:
+def _colours(stresses: Sequence[Floats], unsigned: bool) -> tuple[str, tuple[float, float]]:
+    """Colours for the stresses of all steps and their ends: of both signs about zero, or of one."""
+    low, high = min(float(s.min()) for s in stresses), max(float(s.max()) for s in stresses)
+    top = max(float(np.percentile(np.abs(s), SHOWN_CELLS)) for s in stresses) or 1.0
+    if max(float(np.ptp(s)) for s in stresses) < UNIFORM * top:
         # The end of a colour map is its darkest, or brightest: one stress everywhere is drawn in its middle.
         top *= 2.0
     if unsigned:
-        cells.set(cmap=SIZE, clim=(0.0, top))
-    elif values.min() > -ONE_SIGN * top:
-        cells.set(cmap=TENSION, clim=(0.0, top))
-    elif values.max() < ONE_SIGN * top:
-        cells.set(cmap=COMPRESSION, clim=(-top, 0.0))
-    else:
-        cells.set(cmap=SIGNED, clim=(-top, top))
+        return SIZE, (0.0, top)
+    if low > -ONE_SIGN * top:
+        return TENSION, (0.0, top)
+    if high < ONE_SIGN * top:
+        return COMPRESSION, (-top, 0.0)
+    return SIGNED, (-top, top)
 
 
 def _arrows(
@@ -196,6 +214,9 @@ def _arrows(
     force = contact.traction[row] - together * contact.pressure[row][:, None] * contact.normals
     seen = np.flatnonzero(_inside(contact.points, window))
     largest = float(np.linalg.norm(force[seen], axis=1).max(initial=0.0))
+    # One length of arrows for all steps: the largest of them is as long as may be.
+    every = contact.traction[:, seen] - together * contact.pressure[:, seen, None] * contact.normals[seen]
+    most = float(np.linalg.norm(every, axis=2).max(initial=0.0))
     if largest == 0.0 or kind == "none":
         return 0.0
     # Along the boundary, so that what is left out is left out evenly.
@@ -205,7 +226,7 @@ def _arrows(
     if not together:
         longest = min(longest, 0.8 * np.linalg.norm(np.diff(heads, axis=0), axis=1).min(initial=longest))
         heads = heads + ASIDE * size * contact.normals[shown] / [1.0, stretch]
-    arrows = force[shown] * longest / largest / [1.0, stretch]
+    arrows = force[shown] * longest / most / [1.0, stretch]
     slips = ~contact.sticking[row, shown]
     colours = np.where(slips, SLIP, STICK) if contact.bound.any() else PUSH
     drawn = draw_arrows(ax, heads, arrows, colour=colours, pivot="tip" if together else "mid", width=0.0055)

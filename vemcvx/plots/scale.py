@@ -1,0 +1,100 @@
+"""One scale for all stored steps of a history: how far displacements are magnified, and what values and places span.
+
+Pictures of different steps can so be laid side by side, or be the frames of a film.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.arrays import Bools, Floats, brief
+from vemcvx.errors import HistoryError
+from vemcvx.results.results import Results
+
+SHOWN = 0.15
+"""Displacements are magnified to about this part of the body's size at most."""
+MOST_STRAIN, STRAINED_EDGES = 0.5, 99.0
+"""Edges may move by this part of their length, all but one in a hundred: more turns cells inside out."""
+
+Range = tuple[float, float]
+
+
+def magnification(u: Floats, size: float) -> float:
+    """1, 2 or 5 times a power of ten that makes the largest displacement SHOWN of `size`, or a little less."""
+    return rounded_down(SHOWN * size, float(np.linalg.norm(u, axis=1).max()))
+
+
+def rounded_down(wanted: float, largest: float) -> float:
+    """The largest 1, 2 or 5 times a power of ten that keeps `largest` times it within `wanted`; 1 of nothing."""
+    if not largest > 0.0 or not np.isfinite(wanted / largest):
+        return 1.0
+    factor = wanted / largest
+    power = 10.0 ** np.floor(np.log10(factor))
+    # Powers of ten are rounded: 1 + 1e-9 keeps a wanted 5 from becoming 2.
+    return float(max(f for f in (power, 2 * power, 5 * power) if f <= factor * (1 + 1e-9)))
+
+
+def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
+    """How far to magnify the displacements of all stored steps: as asked, or so that `nodes` stay in the picture.
+
+    Raises
+    ------
+    HistoryError
+        `magnify` is not a positive number.
+    """
+    if magnify is not None:
+        return _positive(magnify)
+    kept = slice(None) if nodes is None else nodes
+    largest = max(float(np.linalg.norm(u[kept], axis=1).max(initial=0.0)) for u in history.displacement)
+    whole = rounded_down(SHOWN * size, largest)
+    return min(whole, rounded_down(MOST_STRAIN, _stretch(history))) if largest > 0.0 else 1.0
+
+
+def _positive(raw: object) -> float:
+    if not isinstance(raw, (int, float, np.number)) or isinstance(raw, bool) or not 0 < float(raw) < np.inf:
+        raise HistoryError(
+            f"magnify: found {brief(raw)}; wanted a positive number, or None for one that suits all steps."
+        )
+    return float(raw)
+
+
+def _stretch(history: Results) -> float:
+    """How far ends of edges move apart, or around each other, as a part of the edge's length."""
+    mesh = history.mesh
+    following = np.arange(1, len(mesh.vertices) + 1)
+    following[mesh.offsets[1:] - 1] = mesh.offsets[:-1]
+    ends = np.unique(np.sort(np.column_stack([mesh.vertices, mesh.vertices[following]]), axis=1), axis=0)
+    lengths = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
+    return max(
+        float(np.percentile(np.linalg.norm(u[ends[:, 1]] - u[ends[:, 0]], axis=1) / lengths, STRAINED_EDGES))
+        for u in history.displacement
+    )
+
+
+def extent(history: Results, factor: float) -> Floats:
+    """(2, 2) lower left and upper right corner of all that the body fills, undeformed and at all stored steps."""
+    places = [history.mesh.points, *(history.mesh.points + factor * u for u in history.displacement)]
+    return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])
+
+
+def value_range(limits: ArrayLike | None, default: Iterable[float]) -> Range:
+    """The two ends of a range of values: as asked, or else the default.
+
+    Raises
+    ------
+    HistoryError
+        `limits` are not two growing numbers.
+    """
+    if limits is None:
+        low, high = default
+        return float(low), float(high)
+    try:
+        low, high = (float(end) for end in np.asarray(limits))
+    except (TypeError, ValueError):
+        low = high = np.nan
+    if not -np.inf < low < high < np.inf:
+        raise HistoryError(f"limits: found {brief(limits)}; wanted two numbers, the smaller one first.")
+    return low, high

@@ -36,7 +36,8 @@ def test_steps_hold_stresses_and_contact(history, tmp_path):
         away = np.setdiff1d(np.arange(mesh.n_nodes), contact.nodes)
         for name in ("wear", "bound", "closed", "pressure", "sticking"):
             assert np.array_equal(read.point_data[name][contact.nodes], getattr(contact, name)[row]), name
-            assert not read.point_data[name][away].any()
+            empty = read.point_data[name][away]
+            assert np.isnan(empty).all() if name in ("closed", "sticking") else not empty.any()
     assert contact.wear[-1].any()
 
 

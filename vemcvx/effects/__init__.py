@@ -27,6 +27,7 @@ from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
 from vemcvx.effects.pressure import Pressure
 from vemcvx.effects.prestress import Prestress
 from vemcvx.effects.symmetry import Symmetry
+from vemcvx.effects.tabulated import Tabulated
 from vemcvx.effects.thermal_strain import ThermalStrain
 from vemcvx.effects.traction import Traction
 from vemcvx.effects.tresca_friction import TrescaFriction
@@ -59,6 +60,7 @@ __all__ = [
     "Prestress",
     "Support",
     "Symmetry",
+    "Tabulated",
     "ThermalStrain",
     "Traction",
     "TrescaFriction",

@@ -1,8 +1,9 @@
 """The stored steps for ParaView and PyVista: one VTU file a step, and a PVD file that lists them in time.
 
-At nodes: displacement, slip, traction, bound, backward, pressure, sticking, closed and wear (zero away from contact).
-On cells: stress (xx, yy, xy), principal_stresses, stress_across (zz), von_mises and strain_energy, the density 1/2
-eps : C eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is
+At nodes: displacement, and of contact slip, traction, bound, backward, pressure and wear, zero elsewhere; sticking and
+closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact.
+On cells: stress (xx, yy, xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density
+1/2 eps : C eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is
 left out.)
 """
 
@@ -49,7 +50,7 @@ def at_nodes(history: Results, row: int) -> Fields:
     fields = {"displacement": u}
     for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"):
         values = getattr(contact, name)[row]
-        fields[name] = np.zeros((len(u), *values.shape[1:]))
+        fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
         fields[name][contact.nodes] = values
     return fields
 

@@ -236,7 +236,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
         "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps."),
         "b.qps": (in_space(), "QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
         "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
-        "d.npz": (nothing, "no unknowns left to solve for; take condense=False."),
+        "d.npz": (nothing, "no unknowns left; take condense=False, --no-condense."),
         "file/e.npz": (program, "cannot be written"),
     }
     for name, (what, words) in write.items():

@@ -74,7 +74,7 @@ def encoded(program: StepProgram, name: str) -> dict[str, bytes]:
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
-        raise ProgramError("write_program: the program has no unknowns left to solve for; take condense=False.")
+        raise ProgramError("write_program: the program has no unknowns left; take condense=False, --no-condense.")
     words = json.dumps(description(program), indent=1, default=_plain) + "\n"
     return {**FORMATS[name][0](program), ".json": words.encode()}
 

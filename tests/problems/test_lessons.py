@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import ast
 import re
+import warnings
 from collections import Counter
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+import vemcvx as vx
+from vemcvx.errors import SceneWarning
 
 FOLDER = Path(__file__).parents[2] / "problems" / "lessons"
 FILES = sorted(path.name for path in FOLDER.glob("*.py"))
@@ -116,3 +120,21 @@ def test_lesson_1_a_step_by_hand_minimises_its_energy():
             assert energy(u) <= energy(anywhere).min() + 1e-14
             lam = space["friction_by_hand"](u_prev, f)
             assert energy(u) == pytest.approx(-((f - lam) ** 2) / (2 * K) - lam * u_prev, abs=1e-14)
+
+
+def test_lesson_3_is_the_package_by_other_means():
+    """One pentagon to 1e-13; cantilevers, which the lesson assembles cell by cell, by `simulate`."""
+    space, _ = ran("lesson_3_virtual_elements.py")
+    assert space["apart"] < 1e-13
+    for family, n in (("squares", 4), ("hexagons", 4), ("triangles", 4)):
+        scene = vx.Scene(
+            vx.Elasticity(young=1.0, poisson=space["poissons"][2]),
+            vx.Clamp(on="left"),
+            vx.Traction(lambda x, t: np.tile([0.0, -1.0], (len(x), 1)), on="right"),
+        )
+        mesh = vx.meshes.FAMILIES[family](n, box=((0, 4), (0, 1)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # that triangles lock
+            history = vx.simulate(scene, mesh, [0.0, 1.0], initial="equilibrium")
+        # Energy is half the work of the load; condition numbers below 1e6 leave less than 1e-9.
+        assert 2 * history.energy[-1] == pytest.approx(space["cantilever"][family, n][2], rel=1e-9)

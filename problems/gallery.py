@@ -22,6 +22,7 @@ import warnings
 from pathlib import Path
 
 import vemcvx as vx
+from vemcvx.cli.supplied import Supplied
 from vemcvx.errors import SceneWarning
 from vemcvx.plots import deformed_mesh
 
@@ -38,11 +39,8 @@ LESSONS = (
 
 
 def problem_files():
-    """Names of all problem files: what defines a scene, a mesh and times at its outermost level."""
-    texts = {path.stem: path.read_text() for path in sorted(HERE.glob("*.py"))}
-    return [
-        name for name, text in texts.items() if all(f"\ndef {part}(" in text for part in ("scene", "mesh", "times"))
-    ]
+    """Names of all problem files of this folder: what defines a scene, a mesh and times at its outermost level."""
+    return [path.stem for path in sorted(HERE.glob("*.py")) if Supplied(path).is_problem]
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Certificates: what a gap proves, and a solver that lies.
+"""Lesson 6, certificates: what a gap proves, and a solver that lies.
 
 Every answer of this package comes with a number that bounds its error, whoever computed it. The lesson writes that
 number in six lines, proves it, attacks it by a solver that stops too early and says "optimal", and shows what it

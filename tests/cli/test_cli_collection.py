@@ -13,7 +13,8 @@ import pytest
 from test_cli import invoke
 
 import vemcvx as vx
-from vemcvx.cli.collection import INSTANCES, confirm, write_collection, writing
+from vemcvx.cli import supplied
+from vemcvx.cli.collection import INSTANCES, confirm, write_collection
 
 SCRIPT = Path(vx.__file__).parent / "cli" / "collection" / "confirm.py"
 GRADES = {instance.grade for instance in INSTANCES}
@@ -91,10 +92,10 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch):
     done = invoke("collection", "--out", tmp_path / "new", "--format", "sif")
     assert done.exit_code == 2
     assert "--format: there is no format 'sif'" in done.output
-    monkeypatch.setattr(writing, "PLACES", (tmp_path, tmp_path))
+    monkeypatch.setattr(supplied, "PACKAGE", tmp_path / "vemcvx")
     done = invoke("collection", "--out", tmp_path / "new")
     assert done.exit_code == 2
-    assert "found no problem files" in done.output
+    assert "came without its problem files" in done.output
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The command line: `vemcvx run`, `show`, `compare`, `export` and `cost` of a problem file, and `vemcvx collection`."""
+"""The command line: `vemcvx run`, `show`, `compare`, `export`, `cost`; `collection`; `problems` and `lesson`."""
 
 from vemcvx.cli.commands import app, main
 

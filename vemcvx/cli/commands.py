@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from vemcvx.cli.learn import lesson, problems
 from vemcvx.cli.reported import NOT_CERTIFIED, reported
 from vemcvx.errors import ProblemError
 from vemcvx.version import __version__
@@ -23,7 +24,11 @@ app = typer.Typer(
 )
 
 File = Annotated[
-    str, typer.Argument(metavar="FILE", help="A problem file: Python with scene(**parameters), mesh(n), times(steps).")
+    str,
+    typer.Argument(
+        metavar="FILE",
+        help="A problem file: Python with scene(**parameters), mesh(n), times(steps); or a name that `problems` lists.",
+    ),
 ]
 Mesh = Annotated[
     str | None,
@@ -272,6 +277,10 @@ def cost(
             settings=tuple(settings),
         )
         typer.echo(cost_of_accuracy(read_problem(file), wanted))
+
+
+app.command()(problems)
+app.command()(lesson)
 
 
 def _version(wanted: bool) -> None:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from vemcvx.arrays import brief
 from vemcvx.cli.python_file import executed, literal, own_errors
+from vemcvx.cli.supplied import problem_path
 from vemcvx.errors import ProblemError
 from vemcvx.meshes import FAMILIES, PolygonMesh, read
 from vemcvx.scene import Scene
@@ -88,14 +89,14 @@ class Problem:
 
 
 def read_problem(file: str | Path) -> Problem:
-    """Execute a problem file.
+    """Execute a problem file: one that is here, or one that came with the package, by its name.
 
     Raises
     ------
     ProblemError
         There is no such file, it fails, or it lacks one of its three functions.
     """
-    path = Path(file)
+    path = problem_path(file)
     module = executed(path, "problem file")
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
     if missing:

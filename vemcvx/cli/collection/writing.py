@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import groupby
@@ -13,6 +12,7 @@ import numpy as np
 
 from vemcvx.cli.collection.instances import INSTANCES, VERSION, Instance
 from vemcvx.cli.problem_file import read_problem
+from vemcvx.cli.supplied import problems_folder
 from vemcvx.errors import ProblemError
 from vemcvx.exchange import FORMATS, encoded
 from vemcvx.owned_files import Owned
@@ -21,11 +21,6 @@ from vemcvx.simulation import programs
 from vemcvx.version import __version__
 
 MANIFEST, SCRIPT = "manifest.json", "confirm.py"
-PLACES = (
-    Path(__file__).parents[3] / "problems",
-    Path(sysconfig.get_path("data")) / "share" / "vemcvx" / "problems",
-)
-"""Of the problem files: in a checkout, and installed."""
 STILL = 1e-9
 """Part of the largest slip, below which a term sticks whose weight is lowered."""
 
@@ -75,7 +70,7 @@ def write_collection(
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, SolvedProgram]]:
     """Each with its program; those of one run from one run."""
-    here = _problems()
+    here = problems_folder()
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.step)), key=lambda one: one.run):
         wanted = list(group)
         first, last = wanted[0], max(one.step for one in wanted)
@@ -99,11 +94,3 @@ def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
     sticks = size <= STILL * size.max(initial=0.0)
     lower = np.where(sticks, np.linalg.norm(program.answer.lam, axis=1), program.w)
     return replace(program, w=np.minimum(lower, program.w))
-
-
-def _problems() -> Path:
-    """The folder of the problem files."""
-    for folder in PLACES:
-        if (folder / f"{INSTANCES[0].problem}.py").is_file():
-            return folder
-    raise ProblemError(f"collection: found no problem files, neither in {PLACES[0]} nor in {PLACES[1]}; install again.")

@@ -1,0 +1,50 @@
+"""`vemcvx problems` and `vemcvx lesson`: what came with the package to run and to learn from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vemcvx.cli.reported import reported
+
+
+def problems() -> None:
+    """List the problem files that came with the package; run, show, compare, cost and export take their names."""
+    with reported():
+        from vemcvx.cli.supplied import problem_files, problems_folder
+
+        _print_table((name, file.sentence) for name, file in problem_files().items())
+        typer.echo(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
+
+
+def lesson(
+    number: Annotated[int | None, typer.Argument(metavar="[N]", help="Which one; without it they are listed.")] = None,
+) -> None:
+    """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
+    with reported():
+        from vemcvx.cli.supplied import copy_lesson, lessons
+
+        if number is None:
+            _print_table((str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items())
+            typer.echo("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
+            return
+        for path in copy_lesson(number, Path()):
+            typer.echo(f"{path}")
+        typer.echo("Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python.")
+
+
+def _print_table(rows: Iterable[tuple[str, str]]) -> None:
+    """Rows of a name and words, wrapped to the terminal between words."""
+    from rich.console import Console
+    from rich.table import Table
+
+    made = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    made.add_column(style="bold", no_wrap=True)
+    made.add_column()
+    for name, text in rows:
+        # Square brackets in docstrings are no markup.
+        made.add_row(name, text.replace("[", r"\["))
+    Console(highlight=False).print(made)

@@ -1,0 +1,119 @@
+"""Problem files and lessons that come with the package: inside it where it is installed, beside it in a checkout."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from vemcvx.errors import ProblemError
+
+PACKAGE = Path(__file__).parents[1]
+LESSON = re.compile(r"lesson_(\d+)_(?!solutions)\w+\.py")
+PARTS = "scene", "mesh", "times"
+
+
+@dataclass(frozen=True)
+class Supplied:
+    """A Python file that came with the package."""
+
+    path: Path
+
+    @cached_property
+    def _tree(self) -> ast.Module:
+        return ast.parse(self.path.read_text(encoding="utf-8"))
+
+    @property
+    def sentence(self) -> str:
+        """The first sentence of its docstring."""
+        text = " ".join((ast.get_docstring(self._tree) or "").split())
+        first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # the J. of a name ends none
+        return first.group() if first else text
+
+    @property
+    def is_problem(self) -> bool:
+        """Whether it is a problem file: it defines a scene, a mesh and times."""
+        defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
+        return defined.issuperset(PARTS)
+
+
+def problems_folder() -> Path:
+    """Where they are.
+
+    Raises
+    ------
+    ProblemError
+        They were not installed.
+    """
+    for place in (PACKAGE / "problems", PACKAGE.parent / "problems"):
+        if (place / "lessons").is_dir():
+            return place
+    raise ProblemError(f"{PACKAGE}: came without its problem files and lessons; install the package anew.")
+
+
+def problem_files() -> dict[str, Supplied]:
+    """The problem files by name."""
+    files = {path.stem: Supplied(path) for path in sorted(problems_folder().glob("*.py"))}
+    return {name: file for name, file in files.items() if file.is_problem}
+
+
+def lessons() -> dict[int, Supplied]:
+    """The lessons by number."""
+    named = [(LESSON.fullmatch(path.name), path) for path in (problems_folder() / "lessons").glob("*.py")]
+    return dict(sorted((int(match.group(1)), Supplied(path)) for match, path in named if match))
+
+
+def problem_path(file: str | Path) -> Path:
+    """The file itself, or the problem file that came with the package if it is a name alone and there is no such file.
+
+    Raises
+    ------
+    ProblemError
+        It is a name alone, and neither is there.
+    """
+    path = Path(file)
+    if os.path.isfile(path) or path.name != str(file) or path.suffix:
+        return path
+    known = problem_files()
+    if path.name not in known:
+        raise ProblemError(
+            f"{path}: there is no such problem file here, and none of that name came with the package; "
+            "`vemcvx problems` lists those that did."
+        )
+    return known[path.name].path
+
+
+def copy_lesson(number: int, into: Path) -> list[Path]:
+    """Copy a lesson and its solutions; the copies.
+
+    Raises
+    ------
+    ProblemError
+        There is no such lesson, or a file of that name exists, or the folder cannot be written to.
+    """
+    known = lessons()
+    if number not in known:
+        raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
+    lesson = known[number].path
+    copies = {into / path.name: path for path in (lesson, lesson.with_name(f"lesson_{number}_solutions.py"))}
+    _refuse(copy for copy in copies if os.path.lexists(copy))
+    for copy, path in copies.items():
+        try:
+            with copy.open("x", encoding="utf-8") as file:
+                file.write(path.read_text(encoding="utf-8"))
+        except FileExistsError:
+            _refuse([copy])
+        except OSError as error:
+            raise ProblemError(f"lesson: {copy} cannot be written: {error.strerror}; go to another folder.") from error
+    return list(copies)
+
+
+def _refuse(existing: Iterable[Path]) -> None:
+    for path in existing:
+        raise ProblemError(
+            f"lesson: {path} exists, and no file is overwritten; move it away, or copy the lesson in another folder."
+        )

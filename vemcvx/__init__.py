@@ -47,11 +47,11 @@ from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.exchange import read_program, write_program
+from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
-from vemcvx.results.history import History, read_history
 from vemcvx.scene import Scene
 from vemcvx.simulation import programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy

@@ -14,6 +14,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import VemcvxError
 
 if TYPE_CHECKING:
+    from matplotlib.animation import AbstractMovieWriter
     from matplotlib.axes import Axes
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
@@ -47,13 +48,29 @@ def figure_of(ax: Axes) -> Figure:
     return ax.figure.figure
 
 
-def legend_below(ax: Axes, own: bool) -> None:
-    """Name what is drawn: below the axes of a figure of our own, within axes that were given."""
-    count = len(ax.get_legend_handles_labels()[0])
-    if count and own:
-        figure_of(ax).legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
+def legend_below(ax: Axes) -> None:
+    """Name what is drawn: below axes that are alone in their figure, within them if they share it."""
+    figure, count = figure_of(ax), len(ax.get_legend_handles_labels()[0])
+    if count and len(figure.axes) == 1 and figure.get_layout_engine() is not None:
+        figure.legend(loc="outside lower center", ncols=4 if count == 4 else 3, frameon=False)
     elif count:
         ax.legend(frameon=False, fontsize="small")
+
+
+def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
+    """Return what writes figures as the frames of a film, `rate` of them a second: "pillow", or "ffmpeg".
+
+    Raises
+    ------
+    VemcvxError
+        It is not installed.
+    """
+    from matplotlib.animation import writers
+
+    if not writers.is_available(kind):
+        other = "write a .gif, or install ffmpeg" if kind == "ffmpeg" else "pip install pillow"
+        raise VemcvxError(f"a film of this kind needs {kind}, which is not installed: {other}")
+    return writers[kind](fps=rate)
 
 
 def distinct(colours: Sequence[str]) -> ListedColormap:

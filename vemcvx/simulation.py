@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
+from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.from_march import record
-from vemcvx.results.history import History
 from vemcvx.results.programs import with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
@@ -119,7 +119,7 @@ def simulate(
             progress=_reported(progress),
             storage=storage,
         )
-        return record(posed, trajectory, assembled, storage)
+        return History.of(record(posed, trajectory, assembled, storage))
 
 
 def programs(

@@ -15,8 +15,8 @@ from scenes import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.errors import HistoryError
+from vemcvx.history import read_history
 from vemcvx.owned_files import Owned
-from vemcvx.results.history import read_history
 from vemcvx.results.io.archive import SHAPES
 from vemcvx.results.io.folder import write_results
 from vemcvx.results.io.summary import Origin

@@ -14,7 +14,7 @@ from vemcvx.cli.progress import progress_bar
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
-from vemcvx.results.history import History
+from vemcvx.history import History
 from vemcvx.results.io.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable, writable_folder, write_results
 from vemcvx.results.io.summary import Origin
 from vemcvx.simulation import simulate

@@ -31,8 +31,8 @@ from vemcvx.errors import HistoryError, MeshError, SceneError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
+from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
-from vemcvx.results.history import History
 from vemcvx.results.io.archive import read_archive, write_archive
 from vemcvx.simulation import simulate
 

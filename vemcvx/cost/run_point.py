@@ -22,8 +22,8 @@ from vemcvx.errors import SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures.field import step_at
+from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
-from vemcvx.results.history import History
 from vemcvx.results.io.summary import peak_memory_mb
 from vemcvx.simulation import simulate
 

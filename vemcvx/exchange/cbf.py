@@ -44,9 +44,7 @@ def root(operators: Operators) -> sp.csr_matrix:
         return sp.csr_matrix(np.sqrt(values[kept])[:, None] * vectors[:, kept].T)
     if isinstance(K, np.ndarray):
         return sp.csr_matrix(np.linalg.cholesky(K).T if len(K) else K)
-    lu = splu(
-        sp.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    lu = splu(sp.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     upper = sp.csr_matrix(sp.diags_array(np.sqrt(lu.U.diagonal())) @ lu.L.T)
     return sp.csr_matrix(upper[:, lu.perm_c])
 

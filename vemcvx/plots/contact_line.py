@@ -13,7 +13,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import HistoryError
 from vemcvx.meshes.polygons.segments import right_of
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 # An edge that ends in a held node belongs to Gamma_C if it runs along the contact node's tangent; a corner
 # flatter than 25 degrees passes for straight, which costs half an edge in a picture.
@@ -69,7 +69,7 @@ class ContactLine:
         return np.column_stack([self.limits[starts, 0], self.limits[ends, 1]])
 
 
-def contact_line(history: History, picture: str) -> ContactLine:
+def contact_line(history: Results, picture: str) -> ContactLine:
     """Lay out the contact nodes of a history.
 
     Raises
@@ -105,7 +105,7 @@ def _axis(points: Floats) -> int | None:
     return int(np.argmin(flat)) if flat.any() else None
 
 
-def _edges(history: History) -> Ints:
+def _edges(history: Results) -> Ints:
     """Boundary edges of Gamma_C: both ends in contact, or one, and along its tangent."""
     contact, points = history.contact, history.mesh.points
     normal = np.zeros_like(points)
@@ -119,7 +119,7 @@ def _edges(history: History) -> Ints:
     return edges[touching]
 
 
-def _walk(edges: Ints, history: History) -> tuple[Ints, Floats]:
+def _walk(edges: Ints, history: Results) -> tuple[Ints, Floats]:
     """Contact nodes in counter-clockwise order, part after part, and their arc length."""
     points, nodes = history.mesh.points, history.contact.nodes
     row = {int(node): i for i, node in enumerate(nodes)}
@@ -141,6 +141,6 @@ def _walk(edges: Ints, history: History) -> tuple[Ints, Floats]:
     return np.array(order), np.array(arc)
 
 
-def _gap(history: History) -> float:
+def _gap(history: Results) -> float:
     """Room on the line between separate parts: two cells."""
     return 2.0 * history.mesh.h

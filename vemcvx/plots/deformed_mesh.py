@@ -13,7 +13,7 @@ from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
 from vemcvx.plots.scale import common_magnification, extent, value_range
 from vemcvx.plots.units import Units, unit
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +26,7 @@ OFFSET = 0.05
 
 
 def deformed_mesh(
-    history: History,
+    history: Results,
     step: int = -1,
     *,
     ax: Axes | None = None,
@@ -60,8 +60,8 @@ def deformed_mesh(
     """
     row, mesh = history.row(step), history.mesh
     factor = common_magnification(history, _size(history), magnify)
-    u, own = history.displacement[row], ax is None
-    ax = axes_or_new(ax, 6.0, 1.6 + 4.2 * _slenderness(mesh.points))
+    u = history.displacement[row]
+    ax = axes_or_new(ax, *size_of_page(history))
     mesh.plot(ax=ax, displacement=factor * u, linewidth=_line(mesh.n_cells), edgecolor="0.75")
     cells = ax.collections[-1]
     cells.set_array(cell_means(history, np.linalg.norm(u, axis=1)))
@@ -79,7 +79,7 @@ def deformed_mesh(
     ax.set_title(title, fontsize="medium")
     ax.update_datalim(extent(history, factor))
     ax.autoscale_view()
-    legend_below(ax, own)
+    legend_below(ax)
     return figure_of(ax)
 
 
@@ -88,25 +88,25 @@ def _time(units: Units | None) -> str:
     return f" {units['time']}" if units and "time" in units else ""
 
 
-def _largest_mean(history: History) -> float:
+def _largest_mean(history: Results) -> float:
     """The largest colour of all stored steps; 1 where nothing moves."""
     return max(float(cell_means(history, np.linalg.norm(u, axis=1)).max()) for u in history.displacement) or 1.0
 
 
-def cell_means(history: History, at_nodes: Floats) -> Floats:
+def cell_means(history: Results, at_nodes: Floats) -> Floats:
     """(n_cells,) means of nodal values (n_nodes,) over the vertices of each cell."""
     mesh = history.mesh
     return np.add.reduceat(at_nodes[mesh.vertices], mesh.offsets[:-1]) / np.diff(mesh.offsets)
 
 
-def _size(history: History) -> float:
+def _size(history: Results) -> float:
     return float(np.ptp(history.mesh.points, axis=0).max())
 
 
-def _slenderness(points: Floats) -> float:
-    """Height over width, within what fits on a page."""
-    width, height = np.ptp(points, axis=0)
-    return float(np.clip(height / width, 0.2, 1.6))
+def size_of_page(history: Results) -> tuple[float, float]:
+    """Width and height, in inches, of a page for the body, its title and its legend."""
+    width, height = np.ptp(history.mesh.points, axis=0)
+    return 6.0, 1.6 + 4.2 * float(np.clip(height / width, 0.2, 1.6))
 
 
 def _line(cells: int) -> float:
@@ -114,13 +114,13 @@ def _line(cells: int) -> float:
     return float(np.clip(12.0 / np.sqrt(cells), 0.0, 0.5)) if cells < 40_000 else 0.0
 
 
-def _outline(ax: Axes, history: History) -> None:
+def _outline(ax: Axes, history: Results) -> None:
     ends = history.mesh.points[history.mesh.boundaries["boundary"]]
     lines = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
     ax.plot(*lines.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
 
 
-def _arrows(ax: Axes, history: History, row: int, factor: float) -> float:
+def _arrows(ax: Axes, history: Results, row: int, factor: float) -> float:
     """Friction at contact nodes evenly apart, just outside the body; returns the largest on any node at this step."""
     contact, line = history.contact, contact_line(history, "deformed_mesh")
     places = np.linspace(line.position[0], line.position[-1], MOST_ARROWS)

@@ -18,7 +18,7 @@ from vemcvx.errors import HistoryError
 from vemcvx.plots.palette import DISSIPATED, NUMERICAL, STORED, WORK
 from vemcvx.plots.scale import value_range
 from vemcvx.plots.units import Units, unit
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def energy_ledger(
-    history: History,
+    history: Results,
     *,
     ax: Axes | Sequence[Axes] | None = None,
     limits: ArrayLike | None = None,
@@ -65,7 +65,7 @@ def energy_ledger(
     return figure_of(panels[0])
 
 
-def _energies(ax: Axes, history: History, energy: str) -> None:
+def _energies(ax: Axes, history: Results, energy: str) -> None:
     run = history.trajectory
     stored = run.energy - run.energy[0]
     lines = (
@@ -79,7 +79,7 @@ def _energies(ax: Axes, history: History, energy: str) -> None:
     ax.set(ylabel="energy" if energy == "energy" else f"energy ({energy})", title="Energy ledger")
 
 
-def _certificates(ax: Axes, history: History) -> None:
+def _certificates(ax: Axes, history: Results) -> None:
     run = history.trajectory
     lines = (
         (run.certificate, STORED, "o", "each step"),

@@ -13,7 +13,7 @@ from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import SLIP, STICK
 from vemcvx.plots.scale import value_range
 from vemcvx.plots.units import Units, unit
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def friction_traction(
-    history: History,
+    history: Results,
     step: int = -1,
     *,
     ax: Axes | None = None,
@@ -51,7 +51,7 @@ def friction_traction(
     line = contact_line(history, "friction_traction")
     traction = line.along(history.contact.traction[row])
     low, high = _range(history, row, line)
-    sticks, own = history.contact.sticking[row, line.order], ax is None
+    sticks = history.contact.sticking[row, line.order]
     ax = axes_or_new(ax, 6.4, 3.6)
     for chosen, colour in ((sticks, STICK), (~sticks, SLIP)):
         for start, stop in line.spans(chosen):
@@ -73,11 +73,11 @@ def friction_traction(
         title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip",
     )
     light_grid(ax)
-    legend_below(ax, own)
+    legend_below(ax)
     return figure_of(ax)
 
 
-def _range(history: History, row: int, line: ContactLine) -> tuple[Floats, Floats]:
+def _range(history: Results, row: int, line: ContactLine) -> tuple[Floats, Floats]:
     """The least and the largest friction along the line: against slip forward, and against slip backward."""
     contact = history.contact
     tangents = np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])

@@ -15,12 +15,12 @@ from vemcvx.plots.energy_ledger import energy_ledger
 from vemcvx.plots.friction_traction import friction_traction
 from vemcvx.plots.stick_slip_map import stick_slip_map
 from vemcvx.plots.wear import wear
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PICTURES: dict[str, Callable[[History], Figure]] = {
+PICTURES: dict[str, Callable[[Results], Figure]] = {
     "deformed_mesh": deformed_mesh,
     "friction_traction": friction_traction,
     "stick_slip_map": stick_slip_map,
@@ -38,7 +38,7 @@ MARKS = {
 """Our mark, in the file: what is said to matplotlib, and what it writes."""
 
 
-def write_plots(history: History, folder: str | Path, suffix: str = ".png") -> list[Path]:
+def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> list[Path]:
     """Write the pictures that a history has something to show for; without contact or steps there are fewer.
 
     Parameters
@@ -92,7 +92,7 @@ def _ours(path: Path) -> bool:
         return False
 
 
-def _has(history: History, name: str) -> bool:
+def _has(history: Results, name: str) -> bool:
     contact, steps = len(history.contact.nodes) > 0, bool((history.stored > 0).any())
     if name == "wear":
         return steps and bool(history.contact.wear.any())

@@ -12,7 +12,7 @@ from vemcvx.errors import HistoryError
 from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import BACKWARD, FORWARD, STICK_AREA
 from vemcvx.plots.units import Units, unit
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))
 
 
-def stick_slip_map(history: History, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
+def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | None = None) -> Figure:
     """Draw, for every contact node and stored step, whether it sticks or slips and which way.
 
     A step fills the time from the stored instant before it to its own. Where steps between the two were not stored, the
@@ -45,7 +45,7 @@ def stick_slip_map(history: History, *, ax: Axes | None = None, units: Units | N
     steps = history.stored[history.stored > 0]
     if len(steps) == 0:
         raise HistoryError("stick_slip_map: this history has no step after the initial instant.")
-    times, states, own = history.trajectory.times, directions(history, line), ax is None
+    times, states = history.trajectory.times, directions(history, line)
     ax = axes_or_new(ax, 6.4, 4.2)
     edges = times[np.concatenate([[0], steps])]
     colours = distinct([colour for _, colour, _ in STATES])
@@ -61,11 +61,11 @@ def stick_slip_map(history: History, *, ax: Axes | None = None, units: Units | N
     )
     bands = f"\neach band: its last step ({missing} of {history.steps} steps not stored)" if missing else ""
     ax.set_title("Stick and slip on the contact boundary" + bands, fontsize="medium")
-    legend_below(ax, own)
+    legend_below(ax)
     return figure_of(ax)
 
 
-def directions(history: History, line: ContactLine) -> Floats:
+def directions(history: Results, line: ContactLine) -> Floats:
     """0 where a node sticks, 1 or -1 where it slips towards larger or smaller positions; a row a stored step > 0.
 
     Friction opposes the slip of its step, whether or not the step before is stored; where there is no friction

@@ -15,7 +15,7 @@ from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
 from vemcvx.plots.scale import common_magnification, value_range
 from vemcvx.plots.units import Units, unit
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ SLENDER = 0.2
 
 def stressed_body(
     ax: Axes,
-    history: History,
+    history: Results,
     *,
     step: int = -1,
     stress: str = "mean",
@@ -126,7 +126,7 @@ def stressed_body(
 
 
 def body_and_graph(
-    history: History,
+    history: Results,
     *,
     step: int = -1,
     stress: str = "mean",
@@ -175,7 +175,7 @@ def _inside(points: Floats, window: Window | None) -> Bools:
     return within
 
 
-def _image(ax: Axes, history: History, moved: Floats, signs: tuple[int, int]) -> None:
+def _image(ax: Axes, history: Results, moved: Floats, signs: tuple[int, int]) -> None:
     """The body in the mirror, coloured like the body itself."""
     cells, mesh = ax.collections[0], history.mesh
     turned = [cell[:: signs[0] * signs[1]] for cell in mesh.cells]
@@ -206,7 +206,7 @@ def _colours(stresses: Sequence[Floats], unsigned: bool) -> tuple[str, tuple[flo
 
 
 def _arrows(
-    ax: Axes, history: History, row: int, places: Floats, how: tuple[str, float, Window | None, float]
+    ax: Axes, history: Results, row: int, places: Floats, how: tuple[str, float, Window | None, float]
 ) -> float:
     """Forces per length at contact nodes; returns the largest, 0 if there are none."""
     contact, (kind, size, window, stretch) = history.contact, how

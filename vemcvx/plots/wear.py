@@ -14,7 +14,7 @@ from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import EARLY_TO_LATE
 from vemcvx.plots.scale import value_range
 from vemcvx.plots.units import Units, unit
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ MOST = len(EARLY_TO_LATE)
 
 
 def wear(
-    history: History,
+    history: Results,
     steps: Sequence[int] | None = None,
     *,
     ax: Axes | None = None,
@@ -50,7 +50,7 @@ def wear(
     HistoryError
         The history has no contact, or no step; or too many steps are asked for.
     """
-    line, own = contact_line(history, "wear"), ax is None
+    line = contact_line(history, "wear")
     later = history.stored[history.stored > 0]
     if len(later) == 0:
         raise HistoryError("wear: this history has no step after the initial instant.")
@@ -71,5 +71,5 @@ def wear(
     )
     ax.set_title("Wear of the contact boundary, in proportion to friction work", fontsize="medium")
     light_grid(ax)
-    legend_below(ax, own)
+    legend_below(ax)
     return figure_of(ax)

@@ -10,7 +10,7 @@ import numpy as np
 from vemcvx.arrays import Floats, summed_columns
 from vemcvx.errors import SceneWarning
 from vemcvx.results.contact import contact_history
-from vemcvx.results.history import History
+from vemcvx.results.results import Results
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory
@@ -19,8 +19,8 @@ CLOSED = 1e-6
 """Part of the largest pressure that counts as touch, and of friction's work that counts: answers are a solver's."""
 
 
-def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> History:
-    """The history of a posed scene."""
+def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
+    """The results of a posed scene."""
     _warn_of_rubbing_in_the_air(posed, trajectory)
     shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
     u, forces = storage.array("displacement", shape), storage.array("forces", shape)
@@ -29,7 +29,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         u[row] = posed.displacement(trajectory.state[row], t).reshape(shape[1:])
         stressed = posed.A @ u[row].ravel() + _damped(posed, trajectory, row)
         forces[row] = (stressed - posed.force(t)).reshape(shape[1:])
-    return History(
+    return Results(
         mesh=posed.space.mesh,
         scene=posed.scene,
         effects=tuple(effect.describe() for effect in posed.scene.canonical),

@@ -102,9 +102,7 @@ def _all() -> Iterator[Instance]:
     for poisson in ("0.499", "0.49999", "0.4999999"):
         for condense in (True, False):
             near = (f"poisson={poisson}",)
-            yield Instance(
-                grade="incompressible", problem=PAPER, n=16, of=8, step=8, settings=near, condense=condense
-            )
+            yield Instance(grade="incompressible", problem=PAPER, n=16, of=8, step=8, settings=near, condense=condense)
     for settings in (SI, TINY):
         for n in (8, 16):
             yield Instance(grade="units", problem=PAPER, n=n, of=8, step=8, settings=settings)

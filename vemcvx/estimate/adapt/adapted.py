@@ -22,11 +22,11 @@ from vemcvx.estimate.adapt.marking import cells_to_refine
 from vemcvx.estimate.adapt.time_steps import split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
+from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
 from vemcvx.results.from_march import record
-from vemcvx.results.history import History
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
@@ -178,7 +178,8 @@ def adapt(
         posed = pose_scene(scene, mesh, instants.tolist())
         kept = np.searchsorted(instants, wanted).tolist()
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=begin, store=kept)
-        history = record(posed, trajectory, time.perf_counter() - start - sum(trajectory.seconds.values()), Memory())
+        assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
+        history = History.of(record(posed, trajectory, assembled, Memory()))
         near = len(passes) > 0 and passes[-1].space <= SOON * target
         budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
         worst = budget.largest

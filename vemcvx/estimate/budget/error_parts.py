@@ -22,8 +22,8 @@ from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
 from vemcvx.estimate.budget.residual import indicators
 from vemcvx.estimate.budget.skeleton import skeleton
 from vemcvx.estimate.budget.surface_forces import instant
+from vemcvx.history import History
 from vemcvx.outline import Outline, Outlined
-from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.state import prepare

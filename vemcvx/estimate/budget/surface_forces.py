@@ -9,9 +9,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
 from vemcvx.estimate.budget.skeleton import Skeleton
+from vemcvx.history import History
 from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.meshes.polygons.topology import positions
-from vemcvx.results.history import History
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.terms import Terms

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.outline import Outline, Outlined
+from vemcvx.plots import animate
+from vemcvx.plots.units import Units
 from vemcvx.program import SolvedProgram
 from vemcvx.results.io.folder import read_results, write_results
 from vemcvx.results.probe.places import places
@@ -61,6 +63,11 @@ class History(Results, Outlined):
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
     """
+
+    @classmethod
+    def of(cls, results: Results) -> History:
+        """The same results, with all that a history can do."""
+        return cls(**{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike) -> Floats:
         """(S, p, 2) displacements at any points (p, 2) of the body: see :mod:`vemcvx.results.probe.places`.
@@ -119,6 +126,18 @@ class History(Results, Outlined):
         """
         return next(programs_of_steps(self, [n], condense))
 
+    def animate(
+        self,
+        path: str | Path,
+        *,
+        seconds: float = 5.0,
+        magnify: float | None = None,
+        limits: ArrayLike | None = None,
+        units: Units | None = None,
+    ) -> Path:
+        """Write a film of the deformed body, .gif or .mp4: see :func:`vemcvx.plots.animate`."""
+        return animate(self, path, seconds=seconds, magnify=magnify, limits=limits, units=units)
+
     def outline(self) -> Outline:
         """What prompts and notebooks show: the summary."""
         return in_words(self)
@@ -148,5 +167,4 @@ def read_history(folder: str | Path) -> History:
     HistoryError
         There is no such folder, no history in it, or one that is damaged or of another format.
     """
-    found = read_results(folder)
-    return History(**{field.name: getattr(found, field.name) for field in fields(Results)})
+    return History.of(read_results(folder))

@@ -122,6 +122,19 @@ def test_lesson_1_a_step_by_hand_minimises_its_energy():
             assert energy(u) == pytest.approx(-((f - lam) ** 2) / (2 * K) - lam * u_prev, abs=1e-14)
 
 
+def test_lesson_2_four_nodes_agree_with_the_hand():
+    """Clarabel's own tolerance, 1e-8 in the gap, is 1e-4 in the slip at worst and was seen to give 1e-8."""
+    space, _ = ran("lesson_2_four_nodes.py")
+    assert space["u"].value == pytest.approx(space["by_hand"], abs=1e-5)
+    balance = space["f"] - space["K"] @ space["by_hand"]
+    assert balance == pytest.approx([0.5, 0.5, 0.2, 0.0], abs=1e-15)
+    assert (np.abs(balance) <= space["w"] + 1e-15).all()
+    assert space["lam"] == pytest.approx(balance, abs=1e-4)
+    assert space["newton"].multipliers[-1, :, 0] == pytest.approx(balance, abs=1e-14)
+    assert space["newton"].state[-1] == pytest.approx(space["by_hand"], abs=1e-15)
+    assert space["apart"] <= space["claimed"] < 1e-5
+
+
 def test_lesson_3_is_the_package_by_other_means():
     """One pentagon to 1e-13; cantilevers, which the lesson assembles cell by cell, by `simulate`."""
     space, _ = ran("lesson_3_virtual_elements.py")

@@ -231,6 +231,25 @@ def test_a_time_limit_ends_a_solver_and_its_process(broken):
     assert list(rows(done.output)) == [("Newton", "own"), ("Clarabel", "tuned")]
 
 
+PROBLEMS = sorted(path for path in (ROOT / "problems").glob("*.py") if "\ndef times(" in path.read_text())
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+@pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
+def test_whatever_is_installed_makes_rows_of_every_problem(path, tmp_path):
+    """No traceback, no dishonest certificate, a row for each solver; SCIP, which may take hours, is given seconds."""
+    limit = ["--time-limit", "15"] if "SCIP" in installed() else []
+    done = invoke(path, "--n", 4, "--steps", 2, "--solvers", "all", "--json", tmp_path / "told.json", *limit)
+    assert done.exit_code in (0, 3), done.output
+    assert "Traceback" not in done.output
+    told = json.loads((tmp_path / "told.json").read_text())["rows"]
+    assert {row["solver"].lower() for row in told} == {"newton", "direct"} | {name.lower() for name in installed()}
+    assert all(row["honest"] is not False for row in told)
+    assert all(row["certified"] is not None or row["says"] for row in told)
+    assert all(row["good"] for row in told if row["solver"] == "Newton")
+
+
 @pytest.mark.parametrize("width", [80, 120])
 def test_tables_fit(width):
     done = CliRunner().invoke(

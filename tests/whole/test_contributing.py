@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from scenes import paper_scene
+from typer.testing import CliRunner
 
 import vemcvx as vx
-from vemcvx.cli import solver_names
+from vemcvx.cli import app
 from vemcvx.scene.pose import pose_scene
 
 ROOT = Path(__file__).parents[2]
@@ -88,92 +86,66 @@ def test_a_family_of_meshes_in_one_file_and_a_line(made, monkeypatch):
 
 
 @pytest.fixture
-def uzawa(made, monkeypatch):
-    """The solver of the recipe, by its name on the command line, at the accuracy 1e-7."""
-    for name, kind in made("vemcvx/solvers/uzawa.py").items():
-        monkeypatch.setitem(solver_names.NAMES, name, kind)
-    return solver_names.named_solver("uzawa", 1e-7)
+def mine(tmp_path):
+    """The file of the recipe's solver."""
+    (tmp_path / "mine.py").write_text(FILES["mine.py"])
+    return tmp_path / "mine.py"
 
 
-def test_a_solver_in_one_file_and_a_line(uzawa):
-    """Answers to the same steps are no farther apart than the errors of both, certified step by step, add up to."""
+@pytest.fixture
+def fista(mine):
+    """The class of the recipe, as it is."""
+    known = {}
+    exec(compile(FILES["mine.py"], str(mine), "exec"), known)
+    return known["Fista"]
+
+
+def test_a_solver_is_a_class_of_25_lines(fista):
+    source = FILES["mine.py"]
+    assert source[source.index("class ") :].count("\n") <= 25
+    assert fista.__mro__ == (fista, object)
+
+
+def suite(name):
+    """The two lines of tests of the recipe, with its class."""
+    known = {}
+    exec(FILES["mine.py"], known)
+    exec(LINES["mine.py"], known)
+    (test,) = (thing for key, thing in known.items() if key.startswith("test_"))
+    return {case.id: case.values[0] for case in test.pytestmark[0].args[1]}
+
+
+SUITE = suite("fista")
+
+
+@pytest.mark.parametrize("case", [key for key in SUITE if not key.endswith("admits_what_it_cannot_reach")])
+def test_it_passes_the_suite_first_time(case):
+    SUITE[case]()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [key for key in SUITE if key.endswith("admits_what_it_cannot_reach")])
+def test_it_admits_what_it_cannot_reach(case):
+    SUITE[case]()
+
+
+def test_it_is_compared_first_time(mine):
+    problem = str(ROOT / "problems" / "feng_han_huang.py")
+    command = ["compare", problem, "--n", "6", "--steps", "4", "--solvers", f"newton,{mine}:Fista"]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    (line,) = (line.split() for line in done.output.splitlines() if line.startswith("Fista"))
+    assert (line[1], line[4], line[7]) == ("own", "yes", "yes")
+
+
+def test_answers_to_the_same_steps_are_as_near_as_certified(fista):
+    """No farther apart than the errors of both, certified step by step, add up to."""
     scene, mesh, times = paper_scene(lambda t: np.sin(6 * t)), vx.meshes.voronoi(4), np.linspace(0.0, 1.0, 7)
-    own, newton = (vx.simulate(scene, mesh, times, solver=solver) for solver in (uzawa, vx.Newton()))
-    assert own.certificate.max() <= 1e-7
+    own, newton = (vx.simulate(scene, mesh, times, solver=solver) for solver in (fista(), vx.Newton()))
+    assert own.certificate.max() <= 1e-6
     assert not own.contact.sticking[-1].all()
     A = pose_scene(scene, mesh).A
     apart = (own.displacement - newton.displacement).reshape(len(times), -1)
     distance = np.sqrt(np.einsum("ni,ni->n", apart, (A @ apart.T).T) / (2 * newton.energy.max()))
     allowed = sum(h.certificate_total[-1] + h.certificate_floor.sum() for h in (own, newton))
-    assert distance.max() <= allowed < 1e-6
-
-
-def test_the_accuracy_is_in_the_files_whatever_the_solver_prints(uzawa, tmp_path):
-    class Quiet(type(uzawa)):
-        __repr__ = object.__repr__
-
-    history = vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=Quiet(accuracy=1e-5))
-    history.write(tmp_path / "out")
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["accuracy"] == 1e-5
-    assert vx.read_history(tmp_path / "out").trajectory.accuracy == 1e-5
-
-
-def test_the_solver_takes_second_order_cones(uzawa):
-    """A mass on a spring, dragged around on a plane: it slips in every step from the third on."""
-    k, w, times = 2.0, 0.5, np.linspace(0.0, 1.0, 9)
-    system = vx.System(
-        k * np.eye(2), lambda t: [2 * np.sin(3 * t), 1 - np.cos(3 * t)], vx.Norms(np.eye(2), [w], block=2)
-    )
-    own, newton = (vx.march(system, times, solver=solver) for solver in (uzawa, vx.Newton()))
-    assert np.linalg.norm(np.diff(own.state, axis=0), axis=1)[2:].min() > 0
-    allowed = (own.certificate_total[-1] + newton.certificate_total[-1]) * np.sqrt(2 * newton.energy.max())
-    assert np.sqrt(k) * np.linalg.norm(own.state - newton.state, axis=1).max() <= allowed + 1e-15
-
-
-def test_the_solver_is_asked_for_no_more_than_it_accepts(uzawa):
-    scene = paper_scene().with_(vx.UnilateralContact(on="top"))
-    with pytest.raises(vx.NotAccepted, match="solver Uzawa: the program has bounds, which it does not accept"):
-        vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0], solver=uzawa)
-
-
-def test_the_solver_refuses_an_accuracy_that_means_nothing(uzawa):
-    with pytest.raises(vx.SceneError, match="^Uzawa: found accuracy = 2"):
-        type(uzawa)(accuracy=2)
-
-
-def test_a_solver_need_not_be_a_dataclass(uzawa, tmp_path):
-    class Plain(vx.Solver):
-        accepts, max_iterations, prepare = uzawa.accepts, 20_000, type(uzawa).prepare
-
-        def __init__(self, accuracy):
-            self.accuracy = accuracy
-
-    asked = paper_scene(), vx.meshes.squares(3), [0.0, 0.5, 1.0]
-    history = vx.simulate(*asked, solver=Plain(3e-7), stream=tmp_path)
-    assert history.solver == "Plain(accuracy=3e-07)"
-    assert history.trajectory.accuracy == 3e-7
-    assert history.certificate.max() <= 3e-7
-    again = vx.simulate(*asked, solver=Plain(3e-7), stream=tmp_path, resume=True)
-    assert np.array_equal(again.displacement, history.displacement)
-    assert isinstance(Plain(1e-9).asked(1e-4), Plain)
-    assert Plain(1e-9).asked(1e-4).accuracy == 1e-4
-    with pytest.raises(vx.SceneError, match="^Plain: found accuracy = 'fine'"):
-        vx.simulate(*asked, solver=Plain("fine"))
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"lam": np.zeros(3)}, r"found lam = array.*; wanted an array of floats \(3, 1\)"),
-        ({"d": np.zeros((3, 1))}, r"found d = array.*; wanted an array of floats \(3,\)"),
-        ({"d": [0.0, 0.0, 0.0]}, r"found d = \[.*; wanted an array of floats \(3,\)"),
-        ({"p": None}, r"found p = None; wanted an array of floats \(0,\)"),
-        ({"iterations": None}, r"found the answer Answer.*; wanted Answer\(d, lam, iterations\)"),
-    ],
-)
-def test_an_answer_that_fits_no_program_is_refused_in_one_sentence(uzawa, monkeypatch, change, words):
-    prepared = type(uzawa.prepare(vx.Operators(np.eye(2), sp.csr_matrix(np.eye(2)))))
-    own = prepared.solve
-    monkeypatch.setattr(prepared, "solve", lambda *asked: replace(own(*asked), **change))
-    with pytest.raises(vx.SceneError, match=f"^solver Uzawa: {words}"):
-        vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=uzawa)
+    assert distance.max() <= allowed < 1e-5

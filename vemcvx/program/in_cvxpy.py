@@ -66,8 +66,9 @@ def to_cvxpy(operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bo
     energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
     cones_or_rows, lengths, lam = _norms(operators, d, w, b, cones)
     bounds, yielding, p = _limits(operators, d, e)
-    # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is.
-    idle = 0.0 if cones else cp.Variable(nonneg=True)
+    # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
+    # where there is none at all.
+    idle = 0.0 if cones and cones_or_rows + bounds else cp.Variable(nonneg=True)
     return CvxpyStep(cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds), d, lam, p)
 
 

@@ -8,6 +8,7 @@ them, get the multipliers of the step before, to begin with. It returns an Answe
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,8 +26,9 @@ PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
 class Solves(Protocol):
     """What a solver of one's own has: `solve`. Attributes `accepts` and `accuracy`, if it has them, are read, too."""
 
-    def solve(self, program: StepProgram, target: float) -> Any:
-        """Answer one scaled step up to a duality gap of `target`."""
+    @property
+    def solve(self) -> Callable[..., Any]:
+        """A method of (program, target): answers one scaled step up to a duality gap of `target`."""
 
 
 def as_solver(given: Solver | Solves) -> Solver:
@@ -108,7 +110,8 @@ def read_answer(raw: Any, program: StepProgram, name: str) -> Answer:
         raise SolverFailed(f"solver {name}: found the answer {brief(raw)}; it must {PROMISED}.")
     operators = program.operators
     shapes = {"d": program.g.shape, "lam": (operators.count, operators.block), "p": program.e.shape}
-    given = {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
+    given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
+    given |= {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
     if "d" not in given:
         raise SolverFailed(f"solver {name}: found the answer {brief(raw)}; it must {PROMISED}.")
     try:
@@ -116,7 +119,9 @@ def read_answer(raw: Any, program: StepProgram, name: str) -> Answer:
     except SceneError as error:
         raise SolverFailed(str(error)) from None
     d = program.feasible(read["d"])
-    lam, p = program.multipliers(d, read.get("lam"), read.get("p"))
+    lam, p = read.get("lam"), read.get("p")
+    if lam is None or p is None:
+        lam, p = program.multipliers(d, lam, p)
     if said is None:
         return Answer(d, lam, 0, p=p)
     return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)

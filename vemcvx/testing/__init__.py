@@ -1,0 +1,58 @@
+"""Tests for solvers of one's own: what every solver must satisfy, on small problems of every kind of program.
+
+In a file of tests::
+
+    from vemcvx.testing import solver_suite
+    test_my_solver = solver_suite(MySolver())
+
+A solver is tested on the problems whose features it accepts, and that it refuses the others. This needs pytest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+
+import pytest
+
+pytest.register_assert_rewrite("vemcvx.testing.sentences")
+
+from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402 - pytest first, so that it tells why sentences fail
+from vemcvx.testing.instances import INSTANCES, Instance  # noqa: E402
+from vemcvx.testing.sentences import OF_ANY_SOLVER, OF_EACH_INSTANCE, Case, refuses_what_it_does_not_accept  # noqa: E402
+
+__all__ = ["INSTANCES", "Instance", "solver_suite"]
+
+
+def solver_suite(
+    solvers: Solver | Solves | Mapping[str, Solver | Solves], *, must_answer: bool = True
+) -> Callable[..., None]:
+    """A test, to be given a name that begins with test_: one case for each solver, sentence and instance.
+
+    Parameters
+    ----------
+    solvers : solver, or mapping of names to solvers
+        Solvers, or objects with `solve(program, target)`.
+    must_answer : bool
+        Otherwise a solver may also miss its accuracy, as long as that is said by its name.
+    """
+    named = solvers if isinstance(solvers, Mapping) else {as_solver(solvers).name: solvers}
+    cases = [case for name, solver in named.items() for case in _cases(name, as_solver(solver), must_answer)]
+
+    @pytest.mark.parametrize("case", cases)
+    def test(case: Callable[[], None]) -> None:
+        case()
+
+    test.__doc__ = "Every solver must satisfy every sentence."
+    return test
+
+
+def _cases(name: str, solver: Solver, must_answer: bool) -> Iterator[object]:
+    """The cases of one solver, as parameters of a test."""
+    for of_any in OF_ANY_SOLVER:
+        yield pytest.param(partial(of_any, solver), id=f"{name}: {of_any.__name__}")
+    for instance in INSTANCES.values():
+        able = instance.features <= solver.accepts
+        for sentence in OF_EACH_INSTANCE if able else (refuses_what_it_does_not_accept,):
+            case = Case(solver, instance, must_answer)
+            yield pytest.param(partial(sentence, case), id=f"{name}: {instance.name}: {sentence.__name__}")

@@ -33,7 +33,6 @@ LESSONS = (
     "elastoplastic_truss",
     "membrane_with_friction",
     "spring_slider_chain",
-    "variational_inequality_as_convex_program",
 )
 """Those that are quick; hard_cases and stabilisation_spectrum take minutes and are drawn by themselves."""
 

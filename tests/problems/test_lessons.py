@@ -151,3 +151,13 @@ def test_lesson_3_is_the_package_by_other_means():
             history = vx.simulate(scene, mesh, [0.0, 1.0], initial="equilibrium")
         # Energy is half the work of the load; condition numbers below 1e6 leave less than 1e-9.
         assert 2 * history.energy[-1] == pytest.approx(space["cantilever"][family, n][2], rel=1e-9)
+
+
+def test_lesson_4_the_loop_loses_what_the_formula_says():
+    space, _ = ran("lesson_4_quasistatic.py")
+    assert space["lost"] == pytest.approx(space["closed_form"], rel=1e-14)
+    assert space["path"][0] == 0.0
+    assert space["path"][-1] == pytest.approx(space["path"][30], rel=1e-14)
+    # Friction's share has no error in time here: between reversals, which are instants, every node slips one way.
+    spent = [history.dissipated[-1] for history in space["histories"].values()]
+    assert np.ptp(spent) < 1e-12 * spent[0]

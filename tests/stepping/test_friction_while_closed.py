@@ -101,3 +101,42 @@ def test_mistakes():
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="top"), vx.BilateralContact(on="bottom"), alone)
     with pytest.raises(vx.SceneError, match=r"no pressure is known .* TrescaFriction without while_closed"):
         vx.simulate(scene, vx.meshes.squares(2), TIMES)
+
+
+def dragged(top, bound, poisson=0.3):
+    """A block whose top is moved, on a rough floor that it may leave."""
+    return vx.Scene(
+        vx.Elasticity(200.0, poisson),
+        vx.PrescribedDisplacement(lambda x, t: np.tile(top(t), (len(x), 1)), on="top"),
+        vx.UnilateralContact("bottom"),
+        vx.TrescaFriction(bound, on="bottom", while_closed=True),
+    )
+
+
+@pytest.mark.parametrize("n", [3, 4, 8])
+def test_a_place_that_grazes_is_found_on_the_slope(n):
+    """A place that presses with less than a millionth of the bound slips against a part of its friction."""
+    history = vx.simulate(dragged(lambda t: [0.05 * t, -0.01 * t], BOUND), vx.meshes.squares(n), TIMES[::2])
+    contact = history.contact
+    grazes = (contact.pressure > 0) & (contact.pressure < BOUND / STEEP * (1 - 1e-6))
+    assert grazes.any()
+    assert np.abs(contact.traction[..., 0])[grazes] == pytest.approx(STEEP * contact.pressure[grazes], rel=1e-6)
+    assert not history.trajectory.estimated.any()
+    assert history.certificate.max() < 1e-8
+
+
+@pytest.mark.slow
+def test_60_dragged_blocks():
+    """All but at most two, where sets do not settle, are proven."""
+    rng, refused = np.random.default_rng(1), 0
+    for _ in range(60):
+        across, down = rng.uniform(-0.08, 0.08), rng.uniform(-0.02, 0.005)
+        scene = dragged(lambda t, a=across, b=down: [a * np.sin(6 * t), b * t], 10 ** rng.uniform(-1, 1.2))
+        mesh = vx.meshes.FAMILIES[rng.choice(list(vx.meshes.FAMILIES))](int(rng.integers(2, 9)))
+        try:
+            history = vx.simulate(scene, mesh, np.linspace(0.0, 1.0, 7))
+        except (vx.NotCertified, vx.NotContracting):
+            refused += 1
+            continue
+        assert not history.trajectory.estimated.any()
+    assert refused <= 2

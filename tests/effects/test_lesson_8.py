@@ -1,0 +1,31 @@
+"""The effect of lesson 8 does what every effect must do."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+from pathlib import Path
+
+import pytest
+from test_conformance_effects import HELD, PULLED, RUBBING, SENTENCES, STEEL, TOUCHING, Sample, stiff
+
+LESSONS = Path(__file__).parents[2] / "problems" / "lessons"
+
+
+@pytest.fixture(scope="module")
+def dashpots():
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(None):
+        patch.syspath_prepend(LESSONS)
+        # A module, and not only a name space: effects are pickled by the name of theirs.
+        Dashpots = importlib.import_module("lesson_8_your_own_effect").Dashpots
+    return Sample(
+        Dashpots(damping=stiff, on="left"),
+        (STEEL, HELD, PULLED, TOUCHING, RUBBING),
+        data={"damping": 1},
+        others={"damping": 20.0, "on": "top"},
+    )
+
+
+@pytest.mark.parametrize("sentence", SENTENCES, ids=lambda f: f.__name__)
+def test_the_dashpots(sentence, dashpots):
+    sentence(dashpots)

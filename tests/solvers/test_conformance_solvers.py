@@ -46,7 +46,13 @@ def scene():
 
 
 test_every_solver = solver_suite(OWN)
-test_every_solver_that_cvxpy_finds = solver_suite(FOUND, must_answer=False)
+VARYING = {"PROXQP"}
+"""Whose last digits vary from time to time."""
+test_every_solver_that_cvxpy_finds = solver_suite(
+    {name: solver for name, solver in FOUND.items() if name not in VARYING}, must_answer=False
+)
+if found := {name: solver for name, solver in FOUND.items() if name in VARYING}:
+    test_those_whose_last_digits_vary = solver_suite(found, must_answer=False, repeatable=False)
 
 
 @pytest.mark.parametrize("solver", OWN.values(), ids=OWN)

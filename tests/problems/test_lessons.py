@@ -15,9 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import vemcvx as vx
 from vemcvx.errors import SceneWarning
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import StepProgram
 
 FOLDER = Path(__file__).parents[2] / "problems" / "lessons"
 FILES = sorted(path.name for path in FOLDER.glob("*.py"))
@@ -161,3 +164,19 @@ def test_lesson_4_the_loop_loses_what_the_formula_says():
     # Friction's share has no error in time here: between reversals, which are instants, every node slips one way.
     spent = [history.dissipated[-1] for history in space["histories"].values()]
     assert np.ptp(spent) < 1e-12 * spent[0]
+
+
+def test_lesson_5_ends_where_the_package_does():
+    """Two answers to a program are no farther apart than both gaps allow."""
+    space, _ = ran("lesson_5_active_sets.py")
+    assert max(space["needed"]) > 10, "no program that is hard to end"
+    for i in np.argsort(space["needed"])[-4:]:
+        K, f, w, b = space["programs"][i]
+        y, gaps, _ = space["runs"][i]
+        ours = vx.Newton(accuracy=1e-8)
+        operators = Operators(K, sp.csr_matrix(np.eye(len(f))), 1)
+        program = StepProgram(operators, f, w, b)
+        answer = ours.prepare(operators).solve(program, 1e-16 * (f @ np.linalg.solve(K, f)), np.zeros((len(f), 1)))
+        apart = y - answer.d
+        allowed = np.sqrt(2 * gaps[-1]) + np.sqrt(2 * program.certify(answer.d, answer.lam).gap)
+        assert np.sqrt(apart @ K @ apart) <= allowed + 1e-13 * np.sqrt(y @ K @ y)

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import feng_han_huang as paper
 import l_shaped_bracket as bracket
 import vemcvx as vx
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.estimate.adapt.marking import cells_to_refine
 from vemcvx.plots.palette import COMPUTED, SECOND
 
@@ -138,7 +138,8 @@ def picture(results):
             label = f"{name}, $N^{{{slope(runs):.2f}}}$"
             ax.loglog([r.unknowns for r in runs], [100 * r.error for r in runs], mark, color=colour, label=label)
         ax.set(title=case.name, xlabel="unknowns", ylabel="true energy error [%]")
-        light_grid(ax, which="both")
+        plain_logarithms(ax.yaxis)
+        light_grid(ax)
         ax.legend(frameon=False)
         _, _, found = pairs[0]
         below = grid[1, column]

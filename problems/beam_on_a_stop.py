@@ -70,16 +70,17 @@ def times(steps):
 def picture(history):
     """The beam on its stop, and the force of the stop, and the deflection of the end, as the load grows."""
     figure, graph = body_and_graph(history, stress="xx")
+    left, right = graph.get_subplotspec().subgridspec(1, 2).subplots()
+    graph.remove()
     force, line = FORCE * history.times, np.linspace(0, FORCE, 200)
     end = (history.mesh.points == [LENGTH, 0.0]).all(axis=1)
-    found = -history.displacement[:, end, 1].mean(axis=1)
-    marks = (force, history.reaction("stop")[:, 1])
-    beside_closed_form(
-        graph, marks, (line, stop_force(line)), label="force of the stop", exact_label="Timoshenko's beam"
-    )
-    label = "deflection of the end"
-    beside_closed_form(
-        graph, (force, found), (line, end_deflection(line)), colour=SECOND, label=label, exact_label=None
-    )
-    graph.set(xlabel="load in the middle (force)", ylabel="(force), or (length)")
+    deflection = -history.displacement[:, end, 1].mean(axis=1)
+    for ax, found, exact, what in (
+        (left, history.reaction("stop")[:, 1], stop_force(line), "stop bears (force)"),
+        (right, deflection, end_deflection(line), "end sinks by (length)"),
+    ):
+        beside_closed_form(ax, (force, found), (line, exact), exact_label="Timoshenko's beam")
+        ax.set(xlabel="load in the middle (force)", ylabel=what)
+    right.axhline(GAP, color=SECOND, linewidth=1.0, linestyle="--", label="gap above the stop")
+    right.legend(frameon=False, fontsize="small")
     return figure

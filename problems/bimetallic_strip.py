@@ -24,7 +24,7 @@ import vemcvx as vx
 from vemcvx.plots import beside_closed_form, body_and_graph
 
 LENGTH, LOWER, UPPER = 4.0, 0.25, 0.25
-YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-3, 1e-3), 50.0
+YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-5, 1e-5), 50.0
 ACROSS, SHEAR = 10.0, 15.0  # of the wood: how many times smaller than E2 are its modulus across the grain, and G
 SMALL = {"n": 24, "steps": 4}
 

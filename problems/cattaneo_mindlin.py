@@ -75,11 +75,11 @@ def picture(history):
     slipping, spared = (
         bound * r / a * np.sqrt(np.maximum(1 - ((line - m) / r) ** 2, 0.0)) for r, m in ((a, 0.0), (share * a, moved))
     )
-    graph.plot(line, slipping, "--", color="0.5", linewidth=1.2, label="bound: $\\mu$ times Hertz' pressure")
+    graph.plot(line, slipping, "--", color="0.5", linewidth=1.2, label="bound $\\mu p$ (Hertz)")
     for chosen, colour, words in ((~sticks, SLIP, "slips"), (sticks, STICK, "sticks")):
         graph.plot(x[chosen], traction[chosen], "o", color=colour, markersize=4, zorder=3, label=words)
-    graph.plot(line, slipping - spared, color="black", linewidth=1.3, label="Cattaneo, Mindlin")
-    graph.set(xlabel="$x_1$ (length)", ylabel="friction (force per area)", ylim=(0, 1.35 * bound))
+    graph.plot(line, slipping - spared, color="black", linewidth=1.3, label="Cattaneo and Mindlin")
+    graph.set(xlabel="$x_1$ (length)", ylabel="friction (force per area)", ylim=(0, 1.45 * bound))
     graph.set_title("stick zone moved as by a bulk stress", fontsize="small")
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small", ncols=2, loc="upper center")

@@ -112,12 +112,13 @@ def uniform(mesh, posed, trajectory):
 def picture(path, stress, p):
     """The course of the stress and of the centre H P that follows it, in the plane of deviators."""
     from vemcvx.canvas import new_figure
+    from vemcvx.plots.palette import SERIES
 
     figure = new_figure(5.6, 5.0)
     ax = figure.add_subplot()
     s = np.sqrt(2) * stress[:, [0, 2]]
-    ax.plot(*s.T, ".-", color="C0", linewidth=1, markersize=3, label="stress s")
-    ax.plot(*HARDENING * p[:, [0, 2]].T, ".-", color="C1", linewidth=1, markersize=3, label="centre H P")
+    ax.plot(*s.T, ".-", color=SERIES[0], linewidth=1, markersize=3, label="stress s")
+    ax.plot(*HARDENING * p[:, [0, 2]].T, ".-", color=SERIES[1], linewidth=1, markersize=3, label="centre H P")
     angle = np.linspace(0, 2 * np.pi, 201)
     for n in (0, 24, 48):
         centre = HARDENING * p[n, [0, 2], None]

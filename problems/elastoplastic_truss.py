@@ -148,18 +148,19 @@ def at_its_end(truss, F):
 def picture(path, truss, F, trajectory):
     """Force and displacement, and the stresses of the bars against their strains."""
     from vemcvx.canvas import new_figure
+    from vemcvx.plots.palette import SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     exact, sigma, _ = three_bars_in_closed_form(F)
-    left.plot(-exact[:, 1], F, color="C0", linewidth=1, label="closed form")
-    left.plot(-trajectory.state[:, 1], F, ".", color="C0", markersize=4, label="march")
+    left.plot(-exact[:, 1], F, color=SERIES[0], linewidth=1, label="closed form")
+    left.plot(-trajectory.state[:, 1], F, ".", color=SERIES[0], markersize=4, label="march")
     for level in yield_forces():
         left.axhline(level, color="0.7", linewidth=0.7, linestyle="--")
     e = trajectory.state[:, :2] @ strain_matrix(truss).T
     for bar, name in ((0, "middle"), (1, "inclined")):
-        right.plot(e[:, bar], sigma[:, bar], color=f"C{bar + 1}", linewidth=1)
-        right.plot(e[:, bar], stresses(truss, trajectory.state)[:, bar], ".", color=f"C{bar + 1}", label=name)
+        right.plot(e[:, bar], sigma[:, bar], color=SERIES[bar + 1], linewidth=1)
+        right.plot(e[:, bar], stresses(truss, trajectory.state)[:, bar], ".", color=SERIES[bar + 1], label=name)
     left.set(xlabel="displacement", ylabel="force", title="three bars; dashed: first yield of either kind")
     right.set(xlabel="strain", ylabel="stress", title="each bar: linear kinematic hardening")
     left.locator_params(axis="x", nbins=6), right.locator_params(axis="x", nbins=6)

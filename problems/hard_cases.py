@@ -14,12 +14,17 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hard import broken, cells, friction, material, solvers, supports, time_and_load, units
 from hard.case import REFUSAL, Case, Finding, table
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import light_grid, new_figure
+from vemcvx.plots.palette import MARKERS, SERIES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SUBJECTS = {
     "material": material,
@@ -32,6 +37,7 @@ SUBJECTS = {
     "solvers": solvers,
 }
 CASES = tuple((subject, case) for subject, module in SUBJECTS.items() for case in module.CASES)
+ASKED = {"Newton": 1e-8, "Clarabel": 1e-6, "OSQP": 1e-6}
 Row = tuple[str, Case, list[Finding]]
 
 
@@ -81,29 +87,34 @@ def counted(rows: Sequence[Row]) -> str:
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Certified errors of all cases that are answered, solver by solver, with the accuracies asked."""
     answered = [row for row in rows if any(np.isfinite(f.certified) for f in row[2])]
-    place = np.arange(len(answered))[::-1]
-    figure = new_figure(9.0, 0.17 * len(answered) + 1.5)
-    axes = figure.add_subplot()
-    for name, colour, marker, asked in (
-        ("Newton", "C0", "o", 1e-8),
-        ("Clarabel", "C1", "s", 1e-6),
-        ("OSQP", "C2", "^", 1e-6),
-    ):
+    half = (len(answered) + 1) // 2
+    figure = new_figure(11.0, 0.21 * half + 1.3)
+    panels = figure.subplots(1, 2, sharex=True)
+    for axes, part in zip(panels, (answered[:half], answered[half:]), strict=True):
+        draw_cases(axes, part, half)
+    figure.supxlabel("certified relative energy error of the worst step", fontsize="medium")
+    hollow = "hollow: the solver says that it misses its accuracy"
+    panels[0].plot([], [], "o", color="0.3", markerfacecolor="none", markersize=6, label=hollow)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
+    figure.savefig(path, dpi=120)
+
+
+def draw_cases(axes: Axes, answered: Sequence[Row], lines: int) -> None:
+    """Cases one below the other, with room for so many lines."""
+    place = lines - 1 - np.arange(len(answered))
+    for name, colour, marker in zip(ASKED, SERIES, MARKERS, strict=False):
         found = [next((f for f in row[2] if f.solver == name), None) for row in answered]
         value = np.array([np.nan if f is None else max(f.certified, 1e-17) for f in found])
         good = np.array([f is not None and f.did != "says it cannot" for f in found])
-        axes.plot(value[good], place[good], marker, color=colour, ms=4, label=name)
-        axes.plot(np.minimum(value, 10.0)[~good], place[~good], marker, mfc="none", color=colour, ms=5)
-        axes.axvline(asked, color=colour, lw=0.6, ls=":")
+        axes.plot(value[good], place[good], marker, color=colour, markersize=5, label=name)
+        axes.plot(np.minimum(value, 10.0)[~good], place[~good], marker, mfc="none", color=colour, markersize=6)
+    for asked, style in ((1e-8, "--"), (1e-6, ":")):
+        names = " and ".join(name for name in ASKED if ASKED[name] == asked)
+        axes.axvline(asked, color="0.3", linewidth=1.0, linestyle=style, label=f"asked of {names}")
     axes.set_xscale("log")
-    axes.set_yticks(place, [f"{row[1].name}" for row in answered], fontsize=6)
-    axes.set_ylim(-1, len(answered))
-    axes.set_xlabel(
-        "certified relative energy error of the worst step; hollow: the solver says that it misses its accuracy"
-    )
-    axes.legend(loc="lower left", fontsize=7)
-    axes.grid(axis="y", lw=0.2)
-    figure.savefig(path, dpi=120)
+    axes.set_yticks(place, [row[1].name for row in answered], fontsize=8)
+    axes.set_ylim(-0.7, lines - 0.3)
+    light_grid(axes)
 
 
 def main() -> int:

@@ -12,6 +12,7 @@ win back N^-0.5.
 import numpy as np
 
 import vemcvx as vx
+from vemcvx.canvas import plain_logarithms
 from vemcvx.plots import beside_closed_form, body_and_graph
 
 SMALL = {"n": 16, "steps": 8}
@@ -59,4 +60,5 @@ def picture(history):
     law = stress[2] * (inside / r[2]) ** EXPONENT
     beside_closed_form(graph, (r, stress), (inside, law), label="adaptive, 4 %", exact_label=r"$r^{-0.455}$")
     graph.set(xscale="log", yscale="log", xlabel="distance to the corner", ylabel="von Mises' stress")
+    plain_logarithms(graph.yaxis)
     return figure

@@ -165,6 +165,7 @@ def energy_error(posed, trajectory, at, points):
 def picture(path, mesh, posed, trajectory, at):
     """Displacement and friction on the table at the turning points, against the closed form."""
     from vemcvx.canvas import new_figure
+    from vemcvx.plots.palette import SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
@@ -172,10 +173,12 @@ def picture(path, mesh, posed, trajectory, at):
     u, friction = on_table_in_closed_form(x)
     density = trajectory.multipliers[:, :, 0] / posed.shares
     for k in range(1, len(TURNS)):
-        left.plot(x, u[k], color=f"C{k}", linewidth=1, label=f"pull {TURNS[k]:g}")
-        left.plot(mesh.points[posed.free, 0], trajectory.state[at[k]], ".", color=f"C{k}", markersize=2)
-    right.plot(x, friction[2], color="C2", linewidth=1, label="closed form")
-    right.plot(mesh.points[posed.rough, 0], density[at[2]], ".", color="C2", markersize=3, label="multipliers / area")
+        left.plot(x, u[k], color=SERIES[k], linewidth=1, label=f"pull {TURNS[k]:g}")
+        left.plot(mesh.points[posed.free, 0], trajectory.state[at[k]], ".", color=SERIES[k], markersize=2)
+    right.plot(x, friction[2], color=SERIES[2], linewidth=1, label="closed form")
+    right.plot(
+        mesh.points[posed.rough, 0], density[at[2]], ".", color=SERIES[2], markersize=3, label="multipliers / area"
+    )
     left.set(xlabel="x", ylabel="u", title="all nodes of a Voronoi mesh, closed form as lines")
     right.set(xlabel="x", ylabel="friction per area", title=f"after the reversal, at pull {TURNS[2]:g}")
     left.legend(), right.legend()

@@ -56,7 +56,8 @@ import numpy as np
 import feng_han_huang
 import spring_slider_chain
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.plots.palette import MARKERS, SERIES
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.conic import installed
 from vemcvx.stepping.backward_euler import step
@@ -243,37 +244,37 @@ def loops(asked=(1e-6, 1e-8)):
 
 
 def draw(rows, path):
-    """Certified (filled) and true (hollow) errors against seconds a step."""
+    """Certified errors (above) and true ones (below) against seconds a step; a column a step and form."""
     names = list(dict.fromkeys(row.solver for row in rows))
-    figure = new_figure(11.0, 6.4)
-    panels = figure.subplots(1, len(STEPS), sharex=True, sharey=True)
-    for axes, step_name in zip(panels, STEPS, strict=True):
+    figure = new_figure(12.0, 7.2)
+    columns = [(name, form) for name in STEPS for form in FORMS]
+    panels = figure.subplots(2, len(columns), sharex="col", sharey=True)
+    for column, (name, form) in zip(panels.T, columns, strict=True):
+        here = [row for row in rows if (row.step, row.form) == (name, form)]
         for k, solver in enumerate(names):
-            for form, line in zip(FORMS, ("-", "--"), strict=True):
-                found = [row for row in rows if (row.step, row.form, row.solver) == (step_name, form, solver)]
-                draw_series(axes, found, f"C{k}", "osD^vh*X"[k % 8], line)
-        count = max((row.degenerate for row in rows if row.step == step_name), default=0)
-        axes.set(xscale="log", yscale="log", xlabel="seconds a step, after set-up")
-        axes.set_title(f"{step_name}: {count} degenerate terms")
-        axes.grid(lw=0.2)
-    panels[0].set_ylabel("relative error in energy norm")
-    keys = [panels[0].plot([], [], "osD^vh*X"[k % 8], color=f"C{k}", label=name)[0] for k, name in enumerate(names)]
-    for style, label in (("k-", "condensed"), ("k--", "full"), ("ks", "certified"), ("kx", "missed what was asked")):
-        keys += panels[0].plot([], [], style, ms=5, lw=1, label=label)
-    keys += panels[0].plot([], [], "ks", mfc="none", ms=5, label="true")
-    figure.legend(handles=keys, loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+            draw_series(column, [row for row in here if row.solver == solver], SERIES[k], MARKERS[k])
+        count = max((row.degenerate for row in here), default=0)
+        column[0].set_title(f"{name}, {form}:\n{count} degenerate terms", fontsize="medium")
+        column[1].set_xlabel("seconds a step, after set-up")
+        for axes in column:
+            axes.set(xscale="log", yscale="log")
+            plain_logarithms(axes.xaxis)
+            light_grid(axes)
+    for axes, what in zip(panels[:, 0], ("certified", "true"), strict=True):
+        axes.set_ylabel(f"{what} relative error, energy norm")
+    keys = [panels[0, 0].plot([], [], MARKERS[k] + "-", color=SERIES[k], label=name)[0] for k, name in enumerate(names)]
+    keys += panels[0, 0].plot([], [], "kx", markersize=9, label="missed what was asked")
+    figure.legend(handles=keys, loc="outside lower center", ncols=len(keys), fontsize="small", frameon=False)
     figure.savefig(path, dpi=120)
 
 
-def draw_series(axes, rows, colour, marker, line):
+def draw_series(column, rows, colour, marker):
     """One solver on one program, accuracy by accuracy."""
     seconds = [row.seconds for row in rows]
-    certified, true = ([getattr(row, name) for row in rows] for name in ("certified", "true"))
-    axes.vlines(seconds, true, certified, color=colour, lw=0.6, alpha=0.4)
-    axes.plot(seconds, certified, marker + line, color=colour, ms=5, lw=1)
-    axes.plot(seconds, true, marker, color=colour, ms=5, mfc="none")
+    for axes, name in zip(column, ("certified", "true"), strict=True):
+        axes.plot(seconds, [getattr(row, name) for row in rows], marker + "-", color=colour, markersize=6, linewidth=1)
     missed = [row for row in rows if row.missed]
-    axes.plot([row.seconds for row in missed], [row.certified for row in missed], "kx", ms=5, zorder=9)
+    column[0].plot([row.seconds for row in missed], [row.certified for row in missed], "kx", markersize=9, zorder=9)
 
 
 def main():

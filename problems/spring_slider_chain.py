@@ -139,16 +139,19 @@ def march(system, values, solver=None):
 def picture(path, force, u, strain, stress):
     """The force and the displacement of the chain; the elements in parallel that invert it."""
     from vemcvx.canvas import new_figure
+    from vemcvx.plots.palette import SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
-    left.plot(u[:, 0], force, "o-", color="C0", markersize=2.5, linewidth=1)
+    left.plot(u[:, 0], force, "o-", color=SERIES[0], markersize=2.5, linewidth=1, label="march")
     left.set(xlabel="displacement of the end", ylabel="force", title="chain: plays of the force")
-    right.plot(strain, stress, color="C1", linewidth=1)
-    right.plot(strain, force, ".", color="C0", markersize=3)
+    right.plot(strain, stress, color=SERIES[1], linewidth=1, label="of the elements")
+    right.plot(strain, force, ".", color=SERIES[0], markersize=3, label="force on the chain")
     right.set(
         xlabel="strain = displacement of the chain", ylabel="stress", title="in parallel: the stress is the force"
     )
+    for ax in (left, right):
+        ax.legend(frameon=False, fontsize="small", loc="upper left")
     figure.savefig(path, dpi=120)
 
 

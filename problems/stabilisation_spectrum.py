@@ -35,7 +35,8 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
 
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.plots.palette import COMPUTED, SECOND
 from vemcvx.vem.projection import vertex_values
 
 COARSE, GRADING = 1 / 14, 0.28
@@ -181,18 +182,25 @@ def hexagon(aspect):
 
 def draw(rows, path):
     """The interval [least, greatest] S / a_mu of every row."""
-    figure = new_figure(7.5, 0.24 * len(rows) + 1.2)
-    axes = figure.add_subplot()
+    figure = new_figure(9.0, 0.26 * len(rows) + 1.2)
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     place = np.arange(len(rows))[::-1]
     low, high, whole = (np.array([row[k] for row in rows]) for k in (1, 2, 3))
-    axes.hlines(place, low, high, lw=4, color="C0", label="S / a_mu on Pi v = 0")
-    axes.plot(low, place, "|", high, place, "|", color="C0", ms=8)
-    axes.plot(whole, place, "x", color="C3", ms=4, label="least S / (a_mu + a_lam), nu as close to 1/2 as the row says")
-    axes.set_xscale("log")
-    axes.set_yticks(place, [row[0] for row in rows], fontsize=7)
-    axes.axvline(1.0, color="0.6", lw=0.6)
-    axes.legend(fontsize=7, loc="upper center")
-    axes.grid(axis="x", lw=0.2)
+    left.hlines(place, low, high, linewidth=4, color=COMPUTED)
+    left.plot(low, place, "|", high, place, "|", color=COMPUTED, markersize=9)
+    left.axvline(1.0, color="0.4", linewidth=0.8)
+    left.set_title(r"$S\,/\,a_\mu$ on $\Pi v = 0$: least to greatest", fontsize="medium")
+    right.plot(whole, place, "D", color=SECOND, markersize=4)
+    right.set_title(
+        r"least $S\,/\,(a_\mu + a_\lambda)$ at $\nu = 0.499999$,"
+        "\nor at the row's own",
+        fontsize="medium",
+    )
+    left.set_yticks(place, [row[0] for row in rows], fontsize="small")
+    for axes in (left, right):
+        axes.set_xscale("log")
+        light_grid(axes)
+    plain_logarithms(left.xaxis, [1.0])
     figure.savefig(path, dpi=120)
 
 

@@ -16,6 +16,7 @@ from vemcvx.errors import VemcvxError
 if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
@@ -86,6 +87,15 @@ def light_grid(
     """Draw grid lines that stay behind the data."""
     ax.grid(which=which, axis=axis, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
+
+
+def plain_logarithms(axis: Axis, digits: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Label these digits of every power of ten by plain numbers on a logarithmic axis: never 6 x 10^0."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=digits))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def draw_arrows(

@@ -97,6 +97,7 @@ print(f"{len(cases)} steps by hand are minima, and solve the inequality")
 # which of the two one-sided slopes of $P$ at the kink decides when the block starts to move to the right, and what is
 # its value?
 
+
 # %%
 def energies(pulls):
     figure = new_figure(6.4, 3.6)
@@ -131,6 +132,7 @@ energies((0.0, 0.8, 2.6))
 #
 # Another clip: the top of the parabola $D$ is at $f - K u_{prev}$, the force that would hold the block where it is.
 # If friction can give as much, it does, and the block sticks; if not, it gives what it can.
+
 
 # %%
 def dual(lam, u_prev, f):
@@ -172,6 +174,7 @@ print(f"{len(tried)} guesses of position and force: the gap bounds the error of 
 # The picture: on the left positions, on the right forces, at one height. The lowest point of the one is the highest
 # of the other. **Question:** the block sticks in the upper row and slips in the lower; at which end of which graph do
 # you see it?
+
 
 # %%
 def two_programs(pulls):

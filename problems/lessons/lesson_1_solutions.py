@@ -55,6 +55,7 @@ assert abs(gap - sum(terms)).max() < 1e-14
 # $u_{prev}$ stood: the block is carried along while $(f - g)/K \le u_{prev} + d \le (f + g)/K$. On a belt that runs on
 # and on ($d = 0.1$ a step) the block comes to rest at $(f + g)/K$, held by the spring against all friction can do.
 
+
 # %%
 def ride(steps, pull=0.0, belt=0.1):
     at = 0.0

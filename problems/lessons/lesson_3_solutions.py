@@ -52,6 +52,7 @@ assert np.abs(projection(triangle)[1] - np.eye(6)).max() < 1e-13
 # **2.** It locks: hourglass modes are what squares bend with, and they become as expensive as changes of area. Of the
 # compliance only shear is left, a little more than $L/\mu = 12$. With $\tau = 2\mu$ the same mesh has 186 of 198.
 
+
 # %%
 def compliance(mesh, lam, mu, tau):
     K, f = np.zeros((2 * mesh.n_nodes, 2 * mesh.n_nodes)), np.zeros((mesh.n_nodes, 2))

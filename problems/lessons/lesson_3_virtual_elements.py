@@ -41,6 +41,7 @@ from vemcvx.plots.palette import COMPUTED, EXACT, OUTLINE, SECOND, THIRD
 #
 # Six functionals, as a matrix $F$ of six rows that act on vertex values $(v_{1x}, v_{1y}, v_{2x}, \dots)$:
 
+
 # %%
 def vertex_normals(x):
     """N_i: the edge from x_i to x_(i+1), turned by -90 degrees, is its outward normal times its length."""
@@ -70,6 +71,7 @@ def functionals(x):
 #
 # $$\Pi_* = (FD)^{-1} F \quad (\text{vertex values to coefficients}), \qquad
 #   \Pi = D\,\Pi_* \quad (\text{vertex values to vertex values}).$$
+
 
 # %%
 def linear_fields(x):
@@ -115,6 +117,7 @@ print(f"a projection of rank 6, on the {len(Pi)} vertex values of a pentagon")
 #
 # (The paper's text has $\tau = 1$, a number that does not know the unit of stress; `Elasticity(stabilisation="unit")`.)
 
+
 # %%
 def lame(young, poisson):
     return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
@@ -140,6 +143,7 @@ print(f"by hand and by the package: {apart:.1e} apart")
 # %% [markdown]
 # Count eigenvalues: three rigid motions with the stabilisation, seven free modes without. The threshold that tells zero
 # from not is 1e-13 of the largest, as above; the smallest true eigenvalue is a third of it.
+
 
 # %%
 def free_modes(K):
@@ -186,6 +190,7 @@ modes()
 # inside; then it must come out linear inside, on every mesh, exactly. It tests the whole of section 1 (consistency) and
 # would fail for a wrong normal, weight or rotation.
 
+
 # %%
 def assemble(mesh, lam, mu, tau=None):
     rows, columns, values = [], [], []
@@ -225,6 +230,7 @@ for _family in ("squares", "triangles", "voronoi", "distorted", "hanging", "nonc
 # With P1 triangles, $\mathrm{div}\, u = 0$ is one condition a triangle, that is two a node: as many as unknowns. On
 # squares it is one a node, half as many. In (3.13), $\lambda$ multiplies the mean of the divergence alone, once a cell,
 # whatever the number of its vertices, and a stabilisation in $\mu$ leaves that so.
+
 
 # %%
 def end_load(mesh):
@@ -272,6 +278,7 @@ for _family in ("squares", "hexagons"):
 for _n in (4, 8):
     assert 4 / lame(1.0, poissons[-1])[1] < cantilever["triangles", _n][-1] < 0.1 * beam[-1]
 print(f"beam {beam[-1]:.0f}, fine squares {limit:.0f};", {key: round(c[-1]) for key, c in cantilever.items()})
+
 
 # %%
 def locking(results):

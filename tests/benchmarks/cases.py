@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,7 +13,12 @@ from paper_scene import POISSON, YOUNG
 from reference import elasticity, grid, user_step
 
 import vemcvx as vx
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.plots.palette import MARKERS, SERIES
 from vemcvx.vem import Space, stiffness
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 HEAD = """
 import statistics, sys, time
@@ -139,29 +145,39 @@ def imports() -> list[Row]:
 
 
 def picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
-    """Ratios as dots, and time and memory against unknowns."""
-    from matplotlib.figure import Figure
+    """Ratios as dots; time against unknowns, and memory below."""
+    figure = new_figure(12.0, 7.0)
+    left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
+    draw_ratios(left.subplots(), rows)
+    time, memory = right.subplots(2, 1, sharex=True)
+    for (name, growth), colour, mark in zip(growths.items(), SERIES, MARKERS, strict=False):
+        unknowns = np.array([row["unknowns"] for row in growth])
+        for ax, what in ((time, "seconds"), (memory, "peak_gb")):
+            ax.loglog(unknowns, [row[what] for row in growth], f"{mark}-", color=colour, label=name)
+    slope = growth[0]["seconds"] * (unknowns / unknowns[0]) ** 1.3
+    time.loglog(unknowns, slope, ":", color="0.4", label="unknowns$^{1.3}$")
+    time.set(ylabel="time (s)")
+    time.set_title("20 certified frictional steps on squares", fontsize="medium")
+    memory.set(xlabel="unknowns", ylabel="largest memory (GB)")
+    for ax in (time, memory):
+        plain_logarithms(ax.yaxis)
+        light_grid(ax)
+        ax.legend(frameon=False)
+    figure.savefig(path, dpi=150)
 
-    figure = Figure(figsize=(11, 5.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
+
+def draw_ratios(left: Axes, rows: list[Row]) -> None:
+    """A line a row: what it took as a multiple of its reference."""
     shown = [row for row in rows if not row.name.startswith("growth")][::-1]
-    left.plot([row.ratio for row in shown], range(len(shown)), "o", color="#33658a")
-    left.axvline(1.0, color="#777777", linewidth=0.8)
+    left.plot([row.ratio for row in shown], range(len(shown)), "o", color=SERIES[0])
+    left.axvline(1.0, color="0.4", linewidth=0.8)
     for place, row in enumerate(shown):
         left.annotate(
-            f"{row.ratio:.3g}", (row.ratio, place), (6, 0), textcoords="offset points", va="center", fontsize=7
+            f"{row.ratio:.3g}", (row.ratio, place), (6, 0), textcoords="offset points", va="center", fontsize="small"
         )
     names = [f"{row.name}\nagainst {row.reference}" for row in shown]
-    left.set_yticks(range(len(shown)), names, fontsize=6)
-    left.set(xscale="log", xlabel="time as a multiple of the reference", title="Ratios, measured side by side")
+    left.set_yticks(range(len(shown)), names, fontsize=8)
+    left.set(xscale="log", xlabel="time as a multiple of the reference")
+    left.set_title("Ratios, measured side by side", fontsize="medium")
     left.set_xlim(right=8 * max(row.ratio for row in shown))
-    left.grid(axis="x", alpha=0.3)
-    for (name, growth), colour in zip(growths.items(), ("#33658a", "#f26419"), strict=True):
-        unknowns = np.array([row["unknowns"] for row in growth])
-        right.loglog(unknowns, [row["seconds"] for row in growth], "o-", color=colour, label=f"{name}: seconds")
-        right.loglog(unknowns, [row["peak_gb"] for row in growth], "s--", color=colour, label=f"{name}: memory, GB")
-    slope = growth[0]["seconds"] * (unknowns / unknowns[0]) ** 1.3
-    right.loglog(unknowns, slope, ":", color="#777777", label="unknowns$^{1.3}$")
-    right.set(xlabel="unknowns", title="20 certified frictional steps on squares")
-    right.legend(frameon=False)
-    figure.savefig(path, dpi=150)
+    light_grid(left, axis="x")

@@ -29,13 +29,18 @@ def beside_closed_form(
 ) -> Axes:
     """Add one pair: marks (x, y) computed, and the line (x, y) of the closed form.
 
-    Of more than `MOST_MARKS` marks, evenly many are drawn. ``exact_label=None`` keeps a line out of the legend.
+    Of more than `MOST_MARKS` marks, evenly many are drawn. With ``exact_label=None`` the
+    legend shows marks and line together, by the name of the marks.
     """
     x, y = (np.asarray(values, dtype=float) for values in computed)
     shown = np.unique(np.linspace(0, len(x) - 1, MOST_MARKS).round().astype(int)) if len(x) > MOST_MARKS else ...
     line = EXACT if colour == COMPUTED else colour
     ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
-    ax.plot(x[shown], y[shown], marker, color=colour, markersize=4, alpha=0.85, label=label, zorder=3)
+    marks = {"marker": marker, "color": colour, "markersize": 4, "alpha": 0.85}
+    ax.plot(x[shown], y[shown], linestyle="none", **marks, zorder=3, label=label if exact_label else None)
+    if exact_label is None:
+        # The line has no name of its own: the legend shows it through the marks.
+        ax.plot([], [], linestyle=style, linewidth=1.3, **marks, label=label)
     light_grid(ax)
     ax.legend(frameon=False, fontsize="small")
     return ax

@@ -191,7 +191,9 @@ def _image(ax: Axes, history: Results, moved: Floats, signs: tuple[int, int]) ->
 
 def _colours(stresses: Sequence[Floats], unsigned: bool) -> tuple[str, tuple[float, float]]:
     """Colours for the stresses of all steps and their ends: of both signs about zero, or of one."""
-    low, high = min(float(s.min()) for s in stresses), max(float(s.max()) for s in stresses)
+    few = 100.0 - SHOWN_CELLS
+    low = min(float(np.percentile(s, few)) for s in stresses)
+    high = max(float(np.percentile(s, SHOWN_CELLS)) for s in stresses)
     top = max(float(np.percentile(np.abs(s), SHOWN_CELLS)) for s in stresses) or 1.0
     if max(float(np.ptp(s)) for s in stresses) < UNIFORM * top:
         # The end of a colour map is its darkest, or brightest: one stress everywhere is drawn in its middle.

@@ -139,9 +139,9 @@ class ThroughCvxpy(Solver):
         """Options to add when the answer misses; empty where there is nothing slower to try."""
         return {}
 
-    def asks_with(self, gap: float) -> dict[str, Any]:
-        """The solver's options for a duality gap of a scaled program."""
-        return {**(settings_for(self.solver, gap) if self.tuned else {}), **self.options}
+    def asks_with(self, gap: float, more: Mapping[str, Any]) -> dict[str, Any]:
+        """The solver's options for a duality gap of a scaled program: tuned ones, `more`, the user's last."""
+        return {**(settings_for(self.solver, gap) if self.tuned else {}), **more, **self.options}
 
 
 class _PreparedConic:
@@ -167,7 +167,7 @@ class _PreparedConic:
 
     def _ask(self, program: StepProgram, target: float, cones: bool, more: dict[str, Any]) -> Answer:
         posed = self._posed(program, cones)
-        status, iterations = _run(posed, self._settings, {**more, **self._settings.asks_with(target)})
+        status, iterations = _run(posed, self._settings, self._settings.asks_with(target, more))
         if posed.d.value is None:
             still = np.zeros((program.operators.count, program.operators.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))

@@ -54,8 +54,8 @@ MOST_ROUNDS = 25
 """Sets in a row before another start is wanted; those that settle do so in fewer than ten."""
 SOFTER = 1e-6
 STEEPER = 10**0.5
-"""Laws that are softened at first become steeper by this factor at a time: of 180 random scenes of friction that needs
-touch sets did not settle in 4, in 18 of the first 60 where the law was steep at once, in 6 with a factor of 10."""
+"""Laws that are softened at first become steeper by this factor at a time: of 180 random problems with a steep law
+sets did not settle in 4, in 18 of the first 60 where the law was steep at once, in 6 with a factor of 10."""
 SOLVED = 1e-6
 """Corrections larger than this part of the answer say that the system is all but singular: its sets hold nothing."""
 ROUNDED = 64.0

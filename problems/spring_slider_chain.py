@@ -143,15 +143,15 @@ def picture(path, force, u, strain, stress):
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
-    left.plot(u[:, 0], force, "o-", color=SERIES[0], markersize=2.5, linewidth=1, label="march")
+    left.plot(u[:, 0], force, "o-", color=SERIES[0], markersize=2.5, linewidth=1, label="closed form")
     left.set(xlabel="displacement of the end", ylabel="force", title="chain: plays of the force")
-    right.plot(strain, stress, color=SERIES[1], linewidth=1, label="of the elements")
-    right.plot(strain, force, ".", color=SERIES[0], markersize=3, label="force on the chain")
+    right.plot(strain, stress, color=SERIES[1], linewidth=1, label="stress of the elements under that strain")
+    right.plot(strain, force, ".", color=SERIES[0], markersize=3, label="force on the chain, closed form")
     right.set(
         xlabel="strain = displacement of the chain", ylabel="stress", title="in parallel: the stress is the force"
     )
-    for ax in (left, right):
-        ax.legend(frameon=False, fontsize="small", loc="upper left")
+    left.legend(frameon=False, fontsize="small", loc="upper left")
+    right.legend(fontsize="small", loc="lower right")
     figure.savefig(path, dpi=120)
 
 

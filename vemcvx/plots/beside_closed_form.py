@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ def beside_closed_form(
     shown = np.unique(np.linspace(0, len(x) - 1, MOST_MARKS).round().astype(int)) if len(x) > MOST_MARKS else ...
     line = EXACT if colour == COMPUTED else colour
     ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
-    marks = {"marker": marker, "color": colour, "markersize": 4, "alpha": 0.85}
+    marks: dict[str, Any] = {"marker": marker, "color": colour, "markersize": 4, "alpha": 0.85}
     ax.plot(x[shown], y[shown], linestyle="none", **marks, zorder=3, label=label if exact_label else None)
     if exact_label is None:
         # The line has no name of its own: the legend shows it through the marks.

@@ -1,4 +1,4 @@
-"""The command line: `vemcvx run`, `show`, `compare`, `export`, `cost`; `collection`; `problems` and `lesson`."""
+"""The command line: `vemcvx run`, `show`, `compare`, `export`, `cost`; `collection`; `problems`, `lesson`, `doctor`."""
 
 from vemcvx.cli.commands import app, main
 

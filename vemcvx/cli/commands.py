@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from vemcvx.cli.learn import lesson, problems
+from vemcvx.cli.learn import doctor, lesson, problems
 from vemcvx.cli.reported import NOT_CERTIFIED, reported
 from vemcvx.errors import ProblemError
 from vemcvx.version import __version__
@@ -281,6 +281,7 @@ def cost(
 
 app.command()(problems)
 app.command()(lesson)
+app.command()(doctor)
 
 
 def _version(wanted: bool) -> None:

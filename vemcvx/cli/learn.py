@@ -1,4 +1,4 @@
-"""`vemcvx problems` and `vemcvx lesson`: what came with the package to run and to learn from."""
+"""`vemcvx problems`, `lesson` and `doctor`: what came with the package, and whether it works here."""
 
 from __future__ import annotations
 
@@ -34,6 +34,20 @@ def lesson(
         for path in copy_lesson(number, Path()):
             typer.echo(f"{path}")
         typer.echo("Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python.")
+
+
+def doctor() -> None:
+    """Say what is installed and which solvers work, and test a closed form; exit code 1 if not all is well."""
+    with reported():
+        from vemcvx.cli.doctor import findings
+
+        ill = []
+        for found in findings():
+            _print_table([(f"{found.subject:14}", found.words)])
+            ill += [] if found.well else [found.subject]
+        typer.echo(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
+        if ill:
+            raise typer.Exit(1)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

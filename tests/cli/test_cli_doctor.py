@@ -1,0 +1,63 @@
+"""`vemcvx doctor` says what is there, and notices what is not well."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_cli_supplied import call
+
+import vemcvx as vx
+from vemcvx.cli import doctor
+from vemcvx.meshes import voronoi
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    monkeypatch.setattr(doctor, "voronoi", lambda n: voronoi(4))
+
+
+def test_all_is_well_here():
+    code, said = call("doctor")
+    assert code == 0, said
+    assert said.rstrip().endswith("All is well.")
+    for word in ("vemcvx", f"numpy           {np.__version__}", "newton", "clarabel", "osqp", "superlu", "arithmetic"):
+        assert f"\n{word}" in f"\n{said}"
+    assert "16 cells" in said
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    known = doctor._version
+    monkeypatch.setattr(doctor, "_version", lambda name: None if name in ("osqp", "pyamg") else known(name))
+    code, said = call("doctor")
+    assert code == 1
+    assert "missing: install vemcvx anew" in said
+    assert "optional: pip install 'vemcvx[multigrid]'" in said
+    assert "Not well: osqp." in said
+
+
+def test_a_solver_that_does_not_converge_is_named(monkeypatch):
+    monkeypatch.setitem(doctor.NAMES, "newton", lambda: vx.Newton(max_iterations=1))
+    code, said = call("doctor")
+    assert code == 1
+    assert "does not work: step 1" in said
+    assert "Not well: newton." in said
+
+
+def test_an_answer_beyond_its_certificate_is_named(monkeypatch):
+    """Forces that are a millionth too large certify well and are wrong."""
+    march = doctor.march
+
+    def wrong(system, *given, **named):
+        return march(vx.System(system.K, lambda t: 1.000001 * system.force(t), system.norms), *given, **named)
+
+    monkeypatch.setattr(doctor, "march", wrong)
+    code, said = call("doctor")
+    assert code == 1
+    assert ": above its certificate" in said
+
+
+def test_arithmetic_that_is_off_the_closed_form_is_noticed(monkeypatch):
+    monkeypatch.setattr(doctor, "Elasticity", lambda young, poisson: vx.Elasticity(young, 0.3 + 1e-6))
+    code, said = call("doctor")
+    assert code == 1
+    assert "Not well: arithmetic." in said

@@ -1,0 +1,102 @@
+"""`vemcvx doctor`: what is installed, which solvers work, and whether this machine computes what a closed form says."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats
+from vemcvx.cli.solver_names import LINEAR, NAMES
+from vemcvx.effects import BilateralContact, Elasticity, PrescribedDisplacement, TrescaFriction
+from vemcvx.errors import VemcvxError
+from vemcvx.linear import LinearSolver
+from vemcvx.meshes import voronoi
+from vemcvx.program import Norms, System
+from vemcvx.scene import Scene
+from vemcvx.simulation import simulate
+from vemcvx.solvers import Newton, Solver
+from vemcvx.stepping import march
+from vemcvx.version import __version__
+
+NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
+EXTRAS = {"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid", "distributed": "cluster"}
+CLOSED_FORM = 1e-10
+"""Relative error in displacements that no arithmetic in double precision makes on a patch test of this size."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line: what was looked at, what was found, and whether vemcvx can work with that."""
+
+    subject: str
+    words: str
+    well: bool = True
+
+
+def findings() -> Iterator[Finding]:
+    """Everything, one after the other."""
+    yield Finding("vemcvx", f"{__version__}, Python {platform.python_version()} on {platform.platform()}")
+    for name in NEEDED:
+        found = _version(name)
+        yield Finding(name, found or "missing: install vemcvx anew", found is not None)
+    for name, extra in EXTRAS.items():
+        yield Finding(name, _version(name) or f"not installed; optional: pip install 'vemcvx[{extra}]'")
+    for name in ("newton", "clarabel", "osqp"):
+        yield _chain(name, NAMES[name](), None)
+    for name, kind in LINEAR.items():
+        if name == "superlu" or _version({"pardiso": "py-mkl-pardiso", "multigrid": "pyamg"}[name]):
+            yield _chain(name, Newton(), kind())
+    yield _patch()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _chain(name: str, solver: Solver, linear: LinearSolver | None) -> Finding:
+    """Four blocks in a row with friction .5 each, pulled by 1.2: two slip, by .9 and .2, and two stick."""
+    K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
+    system = System(K, lambda t: [1.2 * t, 0.0, 0.0, 0.0], Norms(sp.csr_matrix(np.eye(4)), np.full(4, 0.5)))
+    try:
+        run = march(system, [0.0, 1.0], solver=solver, linear=linear)
+    except VemcvxError as failure:
+        return Finding(name, f"does not work: {failure}", False)
+    off = run.state[-1] - [0.9, 0.2, 0.0, 0.0]
+    error, certified = float(np.sqrt(off @ (K @ off))), float((np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor)).sum())
+    words = f"error {error:.0e}, certified {certified:.0e}" + ": above its certificate" * (error > certified)
+    return Finding(name, words, error <= certified)
+
+
+def _patch() -> Finding:
+    """A block in simple shear that slips as a whole: u = t (s + c y, 0), friction mu c t at its bound."""
+    slip, shear, young, poisson = 0.01, 0.02, 100.0, 0.3
+    mu = young / (2 * (1 + poisson))
+
+    def closed_form(x: Floats, t: float) -> Floats:
+        return t * np.column_stack([slip + shear * x[:, 1], np.zeros(len(x))])
+
+    scene = Scene(
+        Elasticity(young=young, poisson=poisson),
+        PrescribedDisplacement(closed_form, on="top"),
+        PrescribedDisplacement(closed_form, on=["left", "right"]),
+        BilateralContact(on="bottom"),
+        TrescaFriction(lambda x, t: np.full(len(x), mu * shear * t), on="bottom"),
+    )
+    start = time.perf_counter()
+    try:
+        history = simulate(scene, voronoi(32), np.linspace(0.0, 1.0, 9), solver=Newton())
+    except VemcvxError as failure:
+        return Finding("arithmetic", f"the self-test fails: {failure}", False)
+    exact = closed_form(history.mesh.points, 1.0)
+    error = float(np.abs(history.displacement[-1] - exact).max() / np.abs(exact).max())
+    size = f"{history.mesh.n_cells} cells, 8 steps, {time.perf_counter() - start:.1f} s"
+    return Finding("arithmetic", f"{size}: off a closed form by {error:.0e}", error <= CLOSED_FORM)

@@ -6,6 +6,8 @@ Figures are made through matplotlib's objects, never through pyplot: no window, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
+from io import BytesIO
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -25,7 +27,7 @@ CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
 def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
-    """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it.
+    """Return an empty figure, sizes in inches; ``figure.savefig(path)`` writes it, a notebook shows it.
 
     Raises
     ------
@@ -33,10 +35,23 @@ def new_figure(width: float = 6.4, height: float = 4.8) -> Figure:
         matplotlib is not installed.
     """
     try:
-        from matplotlib.figure import Figure
+        return _figure_class()(figsize=(width, height), layout="constrained")
     except ImportError:
         raise VemcvxError("drawing needs matplotlib, which is not installed: pip install 'vemcvx[plot]'") from None
-    return Figure(figsize=(width, height), layout="constrained")
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    """Figures that Jupyter shows as the last line of a cell: matplotlib's own it shows only once pyplot is imported."""
+    from matplotlib.figure import Figure
+
+    class NotebookFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            picture = BytesIO()
+            self.savefig(picture, format="png")
+            return picture.getvalue()
+
+    return NotebookFigure
 
 
 def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:

@@ -1,6 +1,8 @@
 """The gallery: every problem in its small setting, timed, and its picture.
 
-    python problems/gallery.py [NAME ...] [--out problems/pictures]
+    python problems/gallery.py [NAME ...] [--out problems/pictures] [--page]
+
+With --page nothing is run: a page of all pictures that are in the folder is written there, README.md.
 
 There are two kinds of problem in this folder, and each says itself how it is drawn:
 
@@ -14,6 +16,7 @@ Pictures are PROBLEM.png, drawn through vemcvx.canvas with the colours of vemcvx
 """
 
 import argparse
+import ast
 import contextlib
 import importlib
 import sys
@@ -81,6 +84,26 @@ def drawn(name, folder):
     )
 
 
+def title(name):
+    """The first line of what a problem says of itself."""
+    return ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text())).splitlines()[0]
+
+
+def page(folder):
+    """Write the page of all pictures in the folder that a problem or lesson of their name has drawn."""
+    lines = [
+        "# Gallery",
+        "",
+        "Made by `python problems/gallery.py --page`; each picture is drawn by the file named below it.",
+        "",
+    ]
+    for path in sorted(folder.glob("*.png")):
+        if (HERE / f"{path.stem}.py").exists():
+            file = f"[`{path.stem}.py`](../{path.stem}.py)"
+            lines += [f"![{path.stem}]({path.name})", "", f"{file}: {title(path.stem)}", ""]
+    (folder / "README.md").write_text("\n".join(lines))
+
+
 def main(names, folder):
     folder.mkdir(parents=True, exist_ok=True)
     known = [*problem_files(), *LESSONS]
@@ -94,5 +117,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--out", type=Path, default=HERE / "pictures")
+    parser.add_argument("--page", action="store_true", help="write a page of the pictures there are")
     asked = parser.parse_args()
-    main(asked.names, asked.out)
+    if asked.page:
+        page(asked.out)
+    else:
+        main(asked.names, asked.out)

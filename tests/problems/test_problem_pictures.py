@@ -69,6 +69,17 @@ def test_a_gallery_of_one(tmp_path, capsys):
         gallery.main(["bonded_pat"], tmp_path)
 
 
+def test_the_page_shows_every_picture_of_a_problem():
+    """As it is in the repository: `python problems/gallery.py --page` writes it anew."""
+    folder = ROOT / "problems" / "pictures"
+    page = (folder / "README.md").read_text()
+    shown = set(re.findall(r"^!\[(\w+)\]\(\1\.png\)$", page, re.M))
+    assert shown == {path.stem for path in folder.glob("*.png") if (ROOT / "problems" / f"{path.stem}.py").exists()}
+    assert set(gallery.problem_files()) <= shown
+    for name in shown:
+        assert f"(../{name}.py): {gallery.title(name)}\n" in page
+
+
 def test_problem_files_may_import_those_beside_them():
     """`vemcvx run` in a process of its own, as pytest's sys.path would hide what is missing."""
     options = ["run", ROOT / "problems" / "liner_in_housing.py", "--n", "3", "--steps", "2"]

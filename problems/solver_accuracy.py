@@ -19,16 +19,17 @@ ones (compilation by cvxpy). Solvers go through accuracies until they miss one; 
 What comes out (n = 32; Clarabel 0.11, OSQP 1.1, SCS 3.3, HiGHS 1.15):
 
 - The gap is of first order in the multipliers, the answer's error of second: without degenerate terms conic answers
-  are nearly a million times better than certified (2.5e-14, certified 1.8e-8). With them Clarabel's are as bad as
-  certified to within a factor of two: the bound is sharp.
-- Clarabel, whatever is asked, stops at 5e-9 to 2e-8, condensed and full. Degenerate terms cost it 29 and 30 iterations
-  in place of 11, for 1e-7. On the chain it keeps 1e-6; asked for 1e-8 it misses in 74 of 117 steps and ends at 3.5e-7.
+  are millions of times better than certified (2.8e-15, certified 1.0e-8). With them Clarabel's are as bad as certified
+  to within a factor of two: the bound is sharp.
+- Clarabel, whatever is asked, stops at 9e-9 to 2e-8, condensed and full. Degenerate terms cost it 40 and 39 iterations
+  in place of 10, for 1e-7. On the chain it keeps 1e-6; asked for 1e-8 it misses in 72 of 117 steps and ends at 6e-8.
   From all of these, and from an answer of 5e-3, one active-set step (polish=True) leads to the solution, certified to
   rounding.
-- OSQP finds the active set by its own polishing: 1e-12 to 3e-12 condensed, 2e-12 to 1.2e-11 full, whatever is asked.
-  On the chain its polishing fails in some steps, which run into the limit of 100,000 iterations at every attempt and
-  end at 2.3e-6. polish=True mends that too, to 3e-9 or better (the true error is 4e-15).
-- OSQP iterates by 25s: condensed 375 to 700 times, with degenerate terms 700 to 2,850 times. On the full program
+- OSQP finds the active set by its own polishing: 2e-12 condensed, 2e-12 and 1.2e-11 full, whatever is asked; with
+  degenerate terms, condensed, 5e-8 to 9e-10, though its answers are off by 1e-14. On the chain its polishing fails in
+  some steps, which run into the limit of 100,000 iterations at every attempt and end at 2.3e-6. polish=True mends that
+  too, to 3e-9 or better (the true error is 4e-15).
+- OSQP iterates by 25s: condensed 500 to 875 times, with degenerate terms 700 to 2,675 times. On the full program
   iterations grow with the accuracy, from 175 to 625 and from 325 to 1,350, and 1e-10 takes two to three times as long
   as 1e-2. Where polishing fails on the chain, three attempts make 300,000.
 - Newton ends at rounding after finitely many steps; accuracy costs it nothing.

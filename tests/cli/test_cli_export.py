@@ -38,7 +38,7 @@ def test_export_writes_the_programs_of_the_run(tmp_path):
         (["--steps", "0"], "--steps: found '0'; wanted numbers from 1 to 64 with commas between, such as 1,64"),
         (["--steps", "65"], "--steps: found '65'"),
         (["--steps", "one"], "--steps: found 'one'"),
-        (["--steps", "1", "--format", "sif"], "--format: there is no format 'sif'; there are npz, mtx, cbf, qps, mps."),
+        (["--steps", "1", "--format", "sif"], "--format: there is no format 'sif'; there are npz, mtx, cbf, qps, mps"),
     ],
 )
 def test_what_cannot_be_exported_exits_with_two(tmp_path, options, says):

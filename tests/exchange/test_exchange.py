@@ -233,7 +233,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
     nothing = next(vx.programs(vx.Scene(*SCENES["friction"][:3]), vx.meshes.squares(2), TIMES))
     (tmp_path / "file").touch()
     write = {
-        "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps."),
+        "a.lp": (program, "there is no format '.lp'; there are .npz, .mtx, .cbf, .qps, .mps, .hdf5."),
         "b.qps": (in_space(), "QPS has no second-order cones, which this program has; write .cbf, .npz or .mtx."),
         "c.npz": (SCENES, "wanted a StepProgram, as history.program(n) is."),
         "d.npz": (nothing, "no unknowns left; take condense=False, --no-condense."),
@@ -262,3 +262,57 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path):
         np.savez(tmp_path / "h.npz", **{**kept, name: value})
         with pytest.raises(vx.ProgramError, match=r"h.npz: is no convex program of a step"):
             vx.read_program(tmp_path / "h.npz")
+
+
+def coulomb(law, n=4):
+    scene = vx.Scene(
+        STEEL, vx.Clamp(on="top"), vx.Traction(press, on="left"), vx.UnilateralContact(gap=1e-3, on="bottom"), law
+    )
+    return list(vx.programs(scene, vx.meshes.squares(n), TIMES))[-1]
+
+
+def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path):
+    """Read by h5py as its C library does; the solution in the file solves the file's problem, and is ours."""
+    h5py = pytest.importorskip("h5py")
+    program = coulomb(vx.CoulombFriction(0.3, on="bottom"))
+    with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:
+        local, solution = file["fclib_local"], {name: file["solution"][name][()] for name in ("u", "r")}
+        assert local["spacedim"][0] == 2
+        size, kind = (int(local["W"][name][0]) for name in ("m", "nz"))
+        assert kind == -2
+        W = sp.csr_matrix((local["W"]["x"][()], local["W"]["i"][()], local["W"]["p"][()]), shape=(size, size))
+        q, mu = (local["vectors"][name][()] for name in ("q", "mu"))
+        assert "u = W r + q" in local["info"]["math_info"][()].decode()
+    r, u = solution["r"], W @ solution["r"] + q
+    assert np.abs(u - solution["u"]).max() <= 8 * EPS * (abs(W) @ np.abs(r) + np.abs(q)).max()
+    assert mu == pytest.approx(0.3)
+    (r_N, r_T), (u_N, u_T) = r.reshape(-1, 2).T, u.reshape(-1, 2).T
+    assert np.array_equal(r_N, program.answer.p)
+    assert np.array_equal(r_T, -program.answer.lam[:, 0])
+    assert u_N == pytest.approx(-program.excess(program.answer.d), abs=1e-14)
+    assert u_T == pytest.approx(program.slip(program.answer.d)[:, 0], abs=1e-14)
+    assert 0 < (r_N > 0).sum() < len(r_N)
+    assert (np.abs(u_T) > 1e-6).any()
+    assert (u_N >= -1e-15).all()
+    assert np.abs(r_N * u_N).max() < 1e-15
+    assert (np.abs(r_T) <= mu * r_N * (1 + 1e-12)).all()
+    assert np.abs(mu * r_N * np.abs(u_T) + r_T * u_T).max() < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        (vx.TrescaFriction(0.1, on="bottom", while_closed=False), "weights do not follow the pressure"),
+        (vx.CoulombFriction(0.3, on="bottom", cap=0.1), "weights are at a cap"),
+    ],
+)
+def test_what_fclib_has_no_model_for(law, says, tmp_path):
+    pytest.importorskip("h5py")
+    with pytest.raises(vx.ProgramError, match=says):
+        vx.write_program(coulomb(law), tmp_path / "step.hdf5")
+    operators = Operators(np.eye(1), sp.csr_matrix(np.eye(1)))
+    with pytest.raises(vx.ProgramError, match="a solved step alone knows"):
+        vx.write_program(StepProgram(operators, *np.ones((2, 1)), np.zeros(1)), tmp_path / "a.hdf5")
+    (tmp_path / "b.hdf5").write_bytes(b"")
+    with pytest.raises(vx.ProgramError, match="keep W = h K"):
+        vx.read_program(tmp_path / "b.hdf5")

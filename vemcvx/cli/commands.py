@@ -171,7 +171,7 @@ def compare(
 def export(
     file: File,
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Which steps; 1 is the first.")],
-    form: Annotated[str, typer.Option("--format", metavar="npz|mtx|cbf|qps|mps", help="Of the files.")] = "npz",
+    form: Annotated[str, typer.Option("--format", metavar="npz|mtx|cbf|qps|mps|hdf5", help="Of the files.")] = "npz",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None,
     mesh: Mesh = None,
     n: N = 16,

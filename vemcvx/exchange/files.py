@@ -4,6 +4,7 @@
 .npz     NumPy's archive, the certified answer included                every program, to the bit
 .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, to the bit
 .cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
+.hdf5    FCLIB's local problem (extra ``fclib``)                     steps with Coulomb's law; cannot be read back
 .qps     MPS with a quadratic objective; .mps for HiGHS, which goes    absolute values, bounds, soft limits
          by the suffix
 =======  ============================================================  ======================================
@@ -22,6 +23,7 @@ from vemcvx.arrays import brief
 from vemcvx.errors import ProgramError
 from vemcvx.exchange.cbf import from_cbf, to_cbf
 from vemcvx.exchange.description import description
+from vemcvx.exchange.fclib import from_fclib, to_fclib
 from vemcvx.exchange.matrix_market import from_matrix_market, to_matrix_market
 from vemcvx.exchange.npz import from_npz, to_npz
 from vemcvx.exchange.qps import from_qps, to_qps
@@ -35,6 +37,7 @@ FORMATS: dict[str, Format] = {
     "cbf": (to_cbf, from_cbf),
     "qps": (to_qps, from_qps),
     "mps": (partial(to_qps, suffix=".mps"), from_qps),
+    "hdf5": (to_fclib, from_fclib),
 }
 
 
@@ -46,7 +49,7 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
     program : StepProgram
         One that is solved says its certified optimum in the JSON, and its answer in an NPZ.
     path : str or Path
-        NAME.npz, NAME.mtx, NAME.cbf, NAME.qps or NAME.mps: see :mod:`vemcvx.exchange.files`.
+        NAME.npz, NAME.mtx, NAME.cbf, NAME.qps, NAME.mps or NAME.hdf5: see :mod:`vemcvx.exchange.files`.
 
     Returns
     -------

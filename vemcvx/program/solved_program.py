@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.arrays import EPS
 from vemcvx.program.certificate import Certificate
@@ -29,6 +30,8 @@ class SolvedProgram(StepProgram):
         1 is the first after the initial instant.
     t : float
         The instant at which the step ends.
+    slope : (m, r) sparse matrix, optional
+        Where weights follow the forces of the limits: their derivative at the answer; coefficients of friction.
     origin : mapping
         What it is the program of, in words and numbers: "scene", "mesh", "solver".
     """
@@ -36,6 +39,7 @@ class SolvedProgram(StepProgram):
     answer: Answer
     step: int
     t: float
+    slope: sp.csr_matrix | None = None
     origin: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod

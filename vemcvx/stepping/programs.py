@@ -82,14 +82,17 @@ def _prepared(
 
 def _solved_program(steps: Steps, before: State, after: State, n: int) -> SolvedProgram:
     """The program of step `n` under the weights that the state after it was found for."""
-    program = steps.posed(before, n, after.t, after.weights).program
+    posed = steps.posed(before, n, after.t, after.weights)
+    program, norms = posed.program, posed.run.system.norms
     # The difference of two states may lie a rounding error beyond a bound.
     answer = after.answer(program.feasible(after.y - before.y), after.lam, after.p)
     found = SolvedProgram.of(program, answer, n, after.t)
-    if found.certificate.gap <= after.certificate.gap + found.certificate.floor:
+    if found.certificate.gap > after.certificate.gap + found.certificate.floor:
+        # It has lost digits, to which gaps are linear where terms stick and limits touch; they are found again.
+        found = SolvedProgram.of(program, polished(program, answer), n, after.t)
+    if norms is None or norms.slope is None:
         return found
-    # It has lost digits, to which gaps are linear where terms stick and limits touch; they are found again.
-    return SolvedProgram.of(program, polished(program, answer), n, after.t)
+    return replace(found, slope=norms.slope_under(after.t, after.p))
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

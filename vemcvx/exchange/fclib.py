@@ -1,0 +1,100 @@
+"""HDF5 as the Frictional Contact Library (FCLIB) has it: the local problem of a step with Coulomb's law, solved.
+
+    u = W r + q,   r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
+
+(Acary and others, INRIA RT-444, 2014), contact by contact the normal component before the tangential one, spacedim 2.
+From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the limit and the norm term of each contact,
+
+    r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
+
+W is stored by rows (nz = -2). Nothing can be read back: neither K, B nor D are kept. Needs h5py (extra ``fclib``).
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import EPS, Floats, Ints
+from vemcvx.errors import ProgramError
+from vemcvx.program.solved_program import SolvedProgram
+from vemcvx.program.step_program import StepProgram
+
+MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
+PAIRED = 64 * EPS
+"""Of the weights, that may differ from mu p: both are sums and products of a few numbers."""
+
+
+def to_fclib(program: StepProgram) -> dict[str, bytes]:
+    """The file, under its suffix.
+
+    Raises
+    ------
+    ProgramError
+        h5py is not installed, or the program is not that of a step with Coulomb's law between rigid obstacles.
+    """
+    if find_spec("h5py") is None:
+        raise ProgramError("FCLIB's files need h5py, which is not installed; pip install 'vemcvx[fclib]'.")
+    if not isinstance(program, SolvedProgram):
+        raise ProgramError("FCLIB's model needs coefficients of friction, which a solved step alone knows.")
+    pairs, mu = _contacts(program)
+    operators, order = program.operators, np.arange(2 * len(mu)).reshape(2, -1).T.ravel()
+    rows = sp.csr_matrix(sp.vstack([-operators.D, operators.B[pairs]]))[order]
+    spread: Floats = operators.factor.solve(np.ascontiguousarray(rows.T.toarray()))
+    W = rows @ spread
+    q = rows @ operators.factor.solve(program.g) + np.concatenate([program.e, -program.b[pairs]])[order]
+    answer = program.answer
+    r = np.concatenate([answer.p, -answer.lam[pairs, 0]])[order]
+    made = io.BytesIO()
+    with import_module("h5py").File(made, "w") as file:
+        local = file.create_group("fclib_local")
+        local["spacedim"] = np.array([2], dtype=np.int32)
+        _write_rows(local.create_group("W"), sp.csr_matrix(0.5 * (W + W.T)))
+        _write(local.create_group("vectors"), {"q": q, "mu": mu})
+        words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": MODEL}
+        _write(local.create_group("info"), {**words, "description": json.dumps(dict(program.origin), default=str)})
+        _write(file.create_group("solution"), {"u": W @ r + q, "r": r})
+    return {".hdf5": made.getvalue()}
+
+
+def from_fclib(path: Path) -> StepProgram:
+    """Refuses: the file has W, not K, B and D."""
+    raise ProgramError(f"{path}: FCLIB's files keep W = h K^-1 h' alone, no program; read an .npz, .mtx, .cbf or .qps.")
+
+
+def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
+    """The norm term of every limit, (r,), and the coefficient of its friction."""
+    operators, slope = program.operators, program.slope
+    words = "FCLIB's model is Coulomb's friction between rigid obstacles in the plane: "
+    if slope is None or operators.block > 1:
+        raise ProgramError(f"{words}here weights do not follow the pressure; write .npz, .mtx, .cbf or .qps.")
+    if operators.kernel is not None or (operators.compliance > 0).any():
+        raise ProgramError(f"{words}here limits give way, or nothing but them holds the body.")
+    pairs = sp.csc_matrix(slope)
+    pairs.eliminate_zeros()
+    single = (np.diff(pairs.indptr) == 1).all() and (np.bincount(pairs.indices, minlength=operators.count) == 1).all()
+    if not single:
+        raise ProgramError(f"{words}here weights are at a cap, or not one to a limit.")
+    mu = pairs.data
+    other = np.abs(program.w[pairs.indices] - mu * program.answer.p) > PAIRED * program.w[pairs.indices]
+    if other.any():
+        raise ProgramError(f"{words}here {other.sum()} weights are not those of the answer's own pressures.")
+    return pairs.indices.astype(np.int64), mu
+
+
+def _write_rows(group: Any, A: sp.csr_matrix) -> None:
+    whole = {"nzmax": A.nnz, "m": A.shape[0], "n": A.shape[1], "nz": -2}
+    _write(group, {name: np.array([value], dtype=np.int32) for name, value in whole.items()})
+    _write(group, {"p": A.indptr.astype(np.int32), "i": A.indices.astype(np.int32), "x": A.data})
+
+
+def _write(group: Any, values: dict[str, Any]) -> None:
+    for name, value in values.items():
+        group[name] = value

@@ -135,6 +135,10 @@ class ThroughCvxpy(Solver):
             )
         return _PreparedConic(self, operators)
 
+    def on_kernels(self) -> dict[str, Any]:
+        """Options to add where K is only semidefinite."""
+        return {}
+
     def careful(self) -> dict[str, Any]:
         """Options to add when the answer misses; empty where there is nothing slower to try."""
         return {}
@@ -152,6 +156,7 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy, operators: Operators):
         self._settings, self._form = settings, operators
+        self._always = settings.on_kernels() if settings.tuned and operators.kernel is not None else {}
         self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], CvxpyStep]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
@@ -167,7 +172,7 @@ class _PreparedConic:
 
     def _ask(self, program: StepProgram, target: float, cones: bool, more: dict[str, Any]) -> Answer:
         posed = self._posed(program, cones)
-        status, iterations = _run(posed, self._settings, self._settings.asks_with(target, more))
+        status, iterations = _run(posed, self._settings, self._settings.asks_with(target, {**self._always, **more}))
         if posed.d.value is None:
             still = np.zeros((program.operators.count, program.operators.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))

@@ -43,6 +43,7 @@ initial = "settled"
 
 BROKEN = """
 import os, time
+import numpy as np
 import vemcvx as vx
 
 class Sleeping:
@@ -64,6 +65,21 @@ class Leaving(vx.Newton):
 class Full(vx.Newton):
     def prepare(self, operators):
         raise MemoryError
+
+
+class Nan:
+    def solve(self, program, target):
+        return np.full(len(program.g), np.nan)
+
+
+class Huge:
+    def solve(self, program, target):
+        return np.full(len(program.g), 1e200)
+
+
+class Complaining:
+    def solve(self, program, target):
+        raise vx.SceneError("my own complaint; and more")
 """
 
 
@@ -216,6 +232,20 @@ def test_whatever_breaks_down_is_a_row(broken):
     assert told["Leaving", "own"] == "failed it failed: SystemExit: 7"
     assert told["Full", "own"] == "failed it ran out of memory"
     assert rows(done.output)["Newton", "own"][2] == "yes"
+
+
+def test_answers_that_are_none_are_rows_and_make_no_liars(broken):
+    """NaN was the most certain answer, to which Newton was wrong; 1e200 and errors of this package ended the table."""
+    names = ["Nan", "Huge", "Complaining"]
+    for order in (["newton", *(f"{broken}:{x}" for x in names)], [*(f"{broken}:{x}" for x in names), "newton"]):
+        done = invoke(PROBLEM, "--n", 3, "--steps", 2, "--solvers", ",".join(order))
+        assert done.exit_code == 0, done.output
+        assert "WRONG" not in done.output
+        told = words(done.output)
+        assert told["Complaining", "own"] == "failed my own complaint; and more"
+        assert told["Huge", "own"] == "failed d reaches 1.0e+200, and the program is scaled: the solver has diverged"
+        assert told["Nan", "own"].startswith("missed misses its accuracy")
+        assert rows(done.output)["Newton", "own"][2] == "yes"
 
 
 @pytest.mark.slow

@@ -316,3 +316,16 @@ def test_what_fclib_has_no_model_for(law, says, tmp_path):
     (tmp_path / "b.hdf5").write_bytes(b"")
     with pytest.raises(vx.ProgramError, match="keep W = h K"):
         vx.read_program(tmp_path / "b.hdf5")
+
+
+def test_nothing_is_left_of_another_program_of_that_name(tmp_path):
+    with_terms, without = solved("friction"), replace_terms(solved("friction"))
+    for program in (with_terms, without):
+        read = vx.read_program(vx.write_program(program, tmp_path / "one.mtx"))
+        assert len(read.w) == len(program.w)
+
+
+def replace_terms(program):
+    """The program without its norm terms."""
+    K, none = program.operators.K, np.zeros(0)
+    return StepProgram(Operators(K, sp.csr_matrix((0, len(program.g)))), program.g, none, none)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 
 import numpy as np
 import pytest
@@ -275,3 +276,16 @@ def test_sixteen_times_the_cells_take_hardly_more_calls(name):
 
     # Hexagons are cut at the box row by row.
     assert made(40) < (1.8 if name == "hexagons" else 1.25) * made(10)
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"), [("squares", "1.01e+08"), ("triangles", "2.02e+08"), ("hanging", "4.04e+08")]
+)
+def test_too_many_cells_are_counted_as_they_are_made(name, cells):
+    with pytest.raises(vx.MeshError, match=re.escape(f"that would be {cells} cells")):
+        FAMILIES[name](1, ((0.0, 1e8 + 1e6), (0.0, 1.0)))
+
+
+def test_needles_have_no_voronoi_cells():
+    with pytest.raises(vx.MeshError, match="points have no triangulation: they are all but on one line"):
+        meshes.voronoi(size=1e-2, box=((0.0, 1e-59), (0.0, 1.0)))

@@ -21,6 +21,7 @@ from vemcvx.plots import (
 )
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.scale import magnification
+from vemcvx.plots.stick_slip_map import directions
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)
@@ -376,3 +377,22 @@ def test_computed_values_stand_beside_their_closed_form():
     assert np.array_equal(drawn["known"], np.column_stack([x, x**3]))
     assert len(drawn["found"]) == 60
     assert {tuple(point) for point in drawn["found"]} <= set(zip(x, x**2, strict=True))
+
+
+def test_open_contact_neither_sticks_nor_slips():
+    """A lifted edge was counted, marked and coloured as slip, with friction zero."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: t * (x[:, :1] * [0.0, 0.04] + [0.02, -0.02]), on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+    )
+    history = vx.simulate(scene, vx.meshes.squares(8), TIMES)
+    contact = history.contact
+    opened, slips = int(contact.open_count[-1]), int(contact.slip_count[-1])
+    assert opened > 0
+    figure = friction_traction(history)
+    title = figure.axes[0].get_title()
+    assert title.endswith(f"{contact.stick_count[-1]} contact nodes stick, {slips} slip, {opened} are open")
+    states = directions(history, contact_line(history, "stick_slip_map"))
+    assert np.isnan(states[-1]).sum() == opened

@@ -154,11 +154,11 @@ class Honest:
 
 
 class Careless(Honest):
-    """Scales its data in place."""
+    """Writes into the multipliers that it begins with."""
 
     def solve(self, program, target, lam, p):
         answer = super().solve(program, target, lam, p)
-        np.multiply(program.g, 2.0, out=program.g)
+        lam += 1.0
         return answer
 
 

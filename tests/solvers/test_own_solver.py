@@ -206,3 +206,61 @@ def test_files_that_are_none(mine, tmp_path):
 @pytest.mark.parametrize("name", ["scs", "SCS", "Scs"])
 def test_names_of_cvxpy_in_any_case(name):
     assert named_solver(name, 1e-3) == vx.ThroughCvxpy("SCS", 1e-3) == vx.ThroughCvxpy(name, 1e-3)
+
+
+class Meddles:
+    """Answers with Newton, and writes into what it is given."""
+
+    def __init__(self, name):
+        self.array = name
+
+    def solve(self, program, target):
+        getattr(program, self.array)[:] *= 0.1
+        return by_newton(program, target)
+
+
+def by_newton(program, target):
+    still = np.zeros((program.operators.count, program.operators.block))
+    return vx.Newton().prepare(program.operators).solve(program, target, still)
+
+
+@pytest.mark.parametrize("array", ["g", "w", "b", "e"])
+def test_a_program_cannot_be_written_to(array):
+    """An answer to other weights was certified to 1e-15, with the weights that it had been given."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.tile([3 * t, -t], (len(x), 1)), on="left"),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(0.5, on="bottom", while_closed=False),
+    )
+    with pytest.raises(vx.SolverFailed, match="Meddles: it failed: ValueError: .* read-only"):
+        vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0], solver=Meddles(array))
+
+
+def test_parameters_may_have_any_name():
+    class Named:
+        def solve(self, p, lam):
+            return by_newton(p, lam)
+
+    history = vx.simulate(paper_scene(), vx.meshes.squares(3), [0.0, 1.0], solver=Named())
+    assert history.certificate.max() < 1e-6
+
+
+def test_multipliers_of_rows_that_share_unknowns_are_found_within_their_bounds():
+    """At a corner least squares without bounds left 5e-3, which no solver that returns d alone could help."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Traction(lambda x, t: np.tile([0.5 * t, -2 * t], (len(x), 1)), on="top"),
+        *(vx.UnilateralContact(on=side) for side in ("bottom", "left")),
+        vx.TrescaFriction(1.0, on="bottom", while_closed=False),
+        vx.TrescaFriction(0.5, on="left", while_closed=False),
+    )
+
+    class Displacements:
+        def solve(self, program, target):
+            return by_newton(program, target).d
+
+    with pytest.warns(vx.SceneWarning):
+        history = vx.simulate(scene, vx.meshes.squares(4), np.linspace(0, 1, 4), solver=Displacements())
+    assert history.certificate.max() <= 1e-6

@@ -76,7 +76,7 @@ MADE = [
      lambda made: run(STEEL, HELD, PUSH, vx.UnilateralContact(ON), made),
      {"coefficient": VALUES, "cap": VALUES | {"None"}}),
     (vx.Traction, {"force": (1.0, 0.0), "on": "left"}, settled, {"force": VALUES}),
-    (vx.Tabulated, {"times": [0.0, 1.0], "values": [0.0, 1.0]}, lambda made: made(None, 0.5), {}),
+    (vx.Tabulated, {"times": [0.0, 1.0], "values": [0.0, 1.0]}, lambda made: made(None, 0.5), {"values": {"flags"}}),
     (vx.Pressure, {"value": 1.0, "on": "left"}, settled, {"value": VALUES}),
     (vx.PointLoad, {"force": (1.0, 0.0), "at": (0.0, 0.0)}, settled, {"force": VALUES, "at": VALUES}),
     (vx.BodyForce, {"force": (1.0, 0.0)}, settled, {"force": VALUES}),

@@ -32,7 +32,7 @@ File = Annotated[
 ]
 Mesh = Annotated[
     str | None,
-    typer.Option(help="Family of meshes: squares, triangles ...; or a mesh file. (default: the problem's own)"),
+    typer.Option(help="Family of meshes: squares ...; or a mesh file that has its boundaries. (default: its own)"),
 ]
 N = Annotated[int, typer.Option("--n", min=1, help="Cells across the shortest side.")]
 Settings = Annotated[

@@ -20,7 +20,7 @@ from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.progress import Shown, progress_bar
 from vemcvx.cli.solver_names import NAMES, named_solver, read_options
 from vemcvx.cost.alone import Crashed, Refused, TookTooLong, alone_within
-from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, SolverFailed
+from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
 from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver, ThroughCvxpy
@@ -84,6 +84,7 @@ def compare_solvers(problem: Problem, asked: Comparison) -> Compared:
     with warned_once(), progress_bar("posing", TimeElapsedColumn()) as shown:
         system = pose_scene(scene, mesh, checked_times(problem.times(asked.steps)).tolist()).system
         attempts = [_attempted(problem, asked, chosen, i, shown) for i in range(len(chosen))]
+        _raise_what_all_say(attempts)
         found = judged(system, _once(attempts))
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"
     return Compared(f"{problem.name}: {problem.title}", size, chosen, found)
@@ -133,7 +134,7 @@ def _attempted(problem: Problem, asked: Comparison, chosen: Sequence[Entrant], i
     except Crashed as crash:
         return replace(entrant.attempt, outcome=FAILED, says=f"its process ended: {crash}")
     except Refused as refusal:
-        raise SceneError(str(refusal)) from None
+        return replace(entrant.attempt, outcome=FAILED, says=_own_words(str(refusal)))
 
 
 def attempted_alone(path: Path, asked: Comparison, i: int) -> Attempt:
@@ -144,7 +145,7 @@ def attempted_alone(path: Path, asked: Comparison, i: int) -> Attempt:
 def attempted(
     problem: Problem, asked: Comparison, entrant: Entrant, progress: Callable[[int, int], None] | None
 ) -> Attempt:
-    """What a solver makes of the problem; errors of the problem itself are raised."""
+    """What a solver makes of the problem."""
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     times, solver = problem.times(asked.steps), entrant.solver
     advance = False if progress is None else progress
@@ -154,11 +155,18 @@ def attempted(
         return replace(entrant.attempt, outcome=REFUSED, says=clause(str(error)))
     except (NotCertified, NotContracting) as error:
         return replace(entrant.attempt, outcome=MISSED, says=clause(str(error)))
-    except SolverFailed as error:
-        return replace(entrant.attempt, outcome=FAILED, says=clause(str(error)))
+    except VemcvxError as error:
+        return replace(entrant.attempt, outcome=FAILED, says=_own_words(str(error)))
     except MemoryError:
         return replace(entrant.attempt, outcome=FAILED, says="it ran out of memory")
     return replace(entrant.attempt, trajectory=history.trajectory, seconds=dict(history.seconds))
+
+
+def _raise_what_all_say(attempts: Sequence[Attempt]) -> None:
+    """An error that every solver ends in is one of the problem."""
+    said = {(attempt.outcome, attempt.says) for attempt in attempts}
+    if len(attempts) > 1 and len(said) == 1 and (words := next(iter(said)))[0] == FAILED:
+        raise SceneError(words[1])
 
 
 def _once(attempts: Sequence[Attempt]) -> list[Attempt]:
@@ -179,4 +187,9 @@ def warned_once() -> Iterator[None]:
 
 def clause(message: str) -> str:
     """An error's first clause, without the name of the solver before it."""
-    return re.split(r"[;.](?:\s|$)", re.sub(r"^solver \S+: ", "", message), maxsplit=1)[0]
+    return re.split(r"[;.](?:\s|$)", _own_words(message), maxsplit=1)[0]
+
+
+def _own_words(message: str) -> str:
+    """An error without the name of the solver before it."""
+    return re.sub(r"^solver \S+: ", "", message).removesuffix(".")

@@ -37,9 +37,14 @@ def export_programs(problem: Problem, asked: RunOptions, steps: str, form: str) 
 
 def _written(program: SolvedProgram, name: str, form: str, folder: Owned) -> str:
     for end, data in encoded(program, form).items():
+        if data is None and f"{name}{end}" not in folder.names:
+            continue
         path = folder.take(f"{name}{end}")
         try:
-            path.write_bytes(data)
+            if data is None:
+                path.unlink(missing_ok=True)
+            else:
+                path.write_bytes(data)
         except OSError as error:
             raise ProgramError(f"{path}: cannot be written: {error}.") from error
     low, high = program.bounds

@@ -101,12 +101,17 @@ class Judged:
 
 def judged(system: System, attempts: Sequence[Attempt]) -> Judged:
     """A row for every attempt, each held against the most certain one."""
-    answered = [a.trajectory for a in attempts if a.trajectory is not None]
+    answered = [a.trajectory for a in attempts if a.trajectory is not None and _bounded(a.trajectory)]
     best = min(answered, key=lambda trajectory: allowed(trajectory)[-1], default=None)
     rigorous = bounds_distance(system)
     rows = tuple(_row(system, attempt, best, rigorous) for attempt in attempts)
     certain = next((a.label for a in attempts if best is not None and a.trajectory is best), None)
     return Judged(rows=rows, most_certain=certain, rigorous=rigorous)
+
+
+def _bounded(trajectory: Trajectory) -> bool:
+    """Whether it is an answer at all: numbers, with certificates that are no infinities."""
+    return bool(np.isfinite(trajectory.state).all() and np.isfinite(allowed(trajectory)).all())
 
 
 def allowed(trajectory: Trajectory) -> Floats:
@@ -147,9 +152,9 @@ def _row(system: System, attempt: Attempt, best: Trajectory | None, rigorous: bo
         says=attempt.says,
     )
     run, seconds = attempt.trajectory, attempt.seconds or {}
-    if run is None or best is None:
+    if run is None:
         return told
-    apart = None if run is best else distance(system, best, run)
+    apart = None if best is None or run is best or not _bounded(run) else distance(system, best, run)
     missed = missed_steps(run, attempt.accuracy)
     return replace(
         told,

@@ -13,7 +13,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -30,7 +30,9 @@ from vemcvx.exchange.qps import from_qps, to_qps
 from vemcvx.owned_files import path_of
 from vemcvx.program.step_program import StepProgram
 
-Format = tuple[Callable[[StepProgram], dict[str, bytes]], Callable[[Path], StepProgram]]
+Files = Mapping[str, bytes | None]
+"""What is in the files, under the ends of their names; None of those that are to be removed."""
+Format = tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]
 FORMATS: dict[str, Format] = {
     "npz": (to_npz, from_npz),
     "mtx": (to_matrix_market, from_matrix_market),
@@ -66,13 +68,17 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         for end, data in files.items():
-            place.with_name(place.stem + end).write_bytes(data)
+            file = place.with_name(place.stem + end)
+            if data is None:
+                file.unlink(missing_ok=True)
+            else:
+                file.write_bytes(data)
     except OSError as error:
         raise ProgramError(f"{place}: cannot be written: {error}.") from error
     return place
 
 
-def encoded(program: StepProgram, name: str) -> dict[str, bytes]:
+def encoded(program: StepProgram, name: str) -> Files:
     """The files of a format, under what follows NAME in theirs."""
     if not isinstance(program, StepProgram):
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")

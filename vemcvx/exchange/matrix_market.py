@@ -1,6 +1,7 @@
 """Matrix Market, one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
 
-Arrays without entries have no file: a program without NAME_B.mtx has no norm terms, without NAME_D.mtx no limits.
+Arrays without entries have no file: a program without NAME_B.mtx has no norm terms, without NAME_D.mtx no limits. (What
+another program of that name left is removed.)
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ OTHERS = "B", "D", "g", "w", "b", "e", "c", "N", "anchor"
 DIGITS = 17
 
 
-def to_matrix_market(program: StepProgram) -> dict[str, bytes]:
-    """The files, under the ends of their names."""
-    made = {}
+def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
+    """The files, under the ends of their names; None of those that are not to be there."""
+    made: dict[str, bytes | None] = {f"_{name}.mtx": None for name in OTHERS}
     for name, part in parts_of(program).items():
         rows = part.shape[0]
         if rows:

@@ -89,10 +89,13 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
     return float(value)
 
 
-def cell_counts(n: Count | None, box: Box, size: float | None = None, stretch: float = 1.0) -> tuple[int, int]:
+def cell_counts(
+    n: Count | None, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1
+) -> tuple[int, int]:
     """Cells along x and y, at least one: the given pair, or as many as squares so wide fill the box.
 
-    `stretch` is how much wider than squares, and lower, the cells of a family are.
+    `stretch` is how much wider than squares, and lower, the cells of a family are; `each`, how many cells it may make
+    of one of them.
     """
     if isinstance(n, (tuple, list, np.ndarray)) and size is None:
         if len(n) != 2:
@@ -101,7 +104,7 @@ def cell_counts(n: Count | None, box: Box, size: float | None = None, stretch: f
     else:
         along_x, along_y = squares_along(n, box, size)
         nx, ny = max(1, round(along_x / stretch)), max(1, round(along_y * stretch))
-    check_total(nx * ny)
+    check_total(each * nx * ny)
     return nx, ny
 
 

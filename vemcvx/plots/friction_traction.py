@@ -52,25 +52,27 @@ def friction_traction(
     traction = line.along(history.contact.traction[row])
     low, high = _range(history, row, line)
     sticks = history.contact.sticking[row, line.order]
+    apart = ~history.contact.closed[row, line.order] & (traction == 0.0)
+    slips, sticks = ~sticks & ~apart, sticks & ~apart
     ax = axes_or_new(ax, 6.4, 3.6)
-    for chosen, colour in ((sticks, STICK), (~sticks, SLIP)):
+    for chosen, colour in ((sticks, STICK), (slips, SLIP)):
         for start, stop in line.spans(chosen):
             ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0)
     for bound, label in ((high, "bound $\\pm g$"), (low, None)):
         ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=label)
     ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
     style = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
-    for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (~sticks, SLIP, "s", "slip")):
+    for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (slips, SLIP, "s", "slip")):
         if chosen.any():
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
-    contact = history.contact
+    contact, gone = history.contact, f", {apart.sum()} are open" if apart.any() else ""
     top = 1.2 * max(float(np.abs(force).max()) for force in (contact.bound, contact.backward, contact.traction)) or 1.0
     ax.set(
         xlim=(line.limits.min(), line.limits.max()),
         ylim=value_range(limits, (-top, top)),
         xlabel=f"{line.label} ({unit(units, 'length')})",
         ylabel=f"friction on the body\n({unit(units, 'force per length')})",
-        title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {(~sticks).sum()} slip",
+        title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {slips.sum()} slip{gone}",
     )
     light_grid(ax)
     legend_below(ax)

@@ -68,6 +68,8 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
 def directions(history: Results, line: ContactLine) -> Floats:
     """0 where a node sticks, 1 or -1 where it slips towards larger or smaller positions; a row a stored step > 0.
 
+    NaN where contact is open, and nothing rubs.
+
     Friction opposes the slip of its step, whether or not the step before is stored; where there is no friction
     the slip since the last stored step tells.
     """
@@ -75,7 +77,8 @@ def directions(history: Results, line: ContactLine) -> Floats:
     against = line.along(contact.traction)
     moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)
     way = np.sign(np.where(against == 0.0, moved, -against))
-    return np.where(contact.sticking[:, line.order], 0.0, way)[rows]
+    way = np.where(contact.sticking[:, line.order], 0.0, way)
+    return np.where(contact.closed[:, line.order] | (against != 0.0), way, np.nan)[rows]
 
 
 def _with_gaps(states: Floats) -> Floats:

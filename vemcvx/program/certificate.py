@@ -41,7 +41,7 @@ ROUNDED = 4 * EPS
 """What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Certificate(ArrayRecord):
     """A bound on the error of one answer.
 

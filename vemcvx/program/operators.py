@@ -29,7 +29,7 @@ def _none() -> sp.csr_matrix:
     return sp.csr_matrix((0, 0))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Operators(ArrayRecord):
     """The data of a step's program that do not change.
 

@@ -55,6 +55,20 @@ class Rows:
         least: Floats = root * np.linalg.lstsq(self.B[:, touched].toarray().T * root, force[touched], rcond=None)[0]
         return least
 
+    def nearest_within(self, force: Floats, low: Floats, high: Floats) -> Floats:
+        """The multipliers lam (k,) between bounds with B'lam nearest to the force (n,)."""
+        from scipy.optimize import lsq_linear
+
+        touched = np.unique(self.B.indices)
+        # An interval of nothing is refused there.
+        fixed = low == high
+        lam: Floats = low.copy()
+        A = self.B[:, touched].toarray().T
+        if not fixed.all():
+            rest = force[touched] - A @ np.where(fixed, lam, 0.0)
+            lam[~fixed] = lsq_linear(A[:, ~fixed], rest, (low[~fixed], high[~fixed]), method="bvls").x
+        return lam
+
     @cached_property
     def absolute(self) -> Rows:
         """|B|, entry by entry, for bounds on rounding."""

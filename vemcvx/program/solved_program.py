@@ -15,7 +15,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.step_program import Answer, StepProgram
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SolvedProgram(StepProgram):
     """The program of one step of a run as it was solved, and the answer.
 

@@ -17,7 +17,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats
+from vemcvx.arrays import EPS, Floats, read_only
+from vemcvx.errors import SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.checks import of_shape
@@ -30,7 +31,7 @@ def _none() -> Floats:
     return np.zeros(0)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class StepProgram(ArrayRecord):
     """One step's program: its own data, beside the operators that all steps share.
 
@@ -59,6 +60,11 @@ class StepProgram(ArrayRecord):
     w: Floats
     b: Floats
     e: Floats = field(default_factory=_none)
+
+    def __post_init__(self) -> None:
+        """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
+        for name in ("g", "w", "b", "e"):
+            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name)).view()))
 
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
@@ -126,7 +132,8 @@ class StepProgram(ArrayRecord):
 
         They solve K d = g - B'lam - D'p. Where each row of B and D reads one unknown of its own, as in condensed
         programs in the plane, they are entries of g - K d. Else least squares finds them; of several that do, those
-        that cost the least gap: where d sticks or touches.
+        that cost the least gap: where d sticks or touches; and where these are too large, least squares within bounds
+        (in the plane).
         """
         operators = self.operators
         still = np.zeros((operators.count, operators.block)), np.zeros(len(self.e))
@@ -136,7 +143,12 @@ class StepProgram(ArrayRecord):
             ease, x = self._ease(d, known[1]), np.concatenate([known[0].ravel(), known[1]])
             cheap = np.concatenate([np.repeat(ease[0], operators.block), ease[1]])
             rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
-            x[free] = rows.nearest(self.residual(d, *known), cheap[free])
+            force = self.residual(d, *known)
+            x[free] = rows.nearest(force, cheap[free])
+            high = np.concatenate([np.repeat(self.w, operators.block), np.full(len(self.e), np.inf)])[free]
+            low = np.concatenate([np.repeat(-self.w, operators.block), np.zeros(len(self.e))])[free]
+            if rows.columns is None and operators.block == 1 and ((x[free] < low) | (x[free] > high)).any():
+                x[free] = rows.nearest_within(force, low, high)
             known = operators.blocks(x[: len(self.b)]), x[len(self.b) :]
         return self.admissible(*known, d)
 
@@ -221,7 +233,14 @@ class StepProgram(ArrayRecord):
         cones : bool, optional
             One second-order cone a norm term; or, where these are absolute values, two inequalities, which solvers of
             quadratic programs take, too: the default there.
+
+        Raises
+        ------
+        SceneError
+            The program has no unknowns.
         """
+        if len(self.g) == 0:
+            raise SceneError("to_cvxpy: the program has no unknowns left to solve for; take condense=False.")
         cones = self.operators.block > 1 if cones is None else cones
         return to_cvxpy(self.operators, self.g, self.w, b=self.b, e=self.e, cones=cones)
 
@@ -268,7 +287,7 @@ class StepProgram(ArrayRecord):
         return d
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Answer(ArrayRecord):
     """A solver's answer to one step; nothing is claimed about it before it is certified.
 

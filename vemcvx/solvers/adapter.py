@@ -18,7 +18,7 @@ from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.program.checks import of_shape
 from vemcvx.program.operators import FEATURES, Operators
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.solver import Solver
+from vemcvx.solvers.solver import Solver, refuse_diverged
 
 PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
 
@@ -118,6 +118,8 @@ def read_answer(raw: Any, program: StepProgram, name: str) -> Answer:
         read = {key: of_shape(part, f"solver {name}: {key}", shapes[key]) for key, part in given.items()}
     except SceneError as error:
         raise SolverFailed(str(error)) from None
+    for key, part in read.items():
+        refuse_diverged(part, f"solver {name}: {key}")
     d = program.feasible(read["d"])
     lam, p = read.get("lam"), read.get("p")
     if lam is None or p is None:
@@ -150,4 +152,5 @@ def _asks_for(own: Solves) -> list[str]:
         parameters = inspect.signature(own.solve).parameters
     except (TypeError, ValueError):
         return []
-    return [name for name in ("lam", "p") if name in parameters]
+    more = list(parameters)[2:]
+    return [name for name in ("lam", "p") if name in more]

@@ -22,7 +22,7 @@ class Clarabel(ThroughCvxpy):
         return "Clarabel"
 
     def on_kernels(self) -> dict[str, Any]:
-        # With less, a slab without supports that friction just holds (problems/hard_cases.py) ends at 6e-6.
+        # With less, a K with one motion that its terms just hold (problems/hard_cases.py) ends at 6e-6.
         return {"static_regularization_constant": 1e-13}
 
     def careful(self) -> dict[str, Any]:

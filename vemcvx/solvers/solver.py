@@ -123,6 +123,10 @@ class Solver(ABC):
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
 
 
+LARGEST = 1e100
+"""Entries of answers to scaled programs, whose data are about 1, are no answer above it."""
+
+
 @contextmanager
 def named_failures(solver: str) -> Iterator[None]:
     """Raise SolverFailed, with the name of the solver, for errors of its own; those of this package pass."""
@@ -151,4 +155,12 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
         found = getattr(answer, name)
         if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
             raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
+        refuse_diverged(found, f"solver {solver}: {name}")
     return answer
+
+
+def refuse_diverged(x: Floats, subject: str) -> None:
+    """Raise SolverFailed for numbers whose squares are none; NaN is left to the certificate, which is infinite."""
+    size = float(np.abs(x).max(initial=0.0))
+    if size > LARGEST:
+        raise SolverFailed(f"{subject} reaches {size:.1e}, and the program is scaled: the solver has diverged.")

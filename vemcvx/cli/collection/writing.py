@@ -54,7 +54,7 @@ def write_collection(
         for done, (instance, program) in enumerate(_made(instances)):
             if told is not None:
                 told(instance.name, done, len(instances))
-            data = {end: data for form in forms for end, data in encoded(program, form).items()}
+            data = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
             for end, content in data.items():
                 files.take(f"{instance.name}{end}").write_bytes(content)
             rows.append({"name": instance.name, **asdict(instance), **json.loads(data[".json"])})

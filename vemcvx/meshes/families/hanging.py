@@ -39,7 +39,7 @@ def hanging(
     """
     rectangle = check_box(box)
     fraction = check_fraction("fraction", fraction, 1.0, closed=True)
-    nx, ny = cell_counts(n, rectangle, size)
+    nx, ny = cell_counts(n, rectangle, size, each=4)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     cut = np.zeros(nx * ny, dtype=bool)
     cut[random.permutation(nx * ny)[: round(fraction * nx * ny)]] = True

@@ -29,6 +29,6 @@ def triangles(
         As `squares`.
     """
     rectangle = check_box(box)
-    points, corners = square_grid(*cell_counts(n, rectangle, size), rectangle)
+    points, corners = square_grid(*cell_counts(n, rectangle, size, each=2), rectangle)
     vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
     return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
+from vemcvx.errors import MeshError
 
 
 def close_pairs(points: Floats, distance: float) -> Ints:
@@ -23,7 +24,16 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def delaunay(points: Floats) -> Ints:
-    """Triangles (t, 3) of the Delaunay triangulation of points (n, 2)."""
-    from scipy.spatial import Delaunay
+    """Triangles (t, 3) of the Delaunay triangulation of points (n, 2).
 
-    return Delaunay(points).simplices.astype(np.int64)
+    Raises
+    ------
+    MeshError
+        The points are on one line but for rounding.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    try:
+        return Delaunay(points).simplices.astype(np.int64)
+    except QhullError as error:
+        raise MeshError(f"{len(points)} points have no triangulation: they are all but on one line.") from error

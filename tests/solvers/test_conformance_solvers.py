@@ -154,11 +154,11 @@ class Honest:
 
 
 class Careless(Honest):
-    """Writes into the multipliers that it begins with."""
+    """Scales its data in place, which programs do not let it."""
 
     def solve(self, program, target, lam, p):
         answer = super().solve(program, target, lam, p)
-        lam += 1.0
+        np.multiply(program.g, 2.0, out=program.g)
         return answer
 
 
@@ -215,7 +215,7 @@ def failures(solver):
     for case in (case for case in mark.args[1] if "friction of one component" in case.id):
         try:
             case.values[0]()
-        except (AssertionError, vx.NotCertified, pytest.fail.Exception):
+        except (AssertionError, ValueError, vx.NotCertified, vx.SolverFailed, pytest.fail.Exception):
             found.add(case.id.rpartition(": ")[2])
     return found
 

@@ -248,6 +248,14 @@ def test_answers_that_are_none_are_rows_and_make_no_liars(broken):
         assert rows(done.output)["Newton", "own"][2] == "yes"
 
 
+def test_an_error_of_the_problem_is_told_once(tmp_path):
+    """Its first state contradicts its supports, whoever is asked; a solver that takes no such program is not."""
+    (tmp_path / "jump.py").write_text(ONE_SIDED.replace('initial = "settled"', ""))
+    done = invoke(tmp_path / "jump.py", "--n", 2, "--steps", 1, "--solvers", "newton,direct,clarabel")
+    assert done.exit_code == 2, done.output
+    assert " ".join(done.output.split()).count("contradicts its supports at t = 0, by 0.01") == 1
+
+
 @pytest.mark.slow
 def test_a_time_limit_ends_a_solver_and_its_process(broken):
     """The sleeper would take a minute; the others are done in the limit, the most certain among them."""

@@ -163,10 +163,10 @@ def attempted(
 
 
 def _raise_what_all_say(attempts: Sequence[Attempt]) -> None:
-    """An error that every solver ends in is one of the problem."""
-    said = {(attempt.outcome, attempt.says) for attempt in attempts}
-    if len(attempts) > 1 and len(said) == 1 and (words := next(iter(said)))[0] == FAILED:
-        raise SceneError(words[1])
+    """An error that every solver ends in, of those that take the program, is one of the problem."""
+    tried = [(attempt.outcome, attempt.says) for attempt in attempts if attempt.outcome != REFUSED]
+    if len(tried) > 1 and len(set(tried)) == 1 and tried[0][0] == FAILED:
+        raise SceneError(tried[0][1])
 
 
 def _once(attempts: Sequence[Attempt]) -> list[Attempt]:

@@ -396,3 +396,17 @@ def test_open_contact_neither_sticks_nor_slips():
     assert title.endswith(f"{contact.stick_count[-1]} contact nodes stick, {slips} slip, {opened} are open")
     states = directions(history, contact_line(history, "stick_slip_map"))
     assert np.isnan(states[-1]).sum() == opened
+
+
+def test_instants_have_their_unit_in_every_picture():
+    history = vx.simulate(paper_scene(), small("squares", 4), TIMES)
+    for draw in (deformed_mesh, friction_traction, stressed_body_alone):
+        assert f"t = {TIMES[-1]:.4g} s" in draw(history, units={"time": "s"}).axes[0].get_title()
+    labels = wear(history, units={"time": "s"}).axes[0].get_legend_handles_labels()[1]
+    assert f"t = {TIMES[-1]:.4g} s" in labels
+
+
+def stressed_body_alone(history, **options):
+    figure = new_figure(4, 3)
+    stressed_body(figure.add_subplot(), history, **options)
+    return figure

@@ -12,7 +12,7 @@ from vemcvx.canvas import axes_or_new, draw_arrows, figure_of, legend_below
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
 from vemcvx.plots.scale import common_magnification, extent, value_range
-from vemcvx.plots.units import Units, unit
+from vemcvx.plots.units import Units, instant, unit
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def deformed_mesh(
     # In axes of its own beside these, the bar stays as high as the body's frame, whatever its shape.
     figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.04, 0.0, 0.045, 1.0)), label=f"$|u|$ ({length})")
     _outline(ax, history)
-    title = f"t = {history.times[row]:.4g}{_time(units)}, displacements magnified {factor:g} times"
+    title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
     if len(history.contact.nodes):
         largest = _arrows(ax, history, row, factor)
         force = unit(units, "force per length")
@@ -81,11 +81,6 @@ def deformed_mesh(
     ax.autoscale_view()
     legend_below(ax)
     return figure_of(ax)
-
-
-def _time(units: Units | None) -> str:
-    """The unit after an instant, if it has a name."""
-    return f" {units['time']}" if units and "time" in units else ""
 
 
 def _largest_mean(history: Results) -> float:

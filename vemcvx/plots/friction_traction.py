@@ -12,7 +12,7 @@ from vemcvx.canvas import axes_or_new, figure_of, legend_below, light_grid
 from vemcvx.plots.contact_line import ContactLine, contact_line
 from vemcvx.plots.palette import SLIP, STICK
 from vemcvx.plots.scale import value_range
-from vemcvx.plots.units import Units, unit
+from vemcvx.plots.units import Units, instant, unit
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def friction_traction(
         ylim=value_range(limits, (-top, top)),
         xlabel=f"{line.label} ({unit(units, 'length')})",
         ylabel=f"friction on the body\n({unit(units, 'force per length')})",
-        title=f"t = {history.times[row]:.4g}: {sticks.sum()} contact nodes stick, {slips.sum()} slip{gone}",
+        title=f"{instant(history.times[row], units)}: {sticks.sum()} contact nodes stick, {slips.sum()} slip{gone}",
     )
     light_grid(ax)
     legend_below(ax)

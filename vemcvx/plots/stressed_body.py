@@ -14,7 +14,7 @@ from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
 from vemcvx.plots.scale import common_magnification, value_range
-from vemcvx.plots.units import Units, unit
+from vemcvx.plots.units import Units, instant, unit
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def stressed_body(
     bar.set_label(f"{label} ({unit(units, 'force per area')})", fontsize="small")
     largest = _arrows(ax, history, row, mesh.points + factor * u, (forces, size, window, stretch))
     words = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""
-    ax.set_title(f"t = {history.times[row]:.4g}, displacements × {factor:g}{words}", fontsize="small")
+    ax.set_title(f"{instant(history.times[row], units)}, displacements × {factor:g}{words}", fontsize="small")
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     length = unit(units, "length")
     ax.set(xlabel=f"$x_1$ ({length})", ylabel=f"$x_2$ ({length}{drawn})", aspect=stretch)

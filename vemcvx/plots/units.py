@@ -27,6 +27,12 @@ def unit(units: Units | None, quantity: str) -> str:
     return quantity
 
 
+def instant(t: float, units: Units | None) -> str:
+    """An instant in words, with the name of its unit if it has one."""
+    given = checked_units(units)
+    return f"t = {t:.4g} {given['time']}" if "time" in given else f"t = {t:.4g}"
+
+
 def checked_units(units: Units | None) -> Units:
     """Units as given, none for None.
 

@@ -13,7 +13,7 @@ from vemcvx.errors import HistoryError
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import EARLY_TO_LATE
 from vemcvx.plots.scale import value_range
-from vemcvx.plots.units import Units, unit
+from vemcvx.plots.units import Units, instant, unit
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def wear(
     ax = axes_or_new(ax, 6.4, 3.6)
     for row, colour in zip(rows, EARLY_TO_LATE[-len(rows) :], strict=True):
         worn = line.broken(history.contact.wear[row, line.order])
-        ax.plot(*worn, ".-", color=colour, linewidth=1.4, markersize=4, label=f"t = {history.times[row]:.4g}")
+        ax.plot(*worn, ".-", color=colour, linewidth=1.4, markersize=4, label=instant(history.times[row], units))
     top = 1.05 * float(history.contact.wear.max()) or 1.0
     ax.set(
         xlim=(line.limits.min(), line.limits.max()),

@@ -78,6 +78,15 @@ class WeightLaw:
 
 
 @dataclass(frozen=True)
+class Piece:
+    """The affine piece of a law at the forces p_0 (r,): weights (m,) there, and their derivative (m, r)."""
+
+    weights: Floats
+    slope: sp.csr_matrix
+    forces: Floats
+
+
+@dataclass(frozen=True)
 class Settled:
     """A point that solves (Q) to rounding."""
 
@@ -134,15 +143,14 @@ def _settled(
     shift, point = Shifts.of(program.operators) * SHIFT, start
     met: set[bytes] = set()
     for _ in islice(rounds, MOST_ROUNDS):
-        sets, pressed = _sets(program, law, point, shift, None if met else w)
+        sets, piece = _sets(program, law, point, shift, None if met else w)
         # The same terms may stick and press on another piece of the law: on its slope, and then on its level.
-        piece = law.slope(pressed)
-        parts = sets.stick, sets.direction, sets.act, piece.data, piece.indices, piece.indptr
+        parts = sets.stick, sets.direction, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
         mark = b"".join(part.tobytes() for part in parts)
         if mark in met and program.operators.block == 1:
             return None
         met.add(mark)
-        found = _tried(program, law, sets=sets, pressed=pressed, response=response, lam=point.lam)
+        found = _tried(program, piece, sets, response, point.lam)
         if found is None:
             return None
         point = found.point
@@ -155,15 +163,13 @@ def _settled(
     return None
 
 
-def _tried(
-    program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, response: Response, lam: Floats
-) -> _Found | None:
+def _tried(program: StepProgram, law: Piece, sets: Sets, response: Response, lam: Floats) -> _Found | None:
     """The solution of the system of the sets near the multipliers `lam`; None if their system is singular."""
     with suppress(LinAlgError):
-        return _on_sets(program, law, sets, pressed, response)
+        return _on_sets(program, law, sets, response)
     with suppress(LinAlgError):
-        once = said_once(program.operators, sets, lam, law.weights(pressed))
-        return _on_sets(program, law, once, pressed, response)
+        once = said_once(program.operators, sets, lam, law.weights)
+        return _on_sets(program, law, once, response)
     return None
 
 
@@ -178,13 +184,14 @@ def _at_rest(program: StepProgram, sets: Sets, d: Floats) -> Floats:
 
 def _sets(
     program: StepProgram, law: WeightLaw, at: Iterate, shift: Shifts, w: Floats | None = None
-) -> tuple[Sets, Floats]:
-    """The sets at a point, and the forces (r,) at which the law is to be looked at there."""
+) -> tuple[Sets, Piece]:
+    """The sets at a point, and the piece of the law there."""
     pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p), 0.0)
-    w = law.weights(pressed) if w is None else w
+    piece = Piece(law.weights(pressed), law.slope(pressed), pressed)
+    w = piece.weights if w is None else w
     sets = sets_at(replace(program, w=w), at, shift)
     # A weight of nothing holds nothing: as a row that sticks it may double another one, at a corner.
-    return replace(sets, stick=sets.stick & (w > 0)), pressed
+    return replace(sets, stick=sets.stick & (w > 0)), piece
 
 
 @dataclass(frozen=True)
@@ -206,12 +213,12 @@ class _Found:
         w, size = law.weights(np.maximum(point.p, 0.0)), np.linalg.norm(point.lam, axis=1)
         s, z = program.slip(point.d), program.excess(point.d)
         blur = operators.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
-        along = np.einsum("ij,ij->i", s, point.lam)
+        along, slips = np.einsum("ij,ij->i", s, point.lam), np.linalg.norm(s, axis=1)
         within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
-        forth = sets.stick | (along >= size * np.linalg.norm(s, axis=1) - 2 * (self.forces * _size(s) + size * blur[0]))
+        forth = sets.stick | (along >= size * slips - 2 * (self.forces * slips + size * blur[0]))
         pressed = np.where(sets.act, point.p >= -self.forces, z <= blur[1])
         # Where rows follow from others', what sticks is held by these.
-        still = ~sets.stick | (_size(s) <= self.motions.max(initial=0.0))
+        still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
         return bool(within.all() and forth.all() and pressed.all() and still.all())
 
 
@@ -229,23 +236,17 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
     return bool((np.abs(left) <= blur + SOLVED * pushed).all())
 
 
-def _size(s: Floats) -> Floats:
-    size: Floats = np.linalg.norm(s, axis=1)
-    return size
-
-
-def _on_sets(program: StepProgram, law: WeightLaw, sets: Sets, pressed: Floats, response: Response) -> _Found:
+def _on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response) -> _Found:
     """Solve the system of the sets, with two corrections by its residual."""
     operators = program.operators
-    J, w = law.slope(pressed), law.weights(pressed)
-    solve = _factorised(operators, sets, J, response)
+    solve = _factorised(operators, sets, law.slope, response)
     d, x = np.zeros(len(program.g)), np.zeros(len(response.compliance))
     norms, limits = response.norms, response.limits
     stick, act = np.repeat(sets.stick, operators.block), sets.act
     step, error = d, np.inf
     for _ in range(3):
         lam, p = x[norms], x[limits]
-        bound = sets.direction * (w + J @ (p - pressed))[:, None] + _bend(sets, program.slip(d))
+        bound = sets.direction * (law.weights + law.slope @ (p - law.forces))[:, None] + _bend(sets, program.slip(d))
         slip = operators.rows.read(d) - program.b
         wanted = np.zeros_like(x)
         wanted[norms] = np.where(stick, -slip, bound.ravel() - lam)

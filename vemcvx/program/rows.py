@@ -51,23 +51,27 @@ class Rows:
         if self.columns is not None:
             own: Floats = force[self.columns] / self.B.data
             return own
-        touched, root = np.unique(self.B.indices), np.sqrt(ease)
-        least: Floats = root * np.linalg.lstsq(self.B[:, touched].toarray().T * root, force[touched], rcond=None)[0]
+        (touched, A), root = self._touching, np.sqrt(ease)
+        least: Floats = root * np.linalg.lstsq(A * root, force[touched], rcond=None)[0]
         return least
 
     def nearest_within(self, force: Floats, low: Floats, high: Floats) -> Floats:
         """The multipliers lam (k,) between bounds with B'lam nearest to the force (n,)."""
         from scipy.optimize import lsq_linear
 
-        touched = np.unique(self.B.indices)
+        touched, A = self._touching
         # An interval of nothing is refused there.
-        fixed = low == high
-        lam: Floats = low.copy()
-        A = self.B[:, touched].toarray().T
-        if not fixed.all():
-            rest = force[touched] - A @ np.where(fixed, lam, 0.0)
-            lam[~fixed] = lsq_linear(A[:, ~fixed], rest, (low[~fixed], high[~fixed]), method="bvls").x
+        free, lam = low < high, low.copy()
+        if free.any():
+            rest = force[touched] - A[:, ~free] @ low[~free]
+            lam[free] = lsq_linear(A[:, free], rest, (low[free], high[free]), method="bvls").x
         return lam
+
+    @cached_property
+    def _touching(self) -> tuple[Ints, Floats]:
+        """The unknowns that some row reads, and B' on these, dense."""
+        touched = np.unique(self.B.indices).astype(np.int64)
+        return touched, self.B[:, touched].toarray().T
 
     @cached_property
     def absolute(self) -> Rows:

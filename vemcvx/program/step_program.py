@@ -135,22 +135,27 @@ class StepProgram(ArrayRecord):
         that cost the least gap: where d sticks or touches; and where these are too large, least squares within bounds
         (in the plane).
         """
+        if lam is None or p is None:
+            lam, p = self._read_off(d, lam, p)
+        return self.admissible(lam, p, d)
+
+    def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None) -> tuple[Floats, Floats]:
+        """The multipliers nearest to balance at the increments `d`, those given as they are."""
         operators = self.operators
-        still = np.zeros((operators.count, operators.block)), np.zeros(len(self.e))
-        known = still[0] if lam is None else lam, still[1] if p is None else p
+        known = np.zeros((operators.count, operators.block)) if lam is None else lam, np.zeros(len(self.e))
+        known = known if p is None else (known[0], p)
         free = np.repeat([lam is None, p is None], [len(self.b), len(self.e)])
-        if free.any():
-            ease, x = self._ease(d, known[1]), np.concatenate([known[0].ravel(), known[1]])
-            cheap = np.concatenate([np.repeat(ease[0], operators.block), ease[1]])
-            rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
-            force = self.residual(d, *known)
-            x[free] = rows.nearest(force, cheap[free])
-            high = np.concatenate([np.repeat(self.w, operators.block), np.full(len(self.e), np.inf)])[free]
-            low = np.concatenate([np.repeat(-self.w, operators.block), np.zeros(len(self.e))])[free]
-            if rows.columns is None and operators.block == 1 and ((x[free] < low) | (x[free] > high)).any():
-                x[free] = rows.nearest_within(force, low, high)
-            known = operators.blocks(x[: len(self.b)]), x[len(self.b) :]
-        return self.admissible(*known, d)
+        rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
+        force, (slips, touches) = self.residual(d, *known), self._ease(d, known[1])
+        found = rows.nearest(force, np.concatenate([np.repeat(slips, operators.block), touches])[free])
+        if rows.columns is None and operators.block == 1:
+            high = np.concatenate([self.w, np.full(len(self.e), np.inf)])[free]
+            low = np.concatenate([-self.w, np.zeros(len(self.e))])[free]
+            if ((found < low) | (found > high)).any():
+                found = rows.nearest_within(force, low, high)
+        x = np.concatenate([known[0].ravel(), known[1]])
+        x[free] = found
+        return operators.blocks(x[: len(self.b)]), x[len(self.b) :]
 
     def certify(self, d: ArrayLike, lam: ArrayLike | None = None, p: ArrayLike | None = None) -> Certificate:
         """Bound the error of an answer, whoever made it: 1/2 |d - d*|_K^2 <= gap, |d - d*|_K <= error.

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.run import RunOptions, simulated
-from vemcvx.errors import ProblemError, ProgramError
-from vemcvx.exchange import FORMATS, encoded
+from vemcvx.errors import ProblemError
+from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.owned_files import Owned
 from vemcvx.program import SolvedProgram
 from vemcvx.results.programs import programs_of_steps
@@ -36,17 +36,8 @@ def export_programs(problem: Problem, asked: RunOptions, steps: str, form: str) 
 
 
 def _written(program: SolvedProgram, name: str, form: str, folder: Owned) -> str:
-    for end, data in encoded(program, form).items():
-        if data is None and f"{name}{end}" not in folder.names:
-            continue
-        path = folder.take(f"{name}{end}")
-        try:
-            if data is None:
-                path.unlink(missing_ok=True)
-            else:
-                path.write_bytes(data)
-        except OSError as error:
-            raise ProgramError(f"{path}: cannot be written: {error}.") from error
+    files = {f"{name}{end}": data for end, data in encoded(program, form).items()}
+    put({file: data for file, data in files.items() if data or file in folder.names}, folder.take)
     low, high = program.bounds
     counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"
     return f"{name}.{form}  {counts}; the optimum is between {low:.17g} and {high:.17g}"

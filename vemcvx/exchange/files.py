@@ -64,18 +64,28 @@ def write_program(program: StepProgram, path: str | Path) -> Path:
         There is no such format, it cannot hold the program, or the files cannot be written.
     """
     place, name = _place(path)
-    files = encoded(program, name)
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        for end, data in files.items():
-            file = place.with_name(place.stem + end)
-            if data is None:
-                file.unlink(missing_ok=True)
-            else:
-                file.write_bytes(data)
-    except OSError as error:
-        raise ProgramError(f"{place}: cannot be written: {error}.") from error
+    put(encoded(program, name), lambda end: place.with_name(place.stem + end))
     return place
+
+
+def put(files: Files, place: Callable[[str], Path]) -> None:
+    """Write files, or remove those that are not to be there; `place` says where each is.
+
+    Raises
+    ------
+    ProgramError
+        One cannot be written.
+    """
+    for end, data in files.items():
+        path = place(end)
+        try:
+            if data is None:
+                path.unlink(missing_ok=True)
+            else:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(data)
+        except OSError as error:
+            raise ProgramError(f"{path}: cannot be written: {error}.") from error
 
 
 def encoded(program: StepProgram, name: str) -> Files:

@@ -14,7 +14,7 @@ from vemcvx.cli.collection.instances import INSTANCES, VERSION, Instance
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.errors import ProblemError
-from vemcvx.exchange import FORMATS, encoded
+from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.owned_files import Owned
 from vemcvx.program import SolvedProgram
 from vemcvx.simulation import programs
@@ -55,8 +55,7 @@ def write_collection(
             if told is not None:
                 told(instance.name, done, len(instances))
             data = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
-            for end, content in data.items():
-                files.take(f"{instance.name}{end}").write_bytes(content)
+            put({f"{instance.name}{end}": content for end, content in data.items()}, files.take)
             rows.append({"name": instance.name, **asdict(instance), **json.loads(data[".json"])})
         made = {"collection": VERSION, "vemcvx": __version__, "instances": rows}
         files.take(MANIFEST).write_text(json.dumps(made, indent=1) + "\n")

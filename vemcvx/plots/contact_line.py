@@ -69,6 +69,13 @@ class ContactLine:
         return np.column_stack([self.limits[starts, 0], self.limits[ends, 1]])
 
 
+def apart(history: Results, line: ContactLine) -> Bools:
+    """(S, m) where contact is open and nothing rubs, along the line: nothing sticks or slips there."""
+    contact = history.contact
+    idle: Bools = ~contact.closed[:, line.order] & (line.along(contact.traction) == 0.0)
+    return idle
+
+
 def contact_line(history: Results, picture: str) -> ContactLine:
     """Lay out the contact nodes of a history.
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import axes_or_new, figure_of, legend_below, light_grid
-from vemcvx.plots.contact_line import ContactLine, contact_line
+from vemcvx.plots.contact_line import ContactLine, apart, contact_line
 from vemcvx.plots.palette import SLIP, STICK
 from vemcvx.plots.scale import value_range
 from vemcvx.plots.units import Units, instant, unit
@@ -51,9 +51,8 @@ def friction_traction(
     line = contact_line(history, "friction_traction")
     traction = line.along(history.contact.traction[row])
     low, high = _range(history, row, line)
-    sticks = history.contact.sticking[row, line.order]
-    apart = ~history.contact.closed[row, line.order] & (traction == 0.0)
-    slips, sticks = ~sticks & ~apart, sticks & ~apart
+    touches, still = ~apart(history, line)[row], history.contact.sticking[row, line.order]
+    sticks, slips = touches & still, touches & ~still
     ax = axes_or_new(ax, 6.4, 3.6)
     for chosen, colour in ((sticks, STICK), (slips, SLIP)):
         for start, stop in line.spans(chosen):
@@ -65,7 +64,7 @@ def friction_traction(
     for chosen, colour, marker, word in ((sticks, STICK, "o", "stick"), (slips, SLIP, "s", "slip")):
         if chosen.any():
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
-    contact, gone = history.contact, f", {apart.sum()} are open" if apart.any() else ""
+    contact, gone = history.contact, "" if touches.all() else f", {(~touches).sum()} are open"
     top = 1.2 * max(float(np.abs(force).max()) for force in (contact.bound, contact.backward, contact.traction)) or 1.0
     ax.set(
         xlim=(line.limits.min(), line.limits.max()),

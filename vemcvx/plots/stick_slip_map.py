@@ -9,7 +9,7 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.canvas import axes_or_new, distinct, figure_of, legend_below
 from vemcvx.errors import HistoryError
-from vemcvx.plots.contact_line import ContactLine, contact_line
+from vemcvx.plots.contact_line import ContactLine, apart, contact_line
 from vemcvx.plots.palette import BACKWARD, FORWARD, STICK_AREA
 from vemcvx.plots.units import Units, unit
 from vemcvx.results.results import Results
@@ -78,7 +78,7 @@ def directions(history: Results, line: ContactLine) -> Floats:
     moved = np.diff(line.along(contact.slip), axis=0, prepend=0.0)
     way = np.sign(np.where(against == 0.0, moved, -against))
     way = np.where(contact.sticking[:, line.order], 0.0, way)
-    return np.where(contact.closed[:, line.order] | (against != 0.0), way, np.nan)[rows]
+    return np.where(apart(history, line), np.nan, way)[rows]
 
 
 def _with_gaps(states: Floats) -> Floats:

@@ -34,6 +34,12 @@ Mesh = Annotated[
     str | None,
     typer.Option(help="Family of meshes: squares ...; or a mesh file that has its boundaries. (default: its own)"),
 ]
+Accuracy = Annotated[
+    float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
+]
+Linear = Annotated[
+    str | None, typer.Option(help="superlu, pardiso or multigrid. (default: by size and what is installed)")
+]
 N = Annotated[int, typer.Option("--n", min=1, help="Cells across the shortest side.")]
 Settings = Annotated[
     list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")
@@ -54,9 +60,7 @@ def run(
     solver: Annotated[
         str, typer.Option(help="newton, clarabel, osqp, direct, what cvxpy finds: scs, highs ...; FILE.py:CLASS.")
     ] = "newton",
-    accuracy: Annotated[
-        float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
-    ] = None,
+    accuracy: Accuracy = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the history there, for ParaView and scripts.")
     ] = None,
@@ -66,9 +70,7 @@ def run(
     resume: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Go on with a run that was interrupted; its --out was DIR.")
     ] = None,
-    linear: Annotated[
-        str | None, typer.Option(help="superlu, pardiso or multigrid. (default: by size and what is installed)")
-    ] = None,
+    linear: Linear = None,
     target: Annotated[
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
     ] = None,
@@ -120,9 +122,7 @@ def compare(
     solvers: Annotated[
         str, typer.Option(metavar="A,B,...", help="By name, in any case; FILE.py:CLASS; all: what there is.")
     ] = "newton,clarabel,osqp,direct",
-    accuracy: Annotated[
-        float | None, typer.Option(help="Certified relative energy error of a step. (default: each solver's own)")
-    ] = None,
+    accuracy: Accuracy = None,
     options: Annotated[
         list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
     ] = [],  # noqa: B006 - as above
@@ -177,11 +177,9 @@ def export(
     n: N = 16,
     of: Annotated[int, typer.Option(min=1, help="Steps of backward Euler that the run has.")] = 64,
     solver: Annotated[str, typer.Option(help="Whose certified answers say the optimum, as of run.")] = "newton",
-    accuracy: Annotated[
-        float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
-    ] = None,
+    accuracy: Accuracy = None,
     condense: Annotated[bool, typer.Option(help="Programs on the contact unknowns, or on all.")] = True,
-    linear: Annotated[str | None, typer.Option(help="superlu, pardiso or multigrid.")] = None,
+    linear: Linear = None,
     settings: Settings = [],  # noqa: B006 - as above
 ) -> None:
     """Write the convex programs of some steps, for other solvers, with their certified optima."""

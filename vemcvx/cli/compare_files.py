@@ -66,11 +66,7 @@ def as_html(found: Compared) -> str:
         [row.solver, row.settings, *(column.cell(row) for column in COLUMNS), f"{row.outcome}: {row.says}".rstrip(": ")]
         for row in found.judged.rows
     ]
-    why = [
-        [solver, name, value, reason]
-        for solver, settings, _ in settings_used(found)
-        for name, (value, reason) in _reasons(solver, settings).items()
-    ]
+    why = [[solver, *reason] for solver, settings, _ in settings_used(found) for reason in _reasons(solver, settings)]
     title = html.escape(found.title)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
@@ -91,10 +87,10 @@ def check_writable(path: Path, option: str) -> None:
         raise ProblemError(f"{option}: {path} cannot be written: its folder must exist, and it must be none itself.")
 
 
-def _reasons(solver: str, settings: str) -> dict[str, tuple[str, str]]:
-    """setting -> (value, reason), of those tuned for a solver."""
+def _reasons(solver: str, settings: str) -> list[tuple[str, str, str]]:
+    """(setting, value, reason) of those tuned for a solver."""
     found = TUNED.get(solver.upper(), ()) if settings == "tuned" else ()
-    return {setting.name: (str(setting.value), setting.why) for setting in found}
+    return [(setting.name, setting.words, setting.why) for setting in found]
 
 
 def _html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -117,7 +117,7 @@ def settings_used(found: Compared) -> Iterator[tuple[str, str, str]]:
         if isinstance(solver, ThroughCvxpy) and (solver.name, entrant.settings) in answered:
             given = [f"{name} = {value!r} (asked for)" for name, value in solver.options.items()]
             ours = TUNED.get(solver.solver, ()) if solver.tuned else ()
-            made = [f"{setting.name} = {setting.value}" for setting in ours if setting.name not in solver.options]
+            made = [f"{setting.name} = {setting.words}" for setting in ours if setting.name not in solver.options]
             if made or given:
                 yield solver.name, entrant.settings, ", ".join([*made, *given])
 

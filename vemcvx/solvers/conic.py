@@ -30,7 +30,7 @@ from vemcvx.program.operators import (
 )
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
-from vemcvx.solvers.settings import settings_for
+from vemcvx.solvers.settings import settings_for, worth_asking_again
 from vemcvx.solvers.solver import Solver
 
 if TYPE_CHECKING:
@@ -135,17 +135,10 @@ class ThroughCvxpy(Solver):
             )
         return _PreparedConic(self, operators)
 
-    def on_kernels(self) -> dict[str, Any]:
-        """Options to add where K is only semidefinite."""
-        return {}
-
-    def careful(self) -> dict[str, Any]:
-        """Options to add when the answer misses; empty where there is nothing slower to try."""
-        return {}
-
-    def asks_with(self, gap: float, more: Mapping[str, Any]) -> dict[str, Any]:
-        """The solver's options for a duality gap of a scaled program: tuned ones, `more`, the user's last."""
-        return {**(settings_for(self.solver, gap) if self.tuned else {}), **more, **self.options}
+    def asks_with(self, gap: float, *, semidefinite: bool, again: bool) -> dict[str, Any]:
+        """The solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
+        ours = settings_for(self.solver, gap, semidefinite=semidefinite, again=again) if self.tuned else {}
+        return {**ours, **self.options}
 
 
 class _PreparedConic:
@@ -156,23 +149,23 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy, operators: Operators):
         self._settings, self._form = settings, operators
-        self._always = settings.on_kernels() if settings.tuned and operators.kernel is not None else {}
         self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], CvxpyStep]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         if len(program.g) == 0:
             return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
         cones = self._settings.cones
-        answer = self._ask(program, target, cones, {})
-        careful = self._settings.careful() if self._settings.tuned else {}
-        if careful and program.duality_gap(answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
-            again = self._ask(program, target, cones and self._form.block > 1, careful)
+        answer = self._ask(program, target, cones)
+        more = self._settings.tuned and worth_asking_again(self._settings.solver)
+        if more and program.duality_gap(answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
+            again = self._ask(program, target, cones and self._form.block > 1, again=True)
             answer = replace(again, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
 
-    def _ask(self, program: StepProgram, target: float, cones: bool, more: dict[str, Any]) -> Answer:
-        posed = self._posed(program, cones)
-        status, iterations = _run(posed, self._settings, self._settings.asks_with(target, {**self._always, **more}))
+    def _ask(self, program: StepProgram, target: float, cones: bool, again: bool = False) -> Answer:
+        posed, semidefinite = self._posed(program, cones), self._form.kernel is not None
+        options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
+        status, iterations = _run(posed, self._settings, options)
         if posed.d.value is None:
             still = np.zeros((program.operators.count, program.operators.block))
             return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))

@@ -152,12 +152,23 @@ def test_without_says_what_is_there():
         vx.SceneError, match=r"Scene.without: there is no TrescaFriction in this scene; it has Elasticity, Clamp, Trac"
     ):
         scene.without(vx.TrescaFriction)
-    with pytest.raises(vx.SceneError, match="at least one"):
-        scene.without(vx.Elasticity)
     with pytest.raises(vx.SceneError, match="Scene.without: found 'Clamp'; give the class of an effect"):
         scene.without("Clamp")
     assert scene.without(vx.Clamp, PULLED).effects == (STEEL,)
     assert scene.effects == (STEEL, HELD, PULLED)
+
+
+def test_a_scene_without_its_material_is_one_to_add_to():
+    full = vx.Scene(*SUPPORTED, PULLED)
+    wood = vx.Orthotropic(young=(200.0, 60.0), poisson=0.3, shear=40.0)
+    unfinished = full.without(vx.Elasticity)
+    with pytest.raises(vx.SceneError, match=r"^Scene: found 0 materials; a scene has at least one, such as Elasticity"):
+        vx.simulate(unfinished, mesh(), TIMES)
+    with pytest.raises(vx.SceneError, match=r"^Scene: found 'wood', which is not an effect"):
+        unfinished.with_("wood")
+    finished = unfinished.with_(wood)
+    assert answers(finished) == answers(vx.Scene(*[e for e in full if not isinstance(e, vx.Elasticity)], wood))
+    assert answers(unfinished.with_().with_(wood)) == answers(finished)
 
 
 def test_a_scene_without_convex_terms_imports_no_conic_solver():

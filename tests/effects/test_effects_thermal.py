@@ -174,7 +174,7 @@ MISTAKES = {
     ),
     "hot from the start": (
         vx.ThermalStrain(1.0, 1.0),
-        r"^initial: the state at t = 0 is not held by friction \(condition \(2\.1\)\)",
+        r"^initial: the state at t = 0 is not in equilibrium \(condition \(2\.1\)\)",
     ),
 }
 

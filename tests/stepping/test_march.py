@@ -226,3 +226,24 @@ def test_a_storage_without_all_methods_is_refused_in_one_sentence():
     system = vx.System(np.eye(2), lambda t: [t, t])
     with pytest.raises(vx.SceneError, match=r"^march: found storage = .*; wanted Memory\(\), Folder\(path\), or None"):
         vx.march(system, [0.0, 1.0], storage=Forgetful())
+
+
+def test_loads_from_the_start_need_one_word_and_no_ramp():
+    """A constant load, settled: at rest from the start, and where a ramp without reversal leads, for the load grows."""
+    mesh, times = small("squares"), np.linspace(0, 1, 5)
+
+    def pressed(course):
+        bottom = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.02, on="bottom")
+        block = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right")
+        return vx.Scene(*block, vx.Traction(course((0.0, -1.0)), on="top"), *bottom)
+
+    constant = pressed(lambda force: force)
+    with pytest.raises(vx.SceneError, match=r"If something acts from the start, say initial='settled'"):
+        vx.simulate(constant, mesh, times)
+    history = vx.simulate(constant, mesh, times, initial="settled")
+    assert np.array_equal(history.displacement, np.repeat(history.displacement[:1], 5, axis=0))
+    assert not history.work.any()
+    assert not history.dissipated.any()
+    ramp = vx.simulate(pressed(lambda force: vx.Tabulated([0.0, 1.0], [(0.0, 0.0), force])), mesh, [0.0, 1.0])
+    size = np.abs(ramp.displacement).max()
+    assert np.abs(history.displacement[-1] - ramp.displacement[-1]).max() < 1e-12 * size

@@ -95,6 +95,7 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
     SceneError
         The scene names what the mesh lacks, or leaves the body free to float.
     """
+    scene.require_material()
     space = Space(mesh)
     inactive: list[str] = []
     parts = [without_inactive(effect, effect.contribute(space), times, inactive) for effect in scene.canonical]

@@ -34,17 +34,22 @@ class Scene:
     """
 
     def __init__(self, *effects: Effect):
-        for effect in effects:
-            if not isinstance(effect, Effect):
-                raise SceneError(
-                    f"Scene: found {_found(effect)}; a scene is made of effects, one by one, such as "
-                    'Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
-                )
-        if not any(isinstance(effect, MaterialLaw) for effect in effects):
+        self._effects = _checked(effects)
+        self.require_material()
+
+    @classmethod
+    def _unfinished(cls, effects: tuple[Effect, ...]) -> Scene:
+        """A scene that may lack a material as yet."""
+        scene = cls.__new__(cls)
+        scene._effects = _checked(effects)
+        return scene
+
+    def require_material(self) -> None:
+        """Raise SceneError if the scene has no material: it cannot run."""
+        if not any(isinstance(effect, MaterialLaw) for effect in self._effects):
             raise SceneError(
                 "Scene: found 0 materials; a scene has at least one, such as Elasticity(young=200.0, poisson=0.3)."
             )
-        self._effects = tuple(effects)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -58,10 +63,12 @@ class Scene:
 
     def with_(self, *effects: Effect) -> Scene:
         """The scene with these effects besides its own."""
-        return Scene(*self._effects, *effects)
+        return self._unfinished((*self._effects, *effects))
 
     def without(self, *kinds: type[Effect] | Effect) -> Scene:
         """The scene without all effects of these classes, or without these very effects.
+
+        Without its material a scene is unfinished: it runs once :meth:`Scene.with_` has given it another.
 
         Parameters
         ----------
@@ -70,7 +77,7 @@ class Scene:
         Raises
         ------
         SceneError
-            The scene has no such effect, or is left without a material.
+            The scene has no such effect.
         """
         for kind in kinds:
             if not (isinstance(kind, Effect) or (isinstance(kind, type) and issubclass(kind, Effect))):
@@ -82,7 +89,9 @@ class Scene:
                 there = ", ".join(dict.fromkeys(type(effect).__name__ for effect in self._effects))
                 name = kind.__name__ if isinstance(kind, type) else brief(kind)
                 raise SceneError(f"Scene.without: there is no {name} in this scene; it has {there}.")
-        return Scene(*(effect for effect in self._effects if not any(_is(effect, kind) for kind in kinds)))
+        return self._unfinished(
+            tuple(effect for effect in self._effects if not any(_is(effect, kind) for kind in kinds))
+        )
 
     def __iter__(self) -> Iterator[Effect]:
         return iter(self._effects)
@@ -93,6 +102,16 @@ class Scene:
     def _repr_html_(self) -> str:
         said = [effect.describe().partition(": ") for effect in self._effects]
         return Outline("Scene", [(name, words) for name, _, words in said]).html()
+
+
+def _checked(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            raise SceneError(
+                f"Scene: found {_found(effect)}; a scene is made of effects, one by one, such as "
+                'Scene(Elasticity(young=200.0, poisson=0.3), Clamp(on="right")).'
+            )
+    return effects
 
 
 def _is(effect: Effect, kind: type[Effect] | Effect) -> bool:

@@ -157,10 +157,12 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
                 f"{excess[worst] + state.weights[worst]:.6g}, {excess[worst]:.6g} over the bound "
                 f"{state.weights[worst]:.6g}."
             )
+    held = "in equilibrium" if norms is None else "held by friction"
     return (
-        f"initial: the state at t = {state.t:.6g} is not held by friction (condition (2.1)): one step there moves it "
-        f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}.{where} Start from initial='settled' (one step from "
-        "zero) or 'equilibrium' (no friction), from a given state, or with a load that begins at zero."
+        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it by "
+        f"{jump:.1e} of the energy norm, allowed is {JUMP:.0e}.{where} If something acts from the start, say "
+        "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
+        "'equilibrium' (no friction), from a given state, or with a load that begins at zero."
     )
 
 

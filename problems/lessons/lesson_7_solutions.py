@@ -59,9 +59,9 @@ bent, mesh = block(zigzag), vx.meshes.squares(8)
 many = vx.simulate(bent, mesh, np.linspace(0.0, 1.0, 9))
 late = np.array([14, 22, 30, 62])
 off = np.array([apart(vx.simulate(bent, mesh, np.linspace(0.0, 1.0, n + 1)), many) for n in late])
-orders = np.log(off[:-1] / off[1:]) / np.log(late[1:] / late[:-1])
-print("orders in k", np.round(orders, 2), "-> 1")
-assert abs(orders[-1] - 1) < 0.15
+in_time = vx.measures.convergence_table(1 / late, off, "k")
+print(in_time)
+assert abs(in_time.orders["error"][-1] - 1) < 0.15
 
 # %% [markdown]
 # **3.** $u = (x^2, 0)$ has the strain $(2x, 0, 0)$ and the stress $((\lambda + 2\mu)\, 2x, 2\lambda x, 0)$, so the body
@@ -81,13 +81,11 @@ def strain(x, t):
     return t * np.column_stack([2 * x[:, 0], np.zeros((len(x), 2))])
 
 
-found = []
-for _n in (8, 16, 32):
-    _run = vx.simulate(smooth, vx.meshes.voronoi(_n), [0.0, 1.0])
-    found.append(vx.measures.energy_error(_run, strain).relative)
-smooth_orders = np.log2(np.array(found[:-1]) / found[1:])
-print("smooth solution, orders", np.round(smooth_orders, 2))
-assert np.abs(smooth_orders - 1).max() < 0.1
+runs = [vx.simulate(smooth, vx.meshes.voronoi(n), [0.0, 1.0]) for n in (8, 16, 32)]
+found = [vx.measures.energy_error(run, strain).relative for run in runs]
+in_space = vx.measures.convergence_table(1 / np.array([8, 16, 32]), found)
+print(f"smooth solution:\n{in_space}")
+assert np.abs(in_space.orders["error"][1:] - 1).max() < 0.1
 
 # %% [markdown]
 # **4.** Minimise $h^{-2}k^{-1}$ under $ah + bk = \varepsilon$: the gradient of the logarithm, $(-2/h, -1/k)$, is

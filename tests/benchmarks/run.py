@@ -17,6 +17,8 @@ from measure import Row
 from rich.console import Console
 from rich.table import Table
 
+from vemcvx.tables import csv_text, markdown
+
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 
 
@@ -57,21 +59,16 @@ def cells(row: Row) -> list[str]:
 
 
 def write(rows: list[Row], path: Path) -> None:
-    with open(path, "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        writer.writerows(cells(row) for row in rows)
+    path.write_text(csv_text(COLUMNS, map(cells, rows)))
 
 
 def into_readme(rows: list[Row], picture: Path) -> None:
     """Replace what stands between the marks in the README by what was just measured."""
     root = Path(__file__).parents[2]
     readme = root / "README.md"
-    lines = [COLUMNS, ["---"] * len(COLUMNS), *map(cells, rows)]
     before, rest = readme.read_text().split(BEGIN)
     after = rest.split(END)[1]
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    readme.write_text(before + BEGIN + "\n" + table + "\n" + END + after)
+    readme.write_text(before + BEGIN + "\n" + markdown(COLUMNS, map(cells, rows)) + END + after)
     shutil.copy(picture, root / "problems" / "pictures" / "benchmarks.png")
 
 

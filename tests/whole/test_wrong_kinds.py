@@ -146,6 +146,8 @@ CALLED = [
      {key: {"None", "no dict"} for key in ("boundaries", "cell_data")}),
     (vx.meshes.refinement, {"mesh": MESH, "cells": None, "balance": True}, {"cells": {"None", "no list", "no array"}}),
     (vx.measures.orders, {"h": [1.0, 0.5], "errors": [1.0, 0.5]}, {key: {"an array"} for key in ("h", "errors")}),
+    (vx.measures.convergence_table, {"h": [1.0, 0.5], "errors": [1.0, 0.5], "name": "h"},
+     {"h": {"an array"}, "errors": {"an array"}, "name": NAMES | {"no words"}}),
     (MESH.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
     (MESH.with_cell_data, {"name": "a", "values": [1.0]}, {"name": NAMES}),
 ]  # fmt: skip

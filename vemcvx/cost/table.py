@@ -28,12 +28,12 @@ Columns of the table, one row a point:
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from vemcvx.tables import csv_text
 
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
 
@@ -149,12 +149,8 @@ def table(rows: Sequence[Row]) -> str:
     }
     errors = [one.error for one in found]
     fronts = {name: {found[k].row.key for k in front(cost, errors)} for name, cost in costs.items()}
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [*(field.name for field in fields(Row)), *fronts], lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow(asdict(row) | {name: int(row.key in keys) for name, keys in fronts.items()})
-    return text.getvalue()
+    heads = [*(field.name for field in fields(Row)), *fronts]
+    return csv_text(heads, ([*astuple(row), *(int(row.key in keys) for keys in fronts.values())] for row in rows))
 
 
 SAME = 0.01

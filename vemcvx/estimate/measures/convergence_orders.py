@@ -41,17 +41,23 @@ def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
     HistoryError
         There are fewer than two runs, the lengths differ, or a number is not positive.
     """
-    sizes, values = (as_real_array(raw, "orders", "a sequence of numbers") for raw in (h, errors))
-    if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
-        raise HistoryError(
-            f"orders: found {sizes.shape} sizes and {values.shape} errors; give equally many, two or more."
-        )
-    for name, array in (("size", sizes), ("error", values)):
-        wrong = ~(np.isfinite(array) & (array > 0))
-        if wrong.any():
-            raise HistoryError(f"orders: found the {name} {array[wrong][0]:.6g}; logarithms want it finite and > 0.")
-    x, y = np.log(sizes), np.log(values)
-    if (np.diff(x) == 0).any():
-        raise HistoryError(f"orders: found the size {sizes[1:][np.diff(x) == 0][0]:.6g} twice in a row; refine.")
+    x, y = (np.log(array) for array in checked(h, errors, "orders"))
     about = x - x.mean()
     return Orders(np.diff(y) / np.diff(x), float(about @ y / (about @ about)))
+
+
+def checked(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False) -> tuple[Floats, Floats]:
+    """Sizes and errors that have logarithms; NaN among the errors where some may be missing."""
+    sizes, values = (as_real_array(raw, subject, "a sequence of numbers") for raw in (h, errors))
+    if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
+        raise HistoryError(
+            f"{subject}: found {sizes.shape} sizes and {values.shape} errors; give equally many, two or more."
+        )
+    for name, array in (("size", sizes), ("error", values[~np.isnan(values)] if missing else values)):
+        wrong = ~(np.isfinite(array) & (array > 0))
+        if wrong.any():
+            raise HistoryError(f"{subject}: found the {name} {array[wrong][0]:.6g}; logarithms want it finite and > 0.")
+    twice = np.diff(np.log(sizes)) == 0
+    if twice.any():
+        raise HistoryError(f"{subject}: found the size {sizes[1:][twice][0]:.6g} twice in a row; refine.")
+    return sizes, values

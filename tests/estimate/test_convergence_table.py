@@ -1,0 +1,95 @@
+"""Errors with their orders, as Markdown, CSV and LaTeX: three readers find the numbers that went in."""
+
+from __future__ import annotations
+
+import csv
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+H = 1 / np.array([4, 8, 16, 32])
+SECOND = 0.5 * H**2
+GAPPED = np.array([1e-2, np.nan, 1e-5, 1e-6])
+
+
+@pytest.fixture
+def table():
+    return vx.measures.convergence_table(H, {"50 % of $h^2$": SECOND, "gap_ped|": GAPPED}, "h = k")
+
+
+def test_orders_are_those_of_the_errors(table):
+    assert table.orders["50 % of $h^2$"][1:] == pytest.approx([2.0, 2.0, 2.0], rel=1e-14)
+    # Beside an error that is missing there is no order.
+    assert np.isnan(table.orders["gap_ped|"][:3]).all()
+    assert table.orders["gap_ped|"][3] == pytest.approx(np.log2(10.0), rel=1e-14)
+    rough = vx.measures.convergence_table([0.3, 0.1, 0.07], [1.0, 0.2, 0.19])
+    assert rough.orders["error"][1:] == pytest.approx(vx.measures.orders([0.3, 0.1, 0.07], [1.0, 0.2, 0.19]).successive)
+
+
+def test_markdown(table):
+    heads, rule, *rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.markdown().splitlines()]
+    assert [head.strip() for head in heads] == ["h = k", "50 % of $h^2$", "order", r"gap_ped\|", "order"]
+    assert {cell.strip() for cell in rule} == {"---:"}
+    cells = [[cell.strip() for cell in row] for row in rows]
+    assert cells[0] == ["1/4", "0.03125", "", "0.01000", ""]
+    assert cells[1] == ["1/8", "0.007812", "2.00", "", ""]
+    assert cells[3] == ["1/32", "0.0004883", "2.00", "1.000e-06", "3.32"]
+    assert repr(table) == table.markdown().rstrip()
+
+
+def test_csv_has_every_digit_and_no_name_twice(table, tmp_path):
+    with table.write(tmp_path / "table.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["h = k"]) for row in rows] == H.tolist()
+    assert [float(row["50 % of $h^2$"]) for row in rows] == SECOND.tolist()
+    assert [float(row["gap_ped|"] or "nan") for row in rows] == pytest.approx(GAPPED, rel=0, nan_ok=True)
+    orders = table.orders["50 % of $h^2$"]
+    assert [float(row["order of 50 % of $h^2$"] or "nan") for row in rows] == pytest.approx(orders, rel=0, nan_ok=True)
+
+
+def test_latex_escapes_words_and_leaves_formulas(table, tmp_path):
+    lines = table.write(tmp_path / "table.tex").read_text().splitlines()
+    assert lines[0] == r"\begin{tabular}{rrrrr}"
+    assert lines[2] == r"h = k & 50 \% of $h^2$ & order & gap\_ped$|$ & order \\"
+    assert lines[7] == r"1/32 & 0.0004883 & 2.00 & $1.000\cdot10^{-6}$ & 3.32 \\"
+    assert lines[-1] == r"\end{tabular}"
+    special = vx.measures.convergence_table(H, {"100 % & #1_a^b~{c}\\ $": SECOND}).latex()
+    assert r"100 \% \& \#1\_a\^{}b\~{}\{c\}\textbackslash{} \$ & order" in special
+
+
+def test_notebooks_get_a_table(table):
+    shown = ET.fromstring(table._repr_html_())
+    assert [cell.text for cell in shown[1][0]] == ["1/4", "0.03125", None, "0.01000", None]
+
+
+def test_sizes_that_are_no_fractions_stay_numbers():
+    cells = vx.measures.convergence_table([1.0, np.sqrt(2) / 8, 1e-300], [1.0, 0.5, 0.1], "k").markdown().splitlines()
+    assert [line.split("|")[1].strip() for line in cells[2:]] == ["1", "0.1768", "1e-300"]
+
+
+@pytest.mark.parametrize(
+    ("h", "errors", "says"),
+    [
+        (H, {}, "found no errors"),
+        (H, {"a": SECOND, "b": SECOND[:2]}, r"b: found \(4,\) sizes and \(2,\) errors"),
+        (H, {"a": -SECOND}, "a: found the error -0.03125"),
+        ([1.0, 0.5, 0.5], [3.0, 2.0, 1.0], "error: found the size 0.5 twice in a row"),
+        ([1.0, np.nan], [3.0, 2.0], "found the size nan"),
+        (H, {3: SECOND}, "found the name 3; wanted words"),
+    ],
+)
+def test_what_makes_no_table_is_said(h, errors, says):
+    with pytest.raises(vx.HistoryError, match=says):
+        vx.measures.convergence_table(h, errors)
+
+
+def test_files_are_written_in_three_forms(table, tmp_path):
+    assert table.write(str(tmp_path / "table.md")).read_text() == table.markdown()
+    with pytest.raises(vx.HistoryError, match=r"table\.doc: a table of convergence is written as \.md, \.csv, \.tex"):
+        table.write(tmp_path / "table.doc")
+    with pytest.raises(vx.HistoryError, match="cannot be written"):
+        table.write(tmp_path / "nowhere" / "table.md")

@@ -8,7 +8,8 @@ import reprlib
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError
 
@@ -17,6 +18,8 @@ EPS = float(np.finfo(float).eps)
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+MatrixLike = ArrayLike | sp.sparray | sp.spmatrix
+"""What is taken for a matrix."""
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 

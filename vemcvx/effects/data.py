@@ -18,7 +18,10 @@ from vemcvx.arrays import Floats, Ints, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import PolygonMesh
 
-Datum = ArrayLike | Callable[..., ArrayLike]
+Datum = ArrayLike | Callable[[Floats, float], ArrayLike]
+"""A constant, or f(x, t)."""
+Constant = ArrayLike | Callable[[Floats], ArrayLike]
+"""A number, f(x), or of materials a value for each cell or the name of a cell datum (words are ArrayLike)."""
 
 
 def scalar(value: Datum, x: Floats, t: float, subject: str) -> Floats:
@@ -49,13 +52,13 @@ def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     return _shaped(_call(value, (x, t), "x, t", subject), shape, subject, wanted, _place(x, t))
 
 
-def coefficient(value: Datum, x: Floats, subject: str) -> Floats:
+def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
     """Values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
     wanted = f"a number, or ({len(x)},) values, one a point"
     return _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
 
 
-def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floats:
+def modulus(value: Constant, x: Floats, cell_data: Any, subject: str) -> Floats:
     """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name."""
     if isinstance(value, str):
         if value not in cell_data:
@@ -71,7 +74,7 @@ def modulus(value: Datum | str, x: Floats, cell_data: Any, subject: str) -> Floa
     return _shaped(raw, (len(x),), subject, wanted, "in cell {}".format)
 
 
-def varies(*values: Datum | str | None) -> bool:
+def varies(*values: Datum | Constant | None) -> bool:
     """Whether one of the data is a function, of place or of time."""
     return any(callable(value) for value in values)
 
@@ -97,14 +100,14 @@ class InCells:
         """One point a cell."""
         return cls(mesh, mesh.centroids, np.arange(mesh.n_cells))
 
-    def read(self, value: Datum | str, subject: str) -> Floats:
+    def read(self, value: Constant, subject: str) -> Floats:
         """Values (k,) of a material constant."""
         if callable(value):
             return modulus(value, self.x, self.mesh.cell_data, subject)
         return modulus(value, self.mesh.centroids, self.mesh.cell_data, subject)[self.cells]
 
 
-def _call(value: Datum, arguments: tuple[Any, ...], names: str, subject: str) -> Any:
+def _call(value: Datum | Constant, arguments: tuple[Any, ...], names: str, subject: str) -> Any:
     if not callable(value):
         return value
     failed = f"{subject}: its function failed when called as f({names}) with x of shape {arguments[0].shape}"

@@ -43,8 +43,8 @@ class ElasticFoundation(Effect):
         Boundary names.
     """
 
-    normal: data.Datum = 0.0
-    tangential: data.Datum = 0.0
+    normal: data.Constant = 0.0
+    tangential: data.Constant = 0.0
     on: str | Sequence[str] = field(kw_only=True)
 
     def contribute(self, space: Space) -> Contribution:

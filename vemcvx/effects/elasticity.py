@@ -50,8 +50,8 @@ class Elasticity(MaterialLaw):
         must be finite on all cells, but only their values on these count.
     """
 
-    young: data.Datum | str
-    poisson: data.Datum | str
+    young: data.Constant
+    poisson: data.Constant
     plane: str = "strain"
     stabilisation: str = "shear"
     on: str | Sequence[str] | None = None

@@ -21,12 +21,11 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given, Material
+from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import MaterialLaw, check_plane, region
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space, anisotropic_stiffness, upper_triangle
-
-Constant = data.Datum | str
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class ThermalStrain(Effect):
         theta, degrees above the stress-free state, at centroids and t_n; positive expands (with alpha > 0).
     """
 
-    expansion: data.Datum | str
+    expansion: data.Constant
     temperature: data.Datum
 
     def contribute(self, space: Space) -> Contribution:

@@ -34,8 +34,8 @@ class Viscosity(Effect):
         zeta >= 0.
     """
 
-    shear: data.Datum | str
-    volume: data.Datum | str = 0.0
+    shear: data.Constant
+    volume: data.Constant = 0.0
 
     def contribute(self, space: Space) -> Contribution:
         eta, zeta = self._checked(self.shear, space, "shear"), self._checked(self.volume, space, "volume")
@@ -44,7 +44,7 @@ class Viscosity(Effect):
     def describe(self) -> str:
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
 
-    def _checked(self, value: data.Datum | str, space: Space, name: str) -> Floats:
+    def _checked(self, value: data.Constant, space: Space, name: str) -> Floats:
         found = data.modulus(value, space.mesh.centroids, space.mesh.cell_data, f"Viscosity: {name}")
         if (found < 0).any():
             cell = int(np.argmin(found))

@@ -5,6 +5,7 @@ A solver's author needs `Operators`, `StepProgram`, `Answer`, and the names of f
 
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.limits import Limits
+from vemcvx.program.norms import Norms
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -15,7 +16,7 @@ from vemcvx.program.operators import (
 )
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.program.system import Damping, Norms, System
+from vemcvx.program.system import Damping, System
 
 __all__ = [
     "ABSOLUTE_VALUES",

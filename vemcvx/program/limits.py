@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called, function
-from vemcvx.arrays import Floats, as_real_array, shape_in_words
+from vemcvx.arrays import Floats, MatrixLike, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
@@ -37,6 +38,16 @@ class Limits(ArrayRecord):
     e: ArrayLike | Callable[[float], ArrayLike]
     compliance: ArrayLike = 0.0
     places: Callable[[int], str] | None = None
+
+    if TYPE_CHECKING:  # D is given as any matrix
+
+        def __init__(
+            self,
+            D: MatrixLike,
+            e: ArrayLike | Callable[[float], ArrayLike],
+            compliance: ArrayLike = 0.0,
+            places: Callable[[int], str] | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import Friction
 from vemcvx.errors import SceneWarning
-from vemcvx.program.system import DraggedTerms, Norms
+from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import freedom, normal_rows, on_free, tangential_rows
 from vemcvx.scene.supports import PARALLEL, Supports

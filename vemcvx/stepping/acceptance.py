@@ -26,7 +26,7 @@ from vemcvx.errors import NotCertified
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced
-from vemcvx.program.system import Norms
+from vemcvx.program.norms import Norms
 from vemcvx.solvers import Solver
 from vemcvx.stepping.ledger import StepData
 

@@ -16,8 +16,8 @@ from typing import Protocol
 import numpy as np
 
 from vemcvx.arrays import Floats
+from vemcvx.program.norms import Norms
 from vemcvx.program.step_program import Answer
-from vemcvx.program.system import Norms
 from vemcvx.stepping.certified_in_full import refined_state
 from vemcvx.stepping.fixed_point import Dependent, resolved
 from vemcvx.stepping.ledger import drive

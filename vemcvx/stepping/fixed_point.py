@@ -43,7 +43,7 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.system import Norms
+from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State

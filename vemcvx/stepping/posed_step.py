@@ -14,9 +14,9 @@ import numpy as np
 
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.norms import Norms
 from vemcvx.program.scaling import SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.program.system import Norms
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
 from vemcvx.solvers.sets import Iterate

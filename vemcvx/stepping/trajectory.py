@@ -33,7 +33,7 @@ class Trajectory(ArrayRecord):
     worn : (S, m) array
         Work of each norm term since the initial instant, the cumulative sum of its w_i |s_i| over all steps, stored or
         not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
-        (:class:`vemcvx.program.system.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
+        (:class:`vemcvx.program.norms.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
         `sticking` and `stuck`.
     stuck : (N + 1,) array of int
         How many norm terms have such an increment, step by step.

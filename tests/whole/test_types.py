@@ -1,0 +1,65 @@
+"""A user's script with types: mypy and pyright find nothing in it, strictly, find what is wrong, and it runs."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typed_script
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
+SCRIPT = Path(typed_script.__file__).read_text()
+WRONG = (
+    "vx.System(np.eye(2), 3.0)",
+    "vx.Norms(np.eye(2), 0.5, block='2')",
+    "vx.Limits({}, 0.0)",
+    "vx.Scene(vx.Traction(lambda x: x, on='left'))",
+    "vx.simulate(scene(), mesh(4), times)",
+    "abstract().state + 'words' * mesh(4).n_cells",
+)
+
+
+def by_mypy(folder):
+    """Lines of the script with errors, as mypy sees them."""
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "", "--no-error-summary", "script.py"]
+    done = subprocess.run(command, cwd=folder, env={"MYPYPATH": str(ROOT)}, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    return {int(line): words for line, words in re.findall(r"^script\.py:(\d+): error: (.*)$", done.stdout, re.M)}
+
+
+def by_pyright(folder):
+    """The same, as pyright does."""
+    if importlib.util.find_spec("basedpyright") is None:
+        pytest.skip("basedpyright is not installed")
+    asked = {"typeCheckingMode": "strict", "extraPaths": [str(ROOT)], "include": ["script.py"]}
+    (folder / "pyrightconfig.json").write_text(json.dumps(asked))
+    words = ["-c", "from basedpyright.pyright import main; main()", "--pythonpath", sys.executable, "--outputjson"]
+    done = subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True, check=False)
+    found = json.loads(done.stdout)
+    assert found["summary"]["filesAnalyzed"] == 1
+    return {each["range"]["start"]["line"] + 1: each["message"] for each in found["generalDiagnostics"]}
+
+
+@pytest.mark.parametrize("check", [by_mypy, by_pyright])
+def test_a_users_script_has_no_errors_of_types(check, tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    assert check(tmp_path) == {}
+
+
+@pytest.mark.parametrize("check", [by_mypy, by_pyright])
+def test_mistakes_are_found(check, tmp_path):
+    (tmp_path / "script.py").write_text("\n".join([SCRIPT, *WRONG]))
+    first = SCRIPT.count("\n") + 2
+    assert set(check(tmp_path)) == set(range(first, first + len(WRONG)))
+
+
+def test_the_script_runs(tmp_path):
+    pytest.importorskip("matplotlib")
+    typed_script.main(tmp_path)
+    assert (tmp_path / "slip.gif").stat().st_size > 0

@@ -1,0 +1,159 @@
+"""Norm terms: w_i |B_i y| of the seminorm j, with the law of their weights and their bias."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from vemcvx.arguments import called, function, is_whole
+from vemcvx.arrays import Floats, MatrixLike, as_real_array, brief, shape_in_words
+from vemcvx.errors import SceneError
+from vemcvx.outline import ArrayRecord
+from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
+
+# Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
+ROUNDED = 8 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, repr=False)
+class Norms(ArrayRecord):
+    """The terms w_i |B_i v|: rows i * block ... (i + 1) * block of B make the vector B_i v.
+
+    Parameters
+    ----------
+    B : (m * block, n) array or sparse matrix
+    w : (m,) array, or callable t -> (m,)
+        Weights >= 0.
+    block : int
+        Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
+    places : callable i -> str, optional
+        Where term i acts, in words, for messages.
+    law : callable (t, p) -> (m,), optional
+        Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
+        then the weights without limits acting.
+    bias : (m * block,) array, or callable t -> (m * block,), optional
+        c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
+        as a force -B'c, whose work is friction's.
+    slope : callable (t, p) -> (m, r), optional
+        The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
+        are then solved whole, and their certificates are bounds instead of estimates.
+    """
+
+    B: sp.csr_matrix
+    w: ArrayLike | Callable[[float], ArrayLike]
+    block: int = 1
+    places: Callable[[int], str] | None = None
+    law: Callable[[float, Floats], ArrayLike] | None = None
+    bias: ArrayLike | Callable[[float], ArrayLike] | None = None
+    slope: Callable[[float, Floats], MatrixLike] | None = None
+
+    if TYPE_CHECKING:  # B is given as any matrix
+
+        def __init__(
+            self,
+            B: MatrixLike,
+            w: ArrayLike | Callable[[float], ArrayLike],
+            block: int = 1,
+            places: Callable[[int], str] | None = None,
+            law: Callable[[float, Floats], ArrayLike] | None = None,
+            bias: ArrayLike | Callable[[float], ArrayLike] | None = None,
+            slope: Callable[[float, Floats], MatrixLike] | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        B = checked_matrix(self.B, "Norms: B")
+        if not is_whole(self.block) or self.block < 1 or B.shape[0] % self.block:
+            raise SceneError(
+                f"Norms: found B with {B.shape[0]} rows and block = {brief(self.block)}; "
+                "B must have a whole number of blocks of rows."
+            )
+        object.__setattr__(self, "B", B)
+        object.__setattr__(self, "block", int(self.block))
+        function(self.places, "Norms: found places", "a function of i that says where term i acts")
+        function(self.law, "Norms: found law", "a function of (t, p) that gives weights")
+        function(self.slope, "Norms: found slope", "a function of (t, p) that gives the law's derivative")
+        if not callable(self.w):
+            object.__setattr__(self, "w", self._checked(self.w))
+
+    @property
+    def count(self) -> int:
+        """The number of terms m."""
+        return self.B.shape[0] // self.block
+
+    def name(self, i: int) -> str:
+        """Where term `i` acts, in words."""
+        return f"norm term {i}" if self.places is None else str(called(self.places, (i,), "Norms: places failed", SAY))
+
+    def weights(self, t: float) -> Floats:
+        """Weights (m,) at the instant `t`."""
+        w = self.w
+        # An array was checked when it was given.
+        return w if isinstance(w, np.ndarray) else self._checked(at_instant(w, t, "Norms: w"))
+
+    def weights_under(self, t: float, p: Floats) -> Floats:
+        """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
+        return self.weights(t) if self.law is None else self._checked(self._ask("law", t, p))
+
+    def slope_under(self, t: float, p: Floats) -> sp.csr_matrix:
+        """The derivative (m, r) of the weights there; `slope` must be given."""
+        return checked_matrix(self._ask("slope", t, p), "Norms: slope", (self.count, len(p)))
+
+    def _ask(self, name: str, t: float, p: Floats) -> ArrayLike:
+        failed = f"Norms: {name}: its function failed when called as f(t, p) with t = {t:.6g}"
+        value: ArrayLike = called(getattr(self, name), (t, p), failed, "return weights, or their derivative")
+        return value
+
+    def tilt(self, t: float) -> Floats:
+        """The bias (m * block,) at the instant `t`; zero if there is none.
+
+        Raises
+        ------
+        SceneError
+            It is ill-shaped, not finite, or larger than the weights: one direction would be paid for.
+        """
+        rows = self.B.shape[0]
+        if self.bias is None:
+            return np.zeros(rows)
+        wanted = f"({rows},) forces, one a row of B"
+        c = as_real_array(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted)
+        if c.shape != (rows,):
+            raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
+        finite(c, "Norms: bias")
+        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + ROUNDED)
+        if (over > 0).any():
+            worst = int(np.argmax(over))
+            raise SceneError(
+                f"Norms: found a bias larger than the weight of {self.name(worst)} at t = {t:.6g}; friction would be "
+                "paid for slip. Both directions need bounds >= 0."
+            )
+        return c
+
+    def _checked(self, raw: ArrayLike) -> Floats:
+        wanted = f"a weight, or ({self.count},) of them, one a term"
+        w = as_real_array(raw, "Norms: w", wanted)
+        if w.shape not in ((), (self.count,)):
+            raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
+        finite(w, "Norms: w")
+        if (w < 0).any():
+            worst = self.name(int(np.argmin(w)))
+            raise SceneError(f"Norms: found the weight {w.min():.6g} of {worst}; weights must be >= 0.")
+        return np.array(np.broadcast_to(w, (self.count,)))
+
+
+@dataclass(frozen=True)
+class DraggedTerms:
+    """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
+
+    position: Callable[[float], Floats]
+    """t -> (q * block,), c"""
+    weights: Callable[[float, Floats], Floats]
+    """(t, p) -> (q,), under the forces p (r,) of the limits"""
+    count: int
+    block: int = 1
+    bias: Callable[[float], Floats] | None = None
+    """t -> (q * block,), as of norm terms"""

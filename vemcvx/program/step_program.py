@@ -9,8 +9,7 @@ of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishe
 d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
 """
 
-from __future__ import annotations
-
+# No annotations from __future__: subclasses in other modules inherit the fields, and pdoc reads their types there.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -249,7 +248,7 @@ class StepProgram(ArrayRecord):
         cones = self.operators.block > 1 if cones is None else cones
         return to_cvxpy(self.operators, self.g, self.w, b=self.b, e=self.e, cones=cones)
 
-    def proximal(self, centre: Floats) -> StepProgram:
+    def proximal(self, centre: Floats) -> "StepProgram":
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
         operators = self.operators
         return (

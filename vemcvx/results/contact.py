@@ -35,8 +35,10 @@ class Contact(ArrayRecord):
 
     Attributes
     ----------
-    nodes : (m,) int, points : (m, dim), normals : (m, dim)
-        Node numbers, places and outward normals (averaged by length at corners).
+    nodes : (m,) int
+        Node numbers.
+    points, normals : (m, dim)
+        Places and outward normals (averaged by length at corners).
     slip : (S, m, dim)
         Tangential displacement.
     traction : (S, m, dim)

@@ -1,7 +1,6 @@
 """What a simulation leaves: displacements, slips, tractions, reactions, stresses, energies."""
 
-from __future__ import annotations
-
+# No annotations from __future__: subclasses in other modules inherit the fields, and pdoc reads their types there.
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated

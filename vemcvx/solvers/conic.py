@@ -6,8 +6,7 @@ and interior points break down. Inequalities carry it as a slack of its own: on 
 problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
 """
 
-from __future__ import annotations
-
+# No annotations from __future__: subclasses in other modules inherit the fields, and pdoc reads their types there.
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -124,7 +123,7 @@ class ThroughCvxpy(Solver):
         linear_only = self.solver in SOLVER_MAP_CONIC and self.solver not in SOLVER_MAP_QP and not self.cones
         return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
-    def prepare(self, operators: Operators) -> _PreparedConic:
+    def prepare(self, operators: Operators) -> "_PreparedConic":
         import cvxpy as cp
 
         if self.solver not in cp.installed_solvers():

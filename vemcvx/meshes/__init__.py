@@ -8,8 +8,10 @@ from vemcvx.meshes.families.nonconvex import nonconvex
 from vemcvx.meshes.families.squares import squares
 from vemcvx.meshes.families.triangles import triangles
 from vemcvx.meshes.families.voronoi import voronoi
+from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement.refine import Refinement, refinement
 from vemcvx.meshes.polygon_mesh import PolygonMesh, read
+from vemcvx.meshes.several_bodies.bodies import bodies
 
 FAMILIES = {
     "squares": squares,
@@ -23,8 +25,10 @@ FAMILIES = {
 
 __all__ = [
     "FAMILIES",
+    "Interface",
     "PolygonMesh",
     "Refinement",
+    "bodies",
     "distorted",
     "hanging",
     "hexagons",

@@ -22,6 +22,7 @@ from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.checks.mesh import checked
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
+from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.polygons import shapes as geometry
 from vemcvx.meshes.polygons import topology
 from vemcvx.outline import Outline, in_a_line
@@ -35,6 +36,7 @@ class Tessellation:
     offsets: Ints
     vertices: Ints
     cell_data: Mapping[str, NDArray[Any]]
+    interfaces: Mapping[str, Interface]
     node_map: Ints | None
     _named: Mapping[str, Ints]
     _box: Box | None
@@ -46,13 +48,16 @@ class Tessellation:
         *,
         boundaries: Mapping[str, ArrayLike] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,
+        interfaces: Mapping[str, Interface] | None = None,
     ):
-        mesh = checked(points, cells)
+        mesh = checked(points, cells, interfaces)
         for note in mesh.notes:
             warnings.warn(note, MeshWarning, stacklevel=2)
         self._fill(mesh.points, mesh.offsets, mesh.vertices, node_map=mesh.node_map)
         named = check_boundaries(boundaries, self._boundary, self.n_nodes, mesh.node_map)
         object.__setattr__(self, "_named", named)
+        matched = on_boundary(mesh.interfaces, self._boundary, self.n_nodes, mesh.node_map)
+        object.__setattr__(self, "interfaces", MappingProxyType(matched))
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
 
     @classmethod
@@ -68,6 +73,7 @@ class Tessellation:
             "offsets": read_only(offsets),
             "vertices": read_only(vertices),
             "cell_data": MappingProxyType({}),
+            "interfaces": MappingProxyType({}),
             "node_map": None,
             "_named": {},
             "_box": None,
@@ -85,12 +91,14 @@ class Tessellation:
 
     def __getstate__(self) -> dict[str, object]:
         kept = {name: getattr(self, name) for name in ("points", "offsets", "vertices", "node_map", "_named", "_box")}
-        return {**kept, "cell_data": dict(self.cell_data)}  # a mapping proxy cannot be pickled
+        # A mapping proxy cannot be pickled.
+        return {**kept, "cell_data": dict(self.cell_data), "interfaces": dict(self.interfaces)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         data = {name: read_only(values) for name, values in state.pop("cell_data").items()}
         named = {name: read_only(edges) for name, edges in state.pop("_named").items()}
-        self._fill(**state, cell_data=MappingProxyType(data), _named=named)
+        interfaces = MappingProxyType(state.pop("interfaces"))
+        self._fill(**state, cell_data=MappingProxyType(data), _named=named, interfaces=interfaces)
 
     def __repr__(self) -> str:
         names = ", ".join(self.boundaries)
@@ -153,9 +161,11 @@ class Tessellation:
         """Named parts of the boundary: name -> edges (m, 2); "boundary" is all of it.
 
         An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
+        The name of an interface means its edges of the first body; "boundary" has those of both.
         """
         sides = {} if self._box is None else side_edges(self.points, self._boundary, self._box)
-        return MappingProxyType({**sides, **self._named, "boundary": self._boundary})
+        joints = {name: interface.edges for name, interface in self.interfaces.items()}
+        return MappingProxyType({**sides, **self._named, **joints, "boundary": self._boundary})
 
     @cached_property
     def neighbours(self) -> Ints:

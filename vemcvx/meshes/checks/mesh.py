@@ -6,7 +6,7 @@ checks is that in which faults can be told: numbers, places of nodes, single cel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,27 +17,33 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST
 from vemcvx.meshes.checks.cells import check_cells, turned
 from vemcvx.meshes.checks.tiling import check_coincident, check_tiling
+from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
 from vemcvx.meshes.polygons.topology import cell_of_corner
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """Arrays of a valid mesh (see `PolygonMesh`), and what was mended on the way."""
+    """Arrays of a valid mesh (see `PolygonMesh`), its interfaces as given, and what was mended on the way."""
 
     points: Floats
     offsets: Ints
     vertices: Ints
+    interfaces: Mapping[str, Interface]
     node_map: Ints | None
     notes: tuple[str, ...]
 
 
-def checked(points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer]) -> Checked:
-    """Return valid arrays made of a user's points and cells, or raise MeshError."""
+def checked(
+    points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer], interfaces: Mapping[str, Interface] | None
+) -> Checked:
+    """Return valid arrays made of a user's points and cells, or raise MeshError; only interfaces have double nodes."""
     points = check_points(points)
     offsets, vertices = check_cell_lists(cells, len(points))
     notes = []
     used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
-    check_coincident(points, used)
+    interfaces = check_interfaces(interfaces, len(points))
+    place = places_of(pairs_of(interfaces), points)
+    check_coincident(points, np.unique(place[used]))
     backwards = check_cells(points, offsets, vertices) < 0.0
     if backwards.any():
         vertices = turned(offsets, vertices, backwards)
@@ -45,7 +51,7 @@ def checked(points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer])
             f"{backwards.sum()} of {len(backwards)} cells were listed clockwise (the first is cell "
             f"{np.flatnonzero(backwards)[0]}) and have been turned."
         )
-    check_tiling(points, offsets, vertices)
+    check_tiling(points, offsets, place[vertices])
     node_map = None
     if len(used) < len(points):
         node_map = np.full(len(points), -1)
@@ -55,7 +61,7 @@ def checked(points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer])
             f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
         )
         points, vertices = points[used], node_map[vertices]
-    return Checked(points, offsets, vertices, node_map, tuple(notes))
+    return Checked(points, offsets, vertices, interfaces, node_map=node_map, notes=tuple(notes))
 
 
 def check_points(points: ArrayLike) -> Floats:

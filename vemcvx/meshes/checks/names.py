@@ -70,7 +70,7 @@ def check_boundaries(
     keys = edge_keys(boundary, n_nodes)
     named = {}
     for name, given in boundaries.items():
-        given = _check_edges(check_name(name), given, n_nodes if node_map is None else len(node_map))
+        given = check_edges(check_name(name), given, n_nodes if node_map is None else len(node_map))
         edges = given if node_map is None else node_map[given]
         wanted = edge_keys(edges, n_nodes)
         strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
@@ -84,7 +84,8 @@ def check_boundaries(
     return named
 
 
-def _check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
+def check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
+    """Edges as pairs of node numbers that exist, (m, 2), or MeshError."""
     edges = _array(edges)
     if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.dtype.kind not in "iu":
         raise MeshError(

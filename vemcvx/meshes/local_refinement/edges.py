@@ -21,10 +21,13 @@ class Edges:
         Number of the edge that starts at each corner of the mesh.
     ends : (n_edges, 2) int
         Its nodes, the smaller first; edges are in the order of these pairs.
+    twins : (q, 2) int
+        Numbers of the edges of both bodies in one place at interfaces.
     """
 
     of_corner: Ints
     ends: Ints
+    twins: Ints
 
     def find(self, pairs: Ints, n_nodes: int) -> Ints:
         """Numbers of the edges given by their nodes (m, 2) in any order; all must exist."""
@@ -36,5 +39,7 @@ def edges_of(mesh: Tessellation) -> Edges:
     shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
     of_corner = np.empty_like(shared.corners)
     of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
-    ends = directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]]
-    return Edges(of_corner, np.sort(ends, axis=1))
+    ends = np.sort(directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]], axis=1)
+    sides = [np.empty((0, 4), dtype=np.int64), *(np.hstack([i.edges, i.partners]) for i in mesh.interfaces.values())]
+    twins = positions(np.concatenate(sides).reshape(-1, 2), ends, mesh.n_nodes).reshape(-1, 2)
+    return Edges(of_corner, ends, twins)

@@ -22,6 +22,7 @@ from vemcvx.arguments import flag
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data
+from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.local_refinement.centres import centres_of
 from vemcvx.meshes.local_refinement.children import children_of, kinds_of, outlines_of
@@ -139,9 +140,10 @@ def _check_lengths(points: Floats, ends: Ints) -> None:
 
 
 def _split(marked: Bools, wanted: Bools, mesh: Tessellation, edges: Edges) -> Bools:
-    """Edges to split: those that marked cells want split, (n_edges,)."""
+    """Edges to split: those that marked cells want split, and what is in the same place of another body, (n_edges,)."""
     split = np.zeros(len(edges.ends), dtype=bool)
     split[edges.of_corner[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
+    split[edges.twins] = split[edges.twins].any(axis=1, keepdims=True)
     return split
 
 
@@ -161,16 +163,20 @@ def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splittin
 
 
 def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Ints) -> Mesh:
-    """The refined mesh with the names and cell data of the old one."""
-    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
-    halved = {}
-    for name, part in mesh._named.items():
+    """The refined mesh with the names, interfaces and cell data of the old one."""
+
+    def halved(part: Ints) -> Ints:
         new = middle[edges.find(part, mesh.n_nodes)]
-        cut, new = part[new >= 0], new[new >= 0]
-        halves = [np.column_stack([cut[:, 0], new]), np.column_stack([new, cut[:, 1]])]
-        halved[name] = np.concatenate([part[middle[edges.find(part, mesh.n_nodes)] < 0], *halves])
-    named = check_boundaries(halved, refined._boundary, refined.n_nodes, None) if halved else {}
-    return refined._replace(_named=named, cell_data=MappingProxyType(data))
+        cut, whole = new >= 0, part[new < 0]
+        first, second = np.column_stack([part[cut, 0], new[cut]]), np.column_stack([new[cut], part[cut, 1]])
+        return np.concatenate([whole, first, second])
+
+    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
+    named = {name: halved(part) for name, part in mesh._named.items()}
+    named = check_boundaries(named, refined._boundary, refined.n_nodes, None) if named else {}
+    sides = {k: Interface(i.bodies, halved(i.edges), halved(i.partners)) for k, i in mesh.interfaces.items()}
+    matched = on_boundary(sides, refined._boundary, refined.n_nodes) if sides else {}
+    return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
 
 
 def _prolongation(n_nodes: int, ends: Ints, inner: csr_array) -> csr_array:

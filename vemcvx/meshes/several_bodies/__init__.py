@@ -1,0 +1,1 @@
+"""Several bodies in one mesh: where their boundaries coincide, nodes of the other as hanging vertices, names."""

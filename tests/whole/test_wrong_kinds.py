@@ -17,6 +17,7 @@ from vemcvx.program.motion import Motion
 
 GRIPPED = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
 SCENE = vx.Scene(STEEL, HELD, PUSH, *GRIPPED)
+PAIR = {"lower": MESH, "upper": vx.meshes.squares(1, ((0, 1), (1, 2)))}
 FREE = np.array([[1.0, -1.0], [-1.0, 1.0]])
 NONE = np.zeros(2)
 
@@ -142,8 +143,11 @@ CALLED = [
     (vx.meshes.nonconvex, {"n": 2, "box": ((0, 1), (0, 1)), "zigzag": 0.1}, {}),
     (vx.meshes.voronoi, {"n": 2, "box": ((0, 1), (0, 1)), "seed": 0, "cells": None, "relaxations": 1, "shortest": 0.0},
      {"cells": {"None"}, "seed": {"huge"}}),
-    (vx.PolygonMesh, {"points": MESH.points, "cells": [[0, 1, 3, 2]], "boundaries": None, "cell_data": None},
-     {key: {"None", "no dict"} for key in ("boundaries", "cell_data")}),
+    (vx.PolygonMesh, {"points": MESH.points, "cells": [[0, 1, 3, 2]], "boundaries": None, "cell_data": None,
+                      "interfaces": None},
+     {key: {"None", "no dict"} for key in ("boundaries", "cell_data", "interfaces")}),
+    (vx.meshes.bodies, {"meshes": PAIR, "interfaces": None, "tolerance": None},
+     {"interfaces": {"None", "no dict"}, "tolerance": {"None", "zero"}}),
     (vx.meshes.refinement, {"mesh": MESH, "cells": None, "balance": True}, {"cells": {"None", "no list", "no array"}}),
     (vx.measures.orders, {"h": [1.0, 0.5], "errors": [1.0, 0.5]}, {key: {"an array"} for key in ("h", "errors")}),
     (vx.measures.convergence_table, {"h": [1.0, 0.5], "errors": [1.0, 0.5], "name": "h"},

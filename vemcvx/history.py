@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -21,7 +22,11 @@ from vemcvx.results.probe.places import places
 from vemcvx.results.probe.profile import Profile, profile
 from vemcvx.results.programs import programs_of_steps
 from vemcvx.results.results import Results
+from vemcvx.results.tables import Columns, frame, table
 from vemcvx.results.words import in_words
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -106,6 +111,37 @@ class History(Results, Outlined):
         """
         return profile(self, start, end, count, field)
 
+    def table(self, name: str, points: ArrayLike | None = None) -> Columns:
+        """Columns of equal length by name: ``pandas.DataFrame(history.table("contact"))``.
+
+        Parameters
+        ----------
+        name : {"steps", "contact", "probes"}
+            Energies, certificates and iterations, a row for every step, stored or not; all that
+            :class:`vemcvx.Contact` holds, a row for every contact node at every stored step; displacements, a row for
+            every point at every stored step. Components of vectors are columns, as "slip_x".
+        points : (p, dim) points of the body
+            For "probes", see `probe`.
+
+        Raises
+        ------
+        HistoryError
+            There is no such table.
+        SceneError
+            A point lies outside the body, or `points` are not points.
+        """
+        return table(self, name, points)
+
+    def to_pandas(self, name: str = "steps", points: ArrayLike | None = None) -> DataFrame:
+        """The same table as a DataFrame; ``.set_index(["step", "node"]).to_xarray()`` makes arrays of one of contact.
+
+        Raises
+        ------
+        VemcvxError
+            pandas is not installed, or what `table` raises.
+        """
+        return frame(table(self, name, points))
+
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
         """The convex program of step `n` as it was solved, with its certified answer.
 
@@ -147,9 +183,9 @@ class History(Results, Outlined):
         words = self.outline()
         return "\n".join([words.title, *(f"{name:<12}{said}" for name, said in words.lines)])
 
-    def write(self, folder: str | Path) -> Path:
-        """Write the history to a folder: see :mod:`vemcvx.results.io.folder`."""
-        return write_results(self, folder)
+    def write(self, folder: str | Path, *, probes: ArrayLike | None = None) -> Path:
+        """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.io.folder`."""
+        return write_results(self, folder, probes=probes)
 
 
 def read_history(folder: str | Path) -> History:

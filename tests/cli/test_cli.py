@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -52,10 +53,35 @@ def test_run_writes_what_it_says(tmp_path):
     assert history.stored.tolist() == [0, 4, 8]
     assert history.summary() in done.output
     pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png", "wear.png"]
-    files = ["history.npz", "history.pvd", "step_0000.vtu", "step_0004.vtu", "step_0008.vtu", "summary.json"]
+    files = [
+        "contact.csv",
+        "history.npz",
+        "history.pvd",
+        "step_0000.vtu",
+        "step_0004.vtu",
+        "step_0008.vtu",
+        "steps.csv",
+        "summary.json",
+    ]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(pictures + files)
-    assert f"files       {tmp_path / 'out'}: history.pvd with 3 instants, summary.json, history.npz" in done.output
+    told = "history.pvd with 3 instants, summary.json, history.npz, contact.csv, steps.csv"
+    assert f"files       {tmp_path / 'out'}: {told}" in done.output
     assert f"pictures    {tmp_path / 'out'}: deformed_mesh.png" in done.output
+
+
+def test_probes_are_written(tmp_path):
+    done = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--out", tmp_path, "--probe", "0,0", "--probe", "0.3,0.4")
+    assert done.exit_code == 0, done.output
+    assert "contact.csv, probes.csv, steps.csv" in done.output
+    lines = (tmp_path / "probes.csv").read_text().splitlines()
+    assert lines[0] == "step,time,point,x,y,displacement_x,displacement_y"
+    found = np.array([[float(word) for word in line.split(",")] for line in lines[1:]])
+    assert found[:, 3:5].tolist() == 3 * [[0.0, 0.0], [0.3, 0.4]]
+    probed = vx.read_history(tmp_path).probe([[0.0, 0.0], [0.3, 0.4]])
+    assert np.array_equal(found[:, 5:], probed.reshape(-1, 2))
+    outside = invoke("run", PROBLEM, "--n", 4, "--steps", 2, "--out", tmp_path, "--probe", "2,0")
+    assert outside.exit_code == 2
+    assert "--probe: point 0 at [2. 0.] lies outside the body" in outside.output
 
 
 def test_a_pipe_gets_words_only(tmp_path):
@@ -149,6 +175,9 @@ def test_a_miss_exits_with_three(tmp_path):
         (["--accuracy", "2"], "accuracy = 2.0; it is a relative energy error between 0 and 1"),
         (["--n", "0"], "Invalid value for '--n'"),
         (["--steps", "many"], "Invalid value for '--steps'"),
+        (["--probe", "0,0"], "--probe: displacements of points are written to DIR"),
+        (["--probe", "here", "--out", "o"], "--probe: found 'here'; wanted points, such as 0.5,0.25"),
+        (["--probe", "0,0", "--probe", "2", "--out", "o"], "--probe: found '0,0', '2'; wanted points"),
         (["--out", PROBLEM], "cannot be made a folder to write to"),
     ],
 )

@@ -152,6 +152,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "contact": dict,
         "seconds": dict,
         "peak_memory_mb": float,
+        "tables": list,
     }
     assert {name: type(value) for name, value in told.items()} == kinds
     mesh = history.mesh
@@ -186,7 +187,7 @@ def test_a_new_history_replaces_the_old_one_and_nothing_else(history, tmp_path):
         (tmp_path / name).write_text("somebody's")
     some = vx.simulate(history.scene, history.mesh, TIMES, store="last")
     some.write(tmp_path)
-    ours = {"history.npz", "history.pvd", "summary.json", "step_0008.vtu"}
+    ours = {"history.npz", "history.pvd", "summary.json", "steps.csv", "contact.csv", "step_0008.vtu"}
     assert {path.name for path in tmp_path.iterdir()} == ours | {"step_9999.vtu", "notes.txt", "deformed_mesh.png"}
     assert_same(some, read_history(tmp_path))
 
@@ -324,7 +325,7 @@ def test_what_is_no_folder_is_said(history, wrong, tmp_path, monkeypatch):
         write_results(wrong, tmp_path)
 
 
-@pytest.mark.parametrize("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu"])
+@pytest.mark.parametrize("name", ["summary.json", "history.pvd", "history.npz", "step_0003.vtu", "contact.csv"])
 def test_files_that_are_of_no_history_stay(history, name, tmp_path):
     (tmp_path / name).write_text('{"a": "thesis"}')
     with pytest.raises(HistoryError, match=f"{name}: not of a history, so it is not replaced"):

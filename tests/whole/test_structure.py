@@ -45,6 +45,7 @@ HEAVY = {
     "matplotlib": {"canvas.py"},
     "meshio": {"meshes/io/files.py"},
     "distributed": {"cost/pool.py"},
+    "pandas": {"results/tables.py"},
 }
 
 
@@ -154,7 +155,7 @@ def test_names_of_functions_hide_no_modules():
 
 
 def test_importing_the_package_imports_nothing_heavy():
-    heavy = {"cvxpy", "matplotlib", "meshio", "clarabel", "osqp", "scipy.spatial", "scipy.optimize"}
+    heavy = {"cvxpy", "matplotlib", "meshio", "pandas", "clarabel", "osqp", "scipy.spatial", "scipy.optimize"}
     code = f"import sys, vemcvx; print({heavy} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"

@@ -171,6 +171,8 @@ def of_history(history):
     measures = vx.measures
     return {
         **{name: (getattr(history, name), set()) for name in ("stress", "von_mises", "row", "reaction", "probe")},
+        "table": (history.table, set()),
+        "points": (lambda v: history.table("probes", v), set()),
         "program": (history.program, set()),
         "condense": (lambda v: history.program(1, v), set()),
         "start": (lambda v: history.along(v, (1, 1)), {"flags"}),

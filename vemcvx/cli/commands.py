@@ -74,7 +74,10 @@ def run(
     target: Annotated[
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
     ] = None,
-    settings: Settings = [],  # noqa: B006 - typer wants a list and never changes it
+    probes: Annotated[
+        list[str], typer.Option("--probe", metavar="X,Y", help="A point whose displacements DIR gets; may be repeated.")
+    ] = [],  # noqa: B006 - typer wants a list and never changes it
+    settings: Settings = [],  # noqa: B006 - as above
 ) -> None:
     """Simulate a problem, and say what came out and how certain it is."""
     with reported():
@@ -99,6 +102,7 @@ def run(
             resume=going_on,
             linear=linear,
             target=target,
+            probes=tuple(probes),
         )
         typer.echo(simulate_problem(read_problem(file), asked))
 

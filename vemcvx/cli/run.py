@@ -7,16 +7,20 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from rich.progress import TimeRemainingColumn
 
+from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.progress import progress_bar
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.history import History
+from vemcvx.meshes import PolygonMesh
 from vemcvx.results.io.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable, writable_folder, write_results
-from vemcvx.results.io.summary import Origin
+from vemcvx.results.io.summary import Origin, listed_tables
+from vemcvx.results.probe.places import places
 from vemcvx.simulation import simulate
 from vemcvx.stepping.storage import CHECKPOINT, Folder
 
@@ -42,6 +46,19 @@ class RunOptions:
     linear: str | None = None
     target: float | None = None
     """relative energy error for which mesh and instants are to be chosen"""
+    probes: tuple[str, ...] = ()
+    """points "x,y" whose displacements are written"""
+
+    @property
+    def points(self) -> Floats | None:
+        """The probes as points (p, dim), None without any."""
+        if not self.probes:
+            return None
+        try:
+            return np.array([[float(word) for word in probe.split(",")] for probe in self.probes])
+        except ValueError:
+            found = ", ".join(map(repr, self.probes))
+            raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None
 
 
 def simulate_problem(problem: Problem, asked: RunOptions) -> str:
@@ -72,7 +89,7 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:
     """On the mesh and at the instants asked for."""
     solver, made, store = named_solver(asked.solver, asked.accuracy), [], asked.store
-    scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
+    scene, mesh = problem.scene(asked.settings), _mesh(problem, asked)
     with progress_bar("assembling", TimeRemainingColumn()) as shown:
 
         def advance(n: int, steps: int) -> None:
@@ -102,7 +119,7 @@ def _adapted(problem: Problem, asked: RunOptions, target: float) -> tuple[Histor
         raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
     found = adapt(
         problem.scene(asked.settings),
-        problem.mesh(asked.n, asked.family),
+        _mesh(problem, asked),
         problem.times(asked.steps),
         target,
         solver=named_solver(asked.solver, asked.accuracy),
@@ -111,10 +128,20 @@ def _adapted(problem: Problem, asked: RunOptions, target: float) -> tuple[Histor
     return found.history, [found.summary()]
 
 
+def _mesh(problem: Problem, asked: RunOptions) -> PolygonMesh:
+    """The mesh, which has the probes in it."""
+    mesh = problem.mesh(asked.n, asked.family)
+    if asked.points is not None:
+        places(mesh, asked.points, "--probe")
+    return mesh
+
+
 def _refuse_early(asked: RunOptions, drawings: Path) -> None:
     """What could not be gone on with, written or drawn is not worth simulating for."""
     if asked.resume and not (asked.out and os.path.isfile(asked.out / ROWS / CHECKPOINT)):
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
+    if asked.points is not None and asked.out is None:
+        raise ProblemError("--probe: displacements of points are written to DIR of --out DIR; give one.")
     if asked.plot:
         from vemcvx.canvas import new_figure
         from vemcvx.plots.pictures import check_pictures
@@ -130,8 +157,9 @@ def _refuse_early(asked: RunOptions, drawings: Path) -> None:
 def _written(history: History, asked: RunOptions, origin: Origin) -> list[str]:
     if asked.out is None:
         return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
-    folder = write_results(history, asked.out, origin)
-    return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}"]
+    folder = write_results(history, asked.out, origin, asked.points)
+    tables = ", ".join(sorted(listed_tables(folder / SUMMARY)))
+    return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}, {tables}"]
 
 
 def _drawn(history: History, folder: Path) -> list[str]:

@@ -3,6 +3,9 @@
     history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
     step_0000.vtu    one file a stored step
     summary.json     what was run, how certain the answer is, the energies, the cost
+    steps.csv        energies and certificates of every step, stored or not
+    contact.csv      slip, traction, pressure ... at every contact node in every stored step
+    probes.csv       displacements at points, where some were asked for
     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
@@ -17,19 +20,24 @@ import time
 from collections.abc import Set
 from pathlib import Path
 
+from numpy.typing import ArrayLike
+
 from vemcvx.arrays import brief
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.io.archive import is_archive, read_archive, write_archive
+from vemcvx.results.io.csv_tables import FILES, write_tables
 from vemcvx.results.io.series import listed_steps, write_series
-from vemcvx.results.io.summary import Origin, is_summary, write_summary
+from vemcvx.results.io.summary import Origin, is_summary, listed_tables, write_summary
 from vemcvx.results.results import Results
 
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
 
 
-def write_results(history: Results, folder: str | Path, origin: Origin | None = None) -> Path:
+def write_results(
+    history: Results, folder: str | Path, origin: Origin | None = None, probes: ArrayLike | None = None
+) -> Path:
     """Write a history to a folder, which is made if need be; an older history in it is replaced.
 
     Parameters
@@ -38,6 +46,8 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
     folder : str or Path
     origin : Origin, optional
         What the summary says of the problem and the family of meshes.
+    probes : (p, dim) points, optional
+        Of the body; the displacements there are written, too.
 
     Returns
     -------
@@ -48,11 +58,13 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
     ------
     HistoryError
         The folder cannot be made or written to, somebody else is writing to it, or holds files of other things there.
+    SceneError
+        A probe is no point of the body.
     """
     if not isinstance(history, Results):
         raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
     folder, start = writable_folder(folder), time.perf_counter()
-    older = listed_steps(folder / SERIES)
+    older = listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)
     try:
         with Owned(folder / WRITING) as scratch:
             try:
@@ -62,7 +74,10 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
                 new.mkdir()
                 write_series(history, new / SERIES)
                 write_archive(history, new / ARCHIVE)
-                write_summary(history, origin or Origin(), time.perf_counter() - start, new / SUMMARY)
+                tables = write_tables(history, new, probes)
+                write_summary(
+                    history, origin or Origin(), tables, writing=time.perf_counter() - start, path=new / SUMMARY
+                )
                 written = {path.name for path in new.iterdir()}
                 check_replaceable(folder, written)
                 for name in sorted(written):
@@ -76,10 +91,10 @@ def write_results(history: Results, folder: str | Path, origin: Origin | None = 
     return folder
 
 
-def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY})) -> None:
+def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
     """Raise HistoryError where a file of one of these names is there that is not of a history."""
     told, kept = is_summary(folder / SUMMARY), is_archive(folder / ARCHIVE)
-    ours = {SUMMARY} if told else set()
+    ours = {SUMMARY} | listed_tables(folder / SUMMARY) if told else set()
     if told or kept:
         ours |= {ARCHIVE, SERIES} | listed_steps(folder / SERIES)
     for name in sorted(names - ours):

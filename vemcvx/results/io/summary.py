@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,9 @@ class Origin:
     """What that family was asked for: cells across the shortest side; None of a file."""
 
 
-def write_summary(history: Results, origin: Origin, writing: float, path: Path) -> None:
-    """Write the summary; `writing` is how many seconds the other files took."""
-    text = json.dumps(summary(history, origin, writing), indent=2, allow_nan=False)
+def write_summary(history: Results, origin: Origin, tables: Sequence[str], *, writing: float, path: Path) -> None:
+    """Write the summary; `tables` are CSV files beside it, `writing` is how many seconds the other files took."""
+    text = json.dumps(summary(history, origin, writing) | {"tables": list(tables)}, indent=2, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
@@ -38,6 +39,15 @@ def is_summary(path: Path) -> bool:
         return str(json.loads(path.read_text(encoding="utf-8"))["format"]).startswith(NAME)
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return False
+
+
+def listed_tables(path: Path) -> set[str]:
+    """Names of the CSV files that the summary `path` lists, if it is there and ours."""
+    if not is_summary(path):
+        return set()
+    listed = json.loads(path.read_text(encoding="utf-8")).get("tables")
+    names = filter(lambda name: isinstance(name, str), listed if isinstance(listed, list) else [])
+    return {name for name in names if name.endswith(".csv") and name == Path(name).name}
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:

@@ -1,0 +1,121 @@
+"""Results as columns, as CSV and for pandas: every number of the arrays, in its row."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import sys
+
+import numpy as np
+import pytest
+from scenes import cyclic, paper_scene, small
+
+import vemcvx as vx
+
+TIMES = np.linspace(0.0, 1.0, 7)
+POINTS = np.array([[0.0, 0.0], [0.31, 0.42]])
+
+
+@pytest.fixture(scope="module")
+def history():
+    return vx.simulate(paper_scene(cyclic), small("voronoi"), TIMES, store=4)
+
+
+def read(path):
+    with path.open(newline="") as file:
+        heads, *rows = csv.reader(file)
+    return dict(zip(heads, np.array(rows, dtype=float).T, strict=True))
+
+
+def test_steps_are_told_whether_stored_or_not(history):
+    found = history.table("steps")
+    assert found["step"].tolist() == list(range(7))
+    assert found["time"].tolist() == TIMES.tolist()
+    for name in ("energy", "dissipated", "work", "certificate", "certificate_floor", "certificate_total", "iterations"):
+        assert np.array_equal(found[name], getattr(history.trajectory, name))
+        assert np.array_equal(found[name][history.stored], getattr(history, name))
+
+
+def test_a_row_of_contact_is_a_node_at_a_stored_step(history):
+    contact, found = history.contact, history.table("contact")
+    m, rows = len(contact.nodes), len(history.stored)
+    assert history.stored.tolist() == [0, 4, 6]
+    for row in range(rows):
+        here = slice(row * m, (row + 1) * m)
+        assert (found["step"][here] == history.stored[row]).all()
+        assert (found["time"][here] == history.times[row]).all()
+        for name, value in (("node", contact.nodes), ("friction_length", contact.friction_lengths)):
+            assert np.array_equal(found[name][here], value)
+        for k, axis in enumerate("xy"):
+            assert np.array_equal(found[axis][here], contact.points[:, k])
+            assert np.array_equal(found[f"normal_{axis}"][here], contact.normals[:, k])
+            assert np.array_equal(found[f"slip_{axis}"][here], contact.slip[row, :, k])
+            assert np.array_equal(found[f"traction_{axis}"][here], contact.traction[row, :, k])
+        for name in ("pressure", "bound", "sticking", "closed", "wear"):
+            assert np.array_equal(found[name][here], getattr(contact, name)[row])
+    # Whatever contact has, the table has.
+    told = {name.removesuffix("_x").removesuffix("_y") for name in found}
+    assert len(told - {"step", "time", "x", "y"}) == len(dataclasses.fields(contact)) - 1
+
+
+def test_probes(history):
+    found = history.table("probes", POINTS)
+    u = np.column_stack([found["displacement_x"], found["displacement_y"]]).reshape(3, 2, 2)
+    assert np.array_equal(u, history.probe(POINTS))
+    assert found["point"].tolist() == 3 * [0, 1]
+    assert np.array_equal(np.column_stack([found["x"], found["y"]]), np.tile(POINTS, (3, 1)))
+    assert found["step"].tolist() == [0, 0, 4, 4, 6, 6]
+
+
+def test_files_have_every_digit(history, tmp_path):
+    history.write(tmp_path, probes=POINTS)
+    assert json.loads((tmp_path / "summary.json").read_text())["tables"] == ["steps.csv", "contact.csv", "probes.csv"]
+    for name, points in (("steps", None), ("contact", None), ("probes", POINTS)):
+        told, expected = read(tmp_path / f"{name}.csv"), history.table(name, points)
+        assert list(told) == list(expected)
+        for column, values in expected.items():
+            assert np.array_equal(told[column], values, equal_nan=True), column
+
+
+def test_files_of_an_older_history_go(history, tmp_path):
+    loose = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="left"), vx.BodyForce((0.0, -1.0)))
+    history.write(tmp_path, probes=POINTS)
+    vx.simulate(loose, vx.meshes.squares(2), [0.0, 1.0], initial="settled").write(tmp_path)
+    assert [path.name for path in sorted(tmp_path.glob("*.csv"))] == ["steps.csv"]
+    (tmp_path / "contact.csv").write_text("somebody's")
+    with pytest.raises(vx.HistoryError, match=r"contact\.csv: not of a history, so it is not replaced"):
+        history.write(tmp_path)
+    assert (tmp_path / "contact.csv").read_text() == "somebody's"
+
+
+def test_a_point_outside_leaves_the_older_history(history, tmp_path):
+    history.write(tmp_path)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    with pytest.raises(vx.SceneError, match="lies outside the body"):
+        history.write(tmp_path, probes=[[7.0, 7.0]])
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_frames_of_pandas(history):
+    pandas = pytest.importorskip("pandas")
+    for name, points in (("steps", None), ("contact", None), ("probes", POINTS)):
+        expected = history.table(name, points)
+        pandas.testing.assert_frame_equal(history.to_pandas(name, points), pandas.DataFrame(expected))
+    slipped = history.to_pandas("contact").query("not sticking").groupby("step")["node"].count()
+    assert slipped.to_dict() == {n: c for n, c in zip(history.stored, history.contact.slip_count, strict=True) if c}
+
+
+def test_without_pandas_it_says_so(history, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(vx.VemcvxError, match=r"to_pandas needs pandas, .* pip install 'vemcvx\[pandas\]'"):
+        history.to_pandas()
+
+
+def test_tables_that_there_are_not(history):
+    with pytest.raises(vx.HistoryError, match="table: found 'energies'; there are 'steps', 'contact'"):
+        history.table("energies")
+    with pytest.raises(vx.HistoryError, match="points go with 'probes', and only with that"):
+        history.table("probes")
+    with pytest.raises(vx.HistoryError, match="points go with 'probes', and only with that"):
+        history.table("steps", POINTS)

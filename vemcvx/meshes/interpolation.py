@@ -11,9 +11,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.ragged import offsets_of, spans
 from vemcvx.meshes.polygons.segments import right_of
-from vemcvx.meshes.polygons.topology import next_corner, previous_corner
+from vemcvx.meshes.polygons.topology import next_corner, offsets_of, previous_corner, spans
 from vemcvx.meshes.tessellation import Tessellation
 
 

@@ -17,8 +17,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import polygon_centroids
-from vemcvx.meshes.polygons.triangles import INNER, places, signed_areas
-from vemcvx.meshes.polygons.triangulation import clip_ears
+from vemcvx.meshes.polygons.triangles import INNER, clip_ears, places, signed_areas
 from vemcvx.vem.space import CellGroup
 
 Rule = tuple[Floats, Floats, Ints]

@@ -14,8 +14,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.segments import cross
-from vemcvx.meshes.polygons.triangles import signed_areas
-from vemcvx.meshes.polygons.triangulation import clip_ears
+from vemcvx.meshes.polygons.triangles import clip_ears, signed_areas
 from vemcvx.vem import CellGroup, Space
 
 CONVEX = 1e-12

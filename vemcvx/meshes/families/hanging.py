@@ -6,8 +6,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Ints
 from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box, check_fraction, check_whole
-from vemcvx.meshes.families.padded import padded_mesh
-from vemcvx.meshes.families.squares import square_grid
+from vemcvx.meshes.families.squares import padded_mesh, square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 # Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.

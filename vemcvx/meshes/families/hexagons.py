@@ -11,7 +11,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
-from vemcvx.meshes.families.padded import padded_mesh
+from vemcvx.meshes.families.squares import padded_mesh
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 # Width of a regular hexagon of area 1, so that hexagons are as many as squares: a^2 sqrt(3)/2 = 1.
@@ -32,11 +32,6 @@ def hexagons(
     -------
     PolygonMesh
         Nodes and cells row by row.
-
-    Raises
-    ------
-    MeshError
-        As `squares`.
     """
     rectangle = check_box(box)
     columns, rows = cell_counts(n, rectangle, size, stretch=WIDTH)

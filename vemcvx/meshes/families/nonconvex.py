@@ -6,8 +6,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, check_fraction
-from vemcvx.meshes.families.padded import padded_mesh
-from vemcvx.meshes.families.squares import square_grid
+from vemcvx.meshes.families.squares import padded_mesh, square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
 

@@ -15,7 +15,7 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.search import close_pairs, nearest
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import areas_and_centroids
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner, next_vertex
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner, next_vertex, offsets_of
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9
@@ -68,7 +68,7 @@ def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, 
     keep = vertices != next_vertex(offsets, vertices)
     counts = np.add.reduceat(keep.astype(np.int64), offsets[:-1])
     used, vertices = np.unique(vertices[keep], return_inverse=True)
-    return points[used], np.concatenate([[0], np.cumsum(counts)]), vertices
+    return points[used], offsets_of(counts), vertices
 
 
 def _on_sides(points: Floats, size: Floats) -> Bools:

@@ -1,12 +1,13 @@
-"""Equal rectangles (squares where the box allows), numbered row by row from the lower left."""
+"""Equal rectangles (squares where the box allows), numbered row by row; meshes of such numberings with holes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.box import UNIT_BOX, Box, Corners, Count, cell_counts, check_box, ticks
 from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.polygons.topology import offsets_of
 
 
 def squares(
@@ -49,3 +50,14 @@ def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
     points = np.column_stack([np.tile(x, ny + 1), np.repeat(y, nx + 1)])
     first = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
     return points, first[:, None] + np.array([0, 1, nx + 2, nx + 1])
+
+
+def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
+    """Return the mesh of the nodes ``present`` whose cells are ``rows`` less the absent nodes and the entries -1.
+
+    Of n candidates for nodes, the rows (n_cells, k) list those of each cell, counter-clockwise.
+    """
+    number = np.where(present, np.cumsum(present) - 1, -1)
+    vertices = np.where(rows >= 0, number[rows], -1)
+    offsets = offsets_of((vertices >= 0).sum(axis=1))
+    return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box)

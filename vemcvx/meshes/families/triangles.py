@@ -22,11 +22,6 @@ def triangles(
     -------
     PolygonMesh
         Nodes row by row, the lower then the upper triangle of each square.
-
-    Raises
-    ------
-    MeshError
-        As `squares`.
     """
     rectangle = check_box(box)
     points, corners = square_grid(*cell_counts(n, rectangle, size, each=2), rectangle)

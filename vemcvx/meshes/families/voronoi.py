@@ -28,6 +28,7 @@ from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons.search import delaunay
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import areas_and_centroids
+from vemcvx.meshes.polygons.topology import offsets_of
 
 
 def voronoi(
@@ -130,8 +131,7 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     site, centre = site[inner], centre[inner]
     direction = centres[centre] - sites[site]
     order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(site, minlength=len(seeds)))])
-    return centres, offsets, centre[order]
+    return centres, offsets_of(np.bincount(site, minlength=len(seeds))), centre[order]
 
 
 def _circumcentres(corners: Floats) -> Floats:

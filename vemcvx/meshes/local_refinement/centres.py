@@ -18,9 +18,9 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.local_refinement.sides import Splitting
 from vemcvx.meshes.polygons.clipping import left_of
-from vemcvx.meshes.polygons.ragged import offsets_of
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import polygon_centroids
+from vemcvx.meshes.polygons.topology import offsets_of
 from vemcvx.meshes.tessellation import Tessellation
 
 # In diameters: what the centre must be away from the line of every side. A side of a quarter of the diameter

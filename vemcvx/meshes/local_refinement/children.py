@@ -14,8 +14,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.local_refinement.sides import Splitting
 from vemcvx.meshes.polygons.convex_pieces import convex_pieces
-from vemcvx.meshes.polygons.ragged import first_in_row, offsets_of, rotation, spans
-from vemcvx.meshes.polygons.topology import cell_of_corner
+from vemcvx.meshes.polygons.topology import cell_of_corner, first_in_row, offsets_of, rotation, spans
 from vemcvx.meshes.tessellation import Tessellation
 
 Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins, and how long that is
@@ -23,20 +22,16 @@ Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """What becomes of each cell, (n_cells,) bool each.
-
-    Attributes
-    ----------
-    parted : at the middles of its sides.
-    centred : of these, with the middles joined to a new centre,
-    medial : or to each other, being a triangle; the others are cut across.
-    unseen : into convex pieces along diagonals, having no centre.
-    """
+    """What becomes of each cell, (n_cells,) bool each."""
 
     parted: Bools
+    """at the middles of its sides"""
     centred: Bools
+    """of these, with the middles joined to a new centre"""
     medial: Bools
+    """or to each other, being a triangle; the others are cut across"""
     unseen: Bools
+    """into convex pieces along diagonals, having no centre"""
 
 
 def kinds_of(splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
@@ -49,26 +44,19 @@ def kinds_of(splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """Old cells with the new middles among their vertices, those to be cut turned so that they begin with a mark.
-
-    Attributes
-    ----------
-    offsets, nodes : (n_cells + 1,) int, (n,) int
-        Cell c has the outline ``nodes[offsets[c]:offsets[c + 1]]``.
-    marks : (m,) int
-        Positions where cells are cut: middles of sides of parted cells, all bends of unseen ones.
-    cell : (m,) int
-        Cell of each mark.
-    stop, follower : (m,) int
-        Where the part of the outline that begins at a mark ends, and the position of the next mark of the cell.
-    """
+    """Old cells with the new middles among their vertices, those to be cut turned so that they begin with a mark."""
 
     offsets: Ints
     nodes: Ints
+    """cell c has the outline nodes[offsets[c]:offsets[c + 1]]"""
     marks: Ints
+    """(m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones"""
     cell: Ints
+    """(m,) cell of each mark"""
     stop: Ints
+    """(m,) where the part of the outline that begins at a mark ends"""
     follower: Ints
+    """(m,) the position of the next mark of the cell"""
 
 
 def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:

@@ -26,14 +26,31 @@ from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.local_refinement.centres import centres_of
 from vemcvx.meshes.local_refinement.children import children_of, kinds_of, outlines_of
-from vemcvx.meshes.local_refinement.edges import Edges, edges_of
 from vemcvx.meshes.local_refinement.sides import Splitting, splitting_of
-from vemcvx.meshes.polygons.ragged import first_in_row, rotation
 from vemcvx.meshes.polygons.segments import rounding
-from vemcvx.meshes.polygons.topology import cell_of_corner
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    directed_edges,
+    first_in_row,
+    positions,
+    rotation,
+    shared_edges,
+)
 from vemcvx.meshes.tessellation import Tessellation
 
 Mesh = TypeVar("Mesh", bound=Tessellation)
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """One number for each undirected edge."""
+
+    of_corner: Ints
+    """(n_corners,) number of the edge that starts at each corner of the mesh"""
+    ends: Ints
+    """(n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs"""
+    twins: Ints
+    """(q, 2) numbers of the edges of both bodies in one place at interfaces"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +100,7 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
     if not isinstance(mesh, Tessellation):
         raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh is wanted.")
     balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)
-    splitting, edges = splitting_of(mesh), edges_of(mesh)
+    splitting, edges = splitting_of(mesh), _edges_of(mesh)
     centres, seen = centres_of(mesh, splitting)
     seen &= splitting.places >= 2
     wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
@@ -126,6 +143,16 @@ def check_marks(cells: ArrayLike | None, n_cells: int) -> Bools:
     return marked
 
 
+def _edges_of(mesh: Tessellation) -> Edges:
+    shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    of_corner = np.empty_like(shared.corners)
+    of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
+    ends = np.sort(directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]], axis=1)
+    sides = [np.empty((0, 4), dtype=np.int64), *(np.hstack([i.edges, i.partners]) for i in mesh.interfaces.values())]
+    twins = positions(np.concatenate(sides).reshape(-1, 2), ends, mesh.n_nodes).reshape(-1, 2)
+    return Edges(of_corner, ends, twins)
+
+
 def _check_lengths(points: Floats, ends: Ints) -> None:
     """MeshError if an edge is so short that its halves would be rounding of the coordinates."""
     one, other = points[ends[:, 0]], points[ends[:, 1]]
@@ -166,7 +193,7 @@ def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Int
     """The refined mesh with the names, interfaces and cell data of the old one."""
 
     def halved(part: Ints) -> Ints:
-        new = middle[edges.find(part, mesh.n_nodes)]
+        new = middle[positions(part, edges.ends, mesh.n_nodes)]
         cut, whole = new >= 0, part[new < 0]
         first, second = np.column_stack([part[cut, 0], new[cut]]), np.column_stack([new[cut], part[cut, 1]])
         return np.concatenate([whole, first, second])

@@ -1,8 +1,13 @@
 """The sides of polygonal cells, and the places where refinement splits them.
 
-A *side* of a cell is its outline from one corner to the next (see `corners`), nearly always straight. One that is at
-least `SHORT` of the cell's diameter long is split once: at a vertex if there is one near its middle, else at the middle
-of the edge in its middle. So an edge is split in its own middle or not at all, whichever of its two cells asks.
+A vertex where the outline goes straight on hangs on a side; the others are *bends*. Not every bend is a corner: were
+the middles on both sides of a bend of 175 degrees joined to the centre, then a quarter with that angle would be
+left, whose quarters would have it again and again. So a corner is a bend by at least `SHARP`, or one in a row of
+gentler bends, like those of a many-sided polygon, by which the outline has turned another `TURN`.
+
+A *side* of a cell is its outline from one corner to the next, nearly always straight. One that is at least `SHORT` of
+the cell's diameter long is split once: at a vertex if there is one near its middle, else at the middle of the edge in
+its middle. So an edge is split in its own middle or not at all, whichever of its two cells asks.
 
 Shorter sides are not split, or the short edges of Voronoi cells would beget thinner and thinner cells; their share of
 the diameter doubles from pass to pass until they are long. A run of them whose bends cancel is part of a longer side;
@@ -17,11 +22,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.local_refinement.corners import SHARP, Outline, at_least_three, outline_of
-from vemcvx.meshes.polygons.ragged import first_in_row, offsets_of, rotation
-from vemcvx.meshes.polygons.topology import cell_of_corner
+from vemcvx.meshes.polygons.segments import cross, rounding
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    first_in_row,
+    next_vertex,
+    offsets_of,
+    previous_corner,
+    rotation,
+)
 from vemcvx.meshes.tessellation import Tessellation
 
+# Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
+STRAIGHT = 1e-6
+SHARP, TURN = np.radians(20.0), np.radians(40.0)
 # Part of the diameter. The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to
 # 1 : 3.2 are long; thinner rectangles are cut across only, which brings them back below. Zigzag cells of twelve sides
 # of 0.26 get 5 children; if 0.25 were enough it would be 10, thin ones around a point.
@@ -34,71 +48,66 @@ RIGHT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Sides:
-    """Sides of all cells, in the order of the cells; those of one cell counter-clockwise, the first long if any is.
+class Outline:
+    """Edges and angles of all cells, (n_corners,) each, at the corners of the mesh."""
 
-    Attributes
-    ----------
-    cell : (n_sides,) int
-        Cell of each side.
-    first : (n_sides,) int
-        Where in ``order`` each side begins.
-    order : (n_corners,) int
-        Corners of the mesh, side after side.
-    lengths : (n_sides,) float
-        Length of each side in diameters of its cell.
-    long : (n_sides,) bool
-        Sides that are split: of `SHORT` at least, and all of triangles (whose parts are similar).
-    """
+    length: Floats
+    """of the edge that starts there"""
+    turn: Floats
+    """angle by which the outline turns left there; zero where it goes straight on"""
+    bend: Bools
+    """whether it turns at all"""
+    corner: Bools
+    """whether that makes a corner"""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Sides of all cells, in the order of the cells; those of one cell counter-clockwise, the first long if any is."""
 
     cell: Ints
+    """(n_sides,) cell of each side"""
     first: Ints
+    """(n_sides,) where in `order` each side begins"""
     order: Ints
+    """(n_corners,) corners of the mesh, side after side"""
     lengths: Floats
+    """(n_sides,) in diameters of the cell"""
     long: Bools
+    """(n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)"""
 
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """Where cells are split.
-
-    Attributes
-    ----------
-    start : (n_sides,) int
-        Corner of the mesh at which each side begins, the sides in the order of the cells.
-    offsets : (n_cells + 1,) int
-        Cell c has the sides offsets[c] to offsets[c + 1].
-    long : (n_sides,) bool
-        Sides that are split in the middle.
-    bend : (n_corners,) bool
-        Vertices where the outline of a cell does not go straight on.
-    convex : (n_cells,) bool
-        Cells that turn right nowhere.
-    places : (n_cells,) int
-        Number of places to split at: 2 at least, for all but absurd shapes.
-    vertex, edge : (n_corners,) bool
-        Places to split at: the vertex at a corner of the mesh, and the middle of the edge that starts there.
-    """
+    """Where cells are split."""
 
     start: Ints
+    """(n_sides,) corner of the mesh at which each side begins, the sides in the order of the cells"""
     offsets: Ints
+    """(n_cells + 1,) cell c has the sides offsets[c] to offsets[c + 1]"""
     long: Bools
+    """(n_sides,) those that are split in the middle"""
     bend: Bools
+    """(n_corners,) vertices where the outline of a cell does not go straight on"""
     convex: Bools
+    """(n_cells,) cells that turn right nowhere"""
     places: Ints
+    """(n_cells,) number of places to split at: 2 at least, for all but absurd shapes"""
     vertex: Bools
+    """(n_corners,) places to split at: the vertex at a corner of the mesh"""
     edge: Bools
+    """(n_corners,) and the middle of the edge that starts there"""
 
 
 def splitting_of(mesh: Tessellation) -> Splitting:
     """Find the sides of all cells and the places to split at."""
-    outline = outline_of(mesh)
+    outline = _outline_of(mesh)
     sides = _sides(mesh, outline, outline.corner)
     smooth = _cancelling(sides, outline)
     if len(smooth):
         corner = outline.corner.copy()
         corner[smooth] = False
-        sides = _sides(mesh, outline, at_least_three(corner, outline.corner, mesh.offsets))
+        sides = _sides(mesh, outline, _at_least_three(corner, outline.corner, mesh.offsets))
     order, first = sides.order, sides.first
     vertex, edge = np.zeros((2, len(order)), dtype=bool)
     at, between = _middles(outline.length[order], sides)
@@ -117,6 +126,44 @@ def splitting_of(mesh: Tessellation) -> Splitting:
         vertex=vertex,
         edge=edge,
     )
+
+
+def _outline_of(mesh: Tessellation) -> Outline:
+    """Measure the outlines of all cells and find their corners."""
+    x = mesh.points[mesh.vertices]
+    edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    before = previous_corner(mesh.offsets)
+    sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
+    slack = STRAIGHT * length[before] * length + rounding(x) * (length[before] + length)
+    bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
+    turn = np.where(bend, np.arctan2(sine, cosine), 0.0)
+    return Outline(length, turn, bend, _at_least_three(_corners(turn, mesh.offsets), bend, mesh.offsets))
+
+
+def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
+    """The flags, but those of ``otherwise`` in cells with less than three of them."""
+    few = np.add.reduceat(flags.astype(np.int64), offsets[:-1]) < 3
+    return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
+
+
+def _corners(turn: Floats, offsets: Ints) -> Bools:
+    """Sharp bends, and those of the others where the turn since the last sharp one passes 20, 60, 100 ... degrees."""
+    sharp: Bools = np.abs(turn) > SHARP
+    gentle = np.flatnonzero(np.logical_or.reduceat((turn != 0.0) & ~sharp, offsets[:-1]))
+    if not len(gentle):
+        return sharp
+    order = rotation(offsets, first_in_row(sharp, offsets))
+    fresh = sharp[order]
+    fresh[offsets[:-1]] = True
+    step = np.where(sharp, 0.0, turn)[order]
+    total = np.cumsum(step)
+    since = np.maximum.accumulate(np.where(fresh, np.arange(len(order)), 0))
+    turned = np.rint((total - (total - step)[since]) / TURN)
+    passed = np.concatenate([[False], turned[1:] != turned[:-1]]) & ~fresh & (step != 0.0)
+    corner = sharp.copy()
+    corner[order[passed]] = True
+    return corner
 
 
 def _sides(mesh: Tessellation, outline: Outline, corner: Bools) -> Sides:

@@ -8,7 +8,7 @@ flattest comes first, which joins it to what lies below.
 from __future__ import annotations
 
 from vemcvx.arrays import Floats
-from vemcvx.meshes.polygons.triangulation import clip_ears
+from vemcvx.meshes.polygons.triangles import clip_ears
 
 Edge = tuple[int, int]
 # Sine of the angle by which a piece may turn right: rounding where it goes straight on.

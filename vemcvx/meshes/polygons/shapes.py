@@ -18,21 +18,16 @@ from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.topology import next_corner
 
 
-def local_coordinates(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Coordinates of every corner relative to the first vertex of its cell, (n_corners, 2)."""
-    origin = points[vertices[offsets[:-1]]]
-    return points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
-
-
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
     """Signed areas (n_cells,) and centroids (n_cells, 2); the centroid of a cell without area is its first vertex."""
-    here = local_coordinates(points, offsets, vertices)
+    origin = points[vertices[offsets[:-1]]]
+    here = points[vertices] - np.repeat(origin, np.diff(offsets), axis=0)
     after = here[next_corner(offsets)]
     part = cross(here, after)
     doubled = np.add.reduceat(part, offsets[:-1])
     moments = np.add.reduceat((here + after) * part[:, None], offsets[:-1], axis=0)
     shift = np.divide(moments, 3.0 * doubled[:, None], out=np.zeros_like(moments), where=doubled[:, None] != 0.0)
-    return 0.5 * doubled, points[vertices[offsets[:-1]]] + shift
+    return 0.5 * doubled, origin + shift
 
 
 def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:

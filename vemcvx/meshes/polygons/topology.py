@@ -1,8 +1,8 @@
-"""Who touches whom: edges of a polygonal mesh, its boundary, its neighbouring cells.
+"""Cells as rows of different lengths, laid end to end, and who touches whom: edges, boundary, neighbouring cells.
 
-Cell c lists the vertices ``vertices[offsets[c]:offsets[c+1]]``; corner k of that flat list starts the directed edge
-from ``vertices[k]`` to the next vertex of the same cell. Packing an undirected edge {a, b}, a < b, into the one
-integer a * n_nodes + b makes "which corners share an edge" a single sort.
+Row c is ``flat[offsets[c]:offsets[c + 1]]``. With the vertices of cells as rows, corner k of that flat list starts the
+directed edge from ``vertices[k]`` to the next vertex of the same cell. Packing an undirected edge {a, b}, a < b, into
+the one integer a * n_nodes + b makes "which corners share an edge" a single sort.
 """
 
 from __future__ import annotations
@@ -11,7 +11,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.arrays import Ints
+from vemcvx.arrays import Bools, Ints
+
+
+def spans(starts: Ints, counts: Ints) -> Ints:
+    """The numbers starts[0], starts[0] + 1, ... (counts[0] of them), then those from starts[1] and so on."""
+    before = np.cumsum(counts) - counts
+    return np.repeat(starts - before, counts) + np.arange(counts.sum())
+
+
+def offsets_of(counts: Ints) -> Ints:
+    """Where rows of these lengths begin, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def first_in_row(flags: Bools, offsets: Ints) -> Ints:
+    """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
+    place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))
+    none = len(flags)
+    first = np.minimum.reduceat(np.where(flags, place, none), offsets[:-1])
+    return np.where(first == none, 0, first)
+
+
+def rotation(offsets: Ints, first: Ints) -> Ints:
+    """Positions of all entries with every row turned so that it begins with its entry number ``first``."""
+    counts = np.diff(offsets)
+    begin, count = np.repeat(offsets[:-1], counts), np.repeat(counts, counts)
+    turned: Ints = (np.arange(offsets[-1]) - begin + np.repeat(first, counts)) % count
+    return begin + turned
 
 
 def next_corner(offsets: Ints) -> Ints:
@@ -60,21 +87,14 @@ def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class SharedEdges:
-    """Corners of a mesh sorted by the undirected edge they start.
-
-    Attributes
-    ----------
-    corners : (n_corners,) int
-        All corners, those of one edge side by side, in the order of their cells.
-    first : (n_edges,) int
-        Where in ``corners`` each edge begins.
-    counts : (n_edges,) int
-        How many cells share it: 1 on the boundary, 2 inside, more only in broken meshes.
-    """
+    """Corners of a mesh sorted by the undirected edge they start."""
 
     corners: Ints
+    """(n_corners,) all corners, those of one edge side by side, in the order of their cells"""
     first: Ints
+    """(n_edges,) where in `corners` each edge begins"""
     counts: Ints
+    """(n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes"""
 
 
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:

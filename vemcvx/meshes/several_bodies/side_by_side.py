@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.ragged import offsets_of
-from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, directed_edges
+from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, directed_edges, offsets_of
 from vemcvx.meshes.tessellation import Tessellation
 
 

@@ -13,9 +13,8 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons.ragged import spans
 from vemcvx.meshes.polygons.segments import cross, overlapping_boxes
-from vemcvx.meshes.polygons.topology import next_vertex
+from vemcvx.meshes.polygons.topology import next_vertex, spans
 
 # A point counts as on a side within this part of the cell's diameter,
 CLOSE = 1e-12

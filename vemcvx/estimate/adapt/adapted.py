@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import LARGEST, is_real
 from vemcvx.arrays import Bools, Floats, Ints, brief
 from vemcvx.errors import SceneError
-from vemcvx.estimate.adapt.marking import cells_to_refine
-from vemcvx.estimate.adapt.time_steps import split_steps
+from vemcvx.estimate.adapt.marking import cells_to_refine, split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.history import History
@@ -36,8 +35,6 @@ from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory
 from vemcvx.stepping.time_loop import checked_times, march
-
-Marks = tuple[Bools, Floats]
 
 log = logging.getLogger("vemcvx")
 
@@ -226,7 +223,7 @@ def _for_space(budget: ErrorBudget, target: float) -> float:
     return max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
 
 
-def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, theta: float) -> Marks:
+def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, theta: float) -> tuple[Bools, Floats]:
     """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
     for_space = _for_space(budget, target)
     marked = cells_to_refine(budget.cells**2, for_space**2, theta)

@@ -44,24 +44,16 @@ MOST = 200
 
 @dataclass(frozen=True)
 class Course:
-    """What is known of the data in time.
-
-    Attributes
-    ----------
-    times : (q,) array
-        Instants at which data were sampled.
-    values : (q, k) array
-        Weighted sums there, in parts of their largest size.
-    bends : (b,) array
-        Instants where they bend, turn or jump; those of a jump are two, a hair apart.
-    jumps : tuple of str
-        Sentences.
-    """
+    """What is known of the data in time."""
 
     times: Floats
+    """(q,) instants at which data were sampled"""
     values: Floats
+    """(q, k) weighted sums there, in parts of their largest size"""
     bends: Floats
+    """(b,) instants where they bend, turn or jump; those of a jump are two, a hair apart"""
     jumps: tuple[str, ...]
+    """sentences"""
 
 
 def course(system: System, times: Floats) -> Course:

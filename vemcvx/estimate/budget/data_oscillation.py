@@ -150,38 +150,29 @@ class Closer:
 
     def _slides(self) -> Bools:
         """Whether an edge (b,) may move along itself."""
-        along = self.edges.outer_normals[:, ::-1] * [-1.0, 1.0]
-        return self._freedom(along) > 0.5
+        return self._free(self.edges.units[:, ::-1] * [-1.0, 1.0])
 
-    def _freedom(self, direction: Floats) -> Floats:
-        unit = direction / np.linalg.norm(direction, axis=1)[:, None]
-        freedom: Floats = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit)
-        return freedom
+    def _free(self, unit: Floats) -> Bools:
+        free: Bools = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit) > 0.5
+        return free
+
+    def _outward(self, places: Places, now: Instant) -> Floats:
+        """u . n at the places."""
+        at_ends = np.einsum("bsd,bd->bs", now.u[self.edges.outer_edges], self.edges.units)
+        return _between(at_ends, places.owner, places.along)
 
     def _gap(self, given: Given, places: Places, now: Instant) -> Floats:
-        gap, assembled, outward = self._gaps(given, places, now)
-        pressed = np.all(pressures_at_ends(self.posed, self.edges, now) > 0, axis=1)[places.owner]
-        # Beyond the obstacle, or held away from it by both ends.
-        beyond, away = np.minimum(outward - gap, assembled - gap), np.where(pressed, gap - assembled, 0.0)
-        apart = np.maximum(np.maximum(beyond, away), 0.0)
-        apart = np.where(self._freedom(self.edges.outer_normals)[places.owner] > 0.5, apart, 0.0)
-        return self._bump(places, apart)
-
-    def _gaps(self, given: Given, places: Places, now: Instant) -> tuple[Floats, Floats, Floats]:
-        """The gap, what was assembled of it, and the displacement outward, at the places."""
-        points, owner = self.posed.space.mesh.points, places.owner
-        nodes = self.edges.outer_edges
+        points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
         read = np.unique(owner)
         nodal = np.zeros((len(nodes), 2))
         for side in range(2):
             nodal[read, side] = given.value(points[nodes[read, side]], now.t)
-        normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
-        outward = np.einsum("bsd,bd->bs", now.u[nodes], normal)
-        return (
-            given.value(places.x, now.t),
-            _between(nodal, owner, places.along),
-            _between(outward, owner, places.along),
-        )
+        gap, assembled = given.value(places.x, now.t), _between(nodal, owner, places.along)
+        pressed = np.all(pressures_at_ends(self.posed, self.edges, now) > 0, axis=1)[owner]
+        # Beyond the obstacle, or held away from it by both ends.
+        beyond, away = np.minimum(self._outward(places, now), assembled) - gap, np.where(pressed, gap - assembled, 0.0)
+        apart = np.maximum(np.maximum(beyond, away), 0.0)
+        return self._bump(places, np.where(self._free(self.edges.units)[owner], apart, 0.0))
 
     def _bump(self, places: Places, apart: Floats) -> Floats:
         highest = np.zeros(len(self.edges.outer))
@@ -189,10 +180,8 @@ class Closer:
         return 2.0 * self.edges.shear[self.edges.outer] * highest
 
     def _spring(self, given: Given, places: Places, now: Instant) -> Floats:
-        owner, nodes = places.owner, self.edges.outer_edges
-        normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
-        outward = _between(np.einsum("bsd,bd->bs", now.u[nodes], normal), owner, places.along)
-        pressure, k = given.value(places.x, now.t, outward)
+        owner = places.owner
+        pressure, k = given.value(places.x, now.t, self._outward(places, now))
         apart = pressure - _between(pressures_at_ends(self.posed, self.edges, now), owner, places.along)
         return self._sum(places, apart**2 / (1.0 / self._weight()[owner] + k))
 
@@ -201,8 +190,7 @@ class Closer:
         k = given.value(places.x)
         count = np.bincount(owner, minlength=len(self.edges.outer))
         mean = np.stack([totals(owner, one, len(count)) for one in k]) / np.maximum(count, 1)
-        normal = self.edges.outer_normals / np.linalg.norm(self.edges.outer_normals, axis=1)[:, None]
-        frame = np.stack([normal, normal[:, ::-1] * [-1.0, 1.0]])
+        frame = np.stack([self.edges.units, self.edges.units[:, ::-1] * [-1.0, 1.0]])
         moved = np.einsum("bsd,kbd->kbs", now.u[nodes], frame)
         moved = np.stack([_between(one, owner, places.along) for one in moved])
         apart = (k - mean[:, owner]) * moved

@@ -37,27 +37,16 @@ FOLLOWED = 2e-3
 
 @dataclass(frozen=True)
 class Finer:
-    """A run beside one of finer steps.
-
-    Attributes
-    ----------
-    errors : (N + 1,) array
-        Estimated |u_n - u(t_n)|_a, MARGIN included.
-    added : (N,) array
-        What each step adds: the energy norm of the change of the difference, MARGIN included.
-    times : (q,) array
-        The finer instants.
-    norm : float
-        Largest energy norm of the finer run.
-    bends : (b,) array
-    jumps : tuple of str
-        As in :class:`vemcvx.estimate.budget.data_in_time.Course`.
-    """
+    """A run beside one of finer steps; bends and jumps are those of its :class:`.data_in_time.Course`."""
 
     errors: Floats
+    """(N + 1,) estimated |u_n - u(t_n)|_a, MARGIN included"""
     added: Floats
+    """(N,) what each step adds: the energy norm of the change of the difference, MARGIN included"""
     times: Floats
+    """(q,) the finer instants"""
     norm: float
+    """largest energy norm of the finer run"""
     bends: Floats
     jumps: tuple[str, ...]
 

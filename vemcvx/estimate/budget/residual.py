@@ -72,9 +72,8 @@ def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
 def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
     rest = force - _traction(sigma[edges.outer], edges.outer_normals)
     rest = np.einsum("bij,bj->bi", edges.free, rest)
-    length = np.linalg.norm(edges.outer_normals, axis=1)
     h, mu = edges.sizes[edges.outer], edges.shear[edges.outer]
-    part = h / (2.0 * mu) * np.einsum("bd,bd->b", rest, rest) / length
+    part = h / (2.0 * mu) * np.einsum("bd,bd->b", rest, rest) / edges.lengths
     return totals(edges.outer, part, len(sigma))
 
 

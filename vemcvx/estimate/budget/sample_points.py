@@ -23,29 +23,20 @@ LEAST = 4
 
 @dataclass(frozen=True)
 class Places:
-    """Points with the weights of a midpoint rule.
-
-    Attributes
-    ----------
-    x : (q, 2) array
-    weights : (q,) array
-        Lengths, or areas.
-    owner : (q,) array of int
-        The boundary edge of the skeleton, or the cell.
-    along : (q,) array
-        In (0, 1), from the first end of the edge to the second; empty inside.
-    """
+    """Points (q, 2) with the weights (q,) of a midpoint rule: lengths, or areas."""
 
     x: Floats
     weights: Floats
     owner: Ints
+    """(q,) the boundary edge of the skeleton, or the cell"""
     along: Floats
+    """(q,) in (0, 1), from the first end of the edge to the second; empty inside"""
 
 
 def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
     """Places on boundary edges that are given by their nodes (m, 2)."""
     which = positions(chosen, edges.outer_edges, len(points))
-    length = np.linalg.norm(edges.outer_normals[which], axis=1)
+    length = edges.lengths[which]
     size = np.ptp(points, axis=0).max()
     counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), LEAST)
     row = np.repeat(np.arange(len(which)), counts)

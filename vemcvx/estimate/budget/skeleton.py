@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,36 +20,35 @@ FREE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Skeleton:
-    """Edges inside and on the boundary.
-
-    Attributes
-    ----------
-    sizes : (n_cells,)
-        |K|^{1/2}.
-    shear : (n_cells,)
-        mu; half the harmonic mean of the two moduli of shear, at most twice the softer, where they differ.
-    inside : (e, 2) int
-        The two cells of each inner edge.
-    inside_normals : (e, 2)
-        From the first cell to the second, as long as the edge.
-    outer : (b,) int
-        The cell of each boundary edge.
-    outer_edges : (b, 2) int
-        Its nodes, counter-clockwise.
-    outer_normals : (b, 2)
-        Outward, as long as the edge.
-    free : (b, 2, 2)
-        Projector on the directions that supports leave free at one end at least.
-    """
+    """Edges inside and on the boundary."""
 
     sizes: Floats
+    """(n_cells,) |K|^{1/2}"""
     shear: Floats
+    """(n_cells,) mu; half the harmonic mean of the two moduli of shear, at most twice the softer, where they differ"""
     inside: Ints
+    """(e, 2) the two cells of each inner edge"""
     inside_normals: Floats
+    """(e, 2) from the first cell to the second, as long as the edge"""
     outer: Ints
+    """(b,) the cell of each boundary edge"""
     outer_edges: Ints
+    """(b, 2) its nodes, counter-clockwise"""
     outer_normals: Floats
+    """(b, 2) outward, as long as the edge"""
     free: Floats
+    """(b, 2, 2) projector on the directions that supports leave free at one end at least"""
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(b,) of boundary edges."""
+        lengths: Floats = np.linalg.norm(self.outer_normals, axis=1)
+        return lengths
+
+    @cached_property
+    def units(self) -> Floats:
+        """(b, 2) outward unit normals of boundary edges."""
+        return self.outer_normals / self.lengths[:, None]
 
 
 def skeleton(posed: PosedScene) -> Skeleton:

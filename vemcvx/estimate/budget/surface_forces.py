@@ -22,24 +22,19 @@ ALONG = 1e-6
 
 @dataclass(frozen=True)
 class Instant:
-    """The state at an instant.
-
-    Attributes
-    ----------
-    t : float
-    u : (n_nodes, 2) array
-    lam, p : (m, block) and (r,) arrays
-        Multipliers of norm terms and limits.
-    weights, worn : (m,) arrays
-        Of the norm terms: bounds, and work since the initial instant.
-    """
+    """The state at an instant."""
 
     t: float
     u: Floats
+    """(n_nodes, 2)"""
     lam: Floats
+    """(m, block) multipliers of norm terms"""
     p: Floats
+    """(r,) multipliers of limits"""
     weights: Floats
+    """(m,) bounds of norm terms"""
     worn: Floats
+    """(m,) their work since the initial instant"""
 
 
 def instant(history: History, row: int) -> Instant:
@@ -79,19 +74,16 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
 
 
 def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
-    n = posed.space.mesh.n_nodes
     total = np.zeros((len(edges.outer), 2))
     for load in posed.loads:
-        if isinstance(load, InitialStresses) or load.edges is None:
-            continue
-        np.add.at(total, positions(load.edges, edges.outer_edges, n), load.forces(t))
+        if not isinstance(load, InitialStresses) and load.edges is not None:
+            np.add.at(total, positions(load.edges, edges.outer_edges, posed.space.mesh.n_nodes), load.forces(t))
     return total
 
 
 def _spread(edges: Skeleton, nodes: Ints, normals: Floats, traction: Floats) -> Floats:
     """Integrals over edges of tractions given at nodes and sides, linear between them."""
-    length = np.linalg.norm(edges.outer_normals, axis=1)
-    force: Floats = 0.5 * length[:, None] * at_ends(edges, nodes, normals, traction).sum(axis=1)
+    force: Floats = 0.5 * edges.lengths[:, None] * at_ends(edges, nodes, normals, traction).sum(axis=1)
     return force
 
 
@@ -99,7 +91,6 @@ def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Fl
     """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none."""
     size = edges.outer_edges.max() + 1
     near = nodes < size
-    length = np.linalg.norm(edges.outer_normals, axis=1)
     found = np.zeros((len(edges.outer), 2, values.shape[1]))
     order = np.argsort(nodes, kind="stable")
     order = order[near[order]]
@@ -109,7 +100,7 @@ def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Fl
         for k in range(int((stop - start).max(initial=0))):
             has = np.flatnonzero(start + k < stop)
             row = order[start[has] + k]
-            cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / length[has]
+            cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / edges.lengths[has]
             same = np.abs(cosine) > 1 - ALONG
             found[has[same], side] += values[row[same]]
     return found
@@ -119,9 +110,9 @@ def _springs(springs: sp.csr_matrix, edges: Skeleton, u: Floats) -> Floats:
     """Springs pull where both ends of an edge have some."""
     stiff = springs.diagonal().reshape(-1, 2).max(axis=1) > 0
     sprung = stiff[edges.outer_edges].all(axis=1)
-    length = np.linalg.norm(edges.outer_normals, axis=1)
-    share = totals(edges.outer_edges[sprung].ravel(), np.repeat(0.5 * length[sprung], 2), len(u))
+    half = 0.5 * edges.lengths[sprung]
+    share = totals(edges.outer_edges[sprung].ravel(), np.repeat(half, 2), len(u))
     pull = -(springs @ u.ravel()).reshape(-1, 2) / np.where(share > 0, share, 1.0)[:, None]
     total = np.zeros(edges.outer_normals.shape)
-    total[sprung] = 0.5 * length[sprung, None] * pull[edges.outer_edges[sprung]].sum(axis=1)
+    total[sprung] = half[:, None] * pull[edges.outer_edges[sprung]].sum(axis=1)
     return total

@@ -4,8 +4,7 @@ from vemcvx.estimate.measures.convergence_orders import Orders, orders
 from vemcvx.estimate.measures.distance import energy_distance
 from vemcvx.estimate.measures.error_table import ConvergenceTable, convergence_table
 from vemcvx.estimate.measures.exact_errors import energy_error, l2_error
-from vemcvx.estimate.measures.field import Field
-from vemcvx.estimate.measures.measured import Measured
+from vemcvx.estimate.measures.field import Field, Measured
 
 __all__ = [
     "ConvergenceTable",

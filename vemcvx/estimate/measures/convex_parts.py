@@ -26,30 +26,20 @@ CHUNK = 2**20
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Convex pieces of the cells of a mesh.
-
-    Attributes
-    ----------
-    corners : (p, w, 2) array
-        Vertices, counter-clockwise, the last one repeated up to the width w.
-    owner : (p,) array of int
-        The cell of each piece.
-    """
+    """Convex pieces of the cells of a mesh."""
 
     corners: Floats
+    """(p, w, 2) vertices, counter-clockwise, the last one repeated up to the width w"""
     owner: Ints
+    """(p,) the cell of each piece"""
 
 
 def convex_pieces(space: Space) -> Pieces:
     """The cells of a mesh in convex pieces."""
     corners, owner = zip(*[part for group in space.groups for part in _of_group(group)], strict=True)
     width = max(part.shape[1] for part in corners)
-    return Pieces(np.concatenate([widened(part, width) for part in corners]), np.concatenate(owner))
-
-
-def widened(corners: Floats, width: int) -> Floats:
-    """Polygons (p, m, 2) with the last vertex repeated up to a width."""
-    return np.pad(corners, ((0, 0), (0, width - corners.shape[1]), (0, 0)), mode="edge")
+    wide = [np.pad(part, ((0, 0), (0, width - part.shape[1]), (0, 0)), mode="edge") for part in corners]
+    return Pieces(np.concatenate(wide), np.concatenate(owner))
 
 
 def _of_group(group: CellGroup) -> Iterator[tuple[Floats, Ints]]:

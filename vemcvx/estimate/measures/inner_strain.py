@@ -26,20 +26,14 @@ RECTANGLE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class InnerStrain:
-    """Strains that are linear in every cell.
-
-    Attributes
-    ----------
-    mean : (n_cells, 3) array
-        e_xx, e_yy, 2 e_xy at the centre.
-    slope : (n_cells, 2, 3) array or None
-        Their gradients; None if strains are constant.
-    centre : (n_cells, 2) array
-    """
+    """Strains that are linear in every cell."""
 
     mean: Floats
+    """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre"""
     slope: Floats | None
+    """(n_cells, 2, 3) their gradients; None if strains are constant"""
     centre: Floats
+    """(n_cells, 2)"""
 
     def at(self, cells: Ints, points: Floats | None) -> Floats:
         """Strains (q, 3) at points (q, 2) of cells (q,)."""
@@ -65,9 +59,7 @@ def virtual_strain(field: Field, subject: str) -> InnerStrain:
     slope = np.zeros((field.mesh.n_cells, 2, 3))
     for group in field.space.groups:
         n = group.nodes.shape[1]
-        bad = np.zeros(len(group.cells), dtype=bool) if n == 3 else np.ones(len(group.cells), dtype=bool)
-        if n == 4:
-            bad = ~_rectangles(group.corners)
+        bad = ~_rectangles(group.corners) if n == 4 else np.full(len(group.cells), n != 3)
         if bad.any():
             raise MeshError(
                 f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is neither a triangle nor a rectangle, and "

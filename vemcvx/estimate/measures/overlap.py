@@ -32,22 +32,15 @@ UNCOVERED, STRIP = 1e-8, 1e-15
 
 @dataclass(frozen=True, eq=False)
 class CommonRule:
-    """Points of quadrature on the overlaps of two meshes.
-
-    Attributes
-    ----------
-    first, second : (q,) arrays of int
-        The cells each point lies in.
-    weights : (q,) array
-        They add up to the area that the meshes share.
-    points : (q, 2) array or None
-        None for degree 0, where any point of an overlap will do.
-    """
+    """Points of quadrature on the overlaps of two meshes."""
 
     first: Ints
+    """(q,) the cell of the first mesh that each point lies in"""
     second: Ints
     weights: Floats
+    """(q,) that add up to the area that the meshes share"""
     points: Floats | None
+    """(q, 2); None for degree 0, where any point of an overlap will do"""
 
 
 @lru_cache(maxsize=4)

@@ -81,15 +81,7 @@ def varies(*values: Datum | Constant | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points of cells at which material constants are read: the centroids, or others.
-
-    Attributes
-    ----------
-    mesh : PolygonMesh
-    x : (k, dim) array
-    cells : (k,) array of int
-        The cell of each point.
-    """
+    """Points (k, dim) of cells (k,) at which material constants are read: the centroids, or others."""
 
     mesh: PolygonMesh
     x: Floats

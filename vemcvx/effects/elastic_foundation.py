@@ -19,7 +19,6 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given
-from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryPart, Space
@@ -66,7 +65,7 @@ class ElasticFoundation(Effect):
             return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])
 
         subject = f"ElasticFoundation on {where(self.on)}"
-        given = (Given(subject, "foundation", at, part.edges),) if varies(self.normal, self.tangential) else ()
+        given = (Given(subject, "foundation", at, part.edges),) if data.varies(self.normal, self.tangential) else ()
         return Contribution(stiffness=_assembled(blocks, part, space.n_unknowns), given=given)
 
     def describe(self) -> str:

@@ -19,9 +19,8 @@ from vemcvx.arguments import choice
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given, Material
-from vemcvx.effects.data import varies
 from vemcvx.effects.effect import amount, where
-from vemcvx.effects.material_law import MaterialLaw, check_plane, region
+from vemcvx.effects.material_law import PLANES, MaterialLaw, region
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import Space, elastic_matrix, stabilisation_factor, stiffness, upper_triangle
 
@@ -65,25 +64,24 @@ class Elasticity(MaterialLaw):
         if cells is not None:
             lam, mu = lam * cells, mu * cells
         K = stiffness(space, lam, mu, stabilisation=self.stabilisation)
-        volume, thermal_stress_moduli = self._blocked(lam, mu)
+        volume, thermal = self._blocked(lam, mu)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self.plane == "strain")
         subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
-        tau = stabilisation_factor(mu, self.stabilisation)
         material = Material(
             subject=subject,
             moduli=np.stack([lam, mu]),
-            thermal_stress_moduli=thermal_stress_moduli,
+            thermal_stress_moduli=thermal,
             plane=self.plane,
             cells=cells,
             out_of_plane=out_of_plane,
-            stabilisation=tau,
+            stabilisation=stabilisation_factor(mu, self.stabilisation),
         )
 
         def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
             lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
             return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu)[1]
 
-        given = (Given(subject, "moduli", at, cells=cells),) if varies(self.young, self.poisson) else ()
+        given = (Given(subject, "moduli", at, cells=cells),) if data.varies(self.young, self.poisson) else ()
         return Contribution(stiffness=K, material=material, given=given)
 
     def describe(self) -> str:
@@ -112,7 +110,7 @@ class Elasticity(MaterialLaw):
         E, nu = at.read(self.young, "Elasticity: young"), at.read(self.poisson, "Elasticity: poisson")
         if cells is not None:
             E, nu = np.where(cells, E, 1.0), np.where(cells, nu, 0.0)
-        check_plane(self.plane, "Elasticity")
+        choice(self.plane, "Elasticity", "plane", PLANES)
         if (E <= 0).any():
             cell = int(np.argmin(E))
             raise SceneError(f"Elasticity: found young = {E[cell]:.6g} in cell {cell}; Young's modulus must be > 0.")

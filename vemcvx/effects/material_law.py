@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vemcvx.arguments import choice
 from vemcvx.arrays import Bools
 from vemcvx.effects.effect import Effect
 from vemcvx.errors import SceneError
@@ -43,8 +42,3 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
     if not cells.any():
         raise SceneError(f"{subject}: on={on!r} names no cell: the cell datum is zero everywhere on this mesh.")
     return cells
-
-
-def check_plane(plane: str, subject: str) -> None:
-    """Refuse what is neither plane strain nor plane stress."""
-    choice(plane, subject, "plane", PLANES)

@@ -10,7 +10,6 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given
-from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.effects.unilateral_contact import distance, obstacle
 from vemcvx.errors import SceneError
@@ -63,7 +62,7 @@ class NormalCompliance(Effect):
         compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
         made = obstacle(space, rows, subject, self.gap, compliance)
         given = Given(subject, "spring", spring, part.edges)
-        return replace(made, given=(given,) if varies(self.stiffness, self.gap) else ())
+        return replace(made, given=(given,) if data.varies(self.stiffness, self.gap) else ())
 
     def describe(self) -> str:
         return (

@@ -18,12 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vemcvx.arguments import choice
 from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given, Material
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import amount, where
-from vemcvx.effects.material_law import MaterialLaw, check_plane, region
+from vemcvx.effects.material_law import PLANES, MaterialLaw, region
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space, anisotropic_stiffness, upper_triangle
 
@@ -58,7 +59,7 @@ class Orthotropic(MaterialLaw):
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
-        check_plane(self.plane, "Orthotropic")
+        choice(self.plane, "Orthotropic", "plane", PLANES)
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
         C, thermal_stress_moduli, out_of_plane = self._law(data.InCells.centroids(space.mesh), inside)

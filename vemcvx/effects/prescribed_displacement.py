@@ -10,7 +10,6 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints, as_real_array, brief
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given, Support
-from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryPart, Space
@@ -57,7 +56,7 @@ class PrescribedDisplacement(Effect):
         def at(x: Floats, t: float) -> Floats:
             return read(self.value, x, t, subject)
 
-        return (Given(subject, "displacement", at, part.edges),) if varies(self.value) else ()
+        return (Given(subject, "displacement", at, part.edges),) if data.varies(self.value) else ()
 
     def describe(self) -> str:
         held = "" if self.direction is None else f" along {self.direction}"

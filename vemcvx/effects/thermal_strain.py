@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Eigenstrain, Given
-from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space
 
@@ -55,7 +54,7 @@ class ThermalStrain(Effect):
             there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
             return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
-        given = (Given("ThermalStrain", "eigenstrain", at),) if varies(self.expansion, self.temperature) else ()
+        given = (Given("ThermalStrain", "eigenstrain", at),) if data.varies(self.expansion, self.temperature) else ()
         return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain),), given=given)
 
     def describe(self) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
 from vemcvx.effects.contribution import ContactSurface, Contribution, Given, Obstacle
-from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.vem import BoundaryRows, Space
 
@@ -45,7 +44,7 @@ class UnilateralContact(Effect):
         rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
         made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
         given = Given(subject, "gap", partial(distance, self.gap, subject), part.edges)
-        return replace(made, given=(given,) if varies(self.gap) else ())
+        return replace(made, given=(given,) if data.varies(self.gap) else ())
 
     def describe(self) -> str:
         return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"

@@ -1,8 +1,7 @@
 """Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
 
 from vemcvx.linear.default import choose_linear
-from vemcvx.linear.dense import DenseCholesky
-from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, Scaled
+from vemcvx.linear.factor import SAMPLES, DenseCholesky, Factor, LinearSolver, Matrix, Scaled
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.superlu import SuperLU

@@ -11,6 +11,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from vemcvx.arrays import Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
@@ -48,6 +49,24 @@ class Factor(Protocol):
 
     def within(self, K_FF: Matrix, F: Ints) -> Factor:
         """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness; to solve with."""
+
+
+class DenseCholesky(Factor):
+    """K = R'R of a dense matrix."""
+
+    _upper: Floats
+
+    def __init__(self, K: Floats):
+        # LAPACK without SciPy's checks: they take longer than factorising 100 unknowns.
+        self._upper, info = dpotrf(K, lower=0, clean=0) if len(K) else (K, 0)
+        if info > 0:
+            raise singular()
+
+    def solve(self, b: Floats) -> Floats:
+        return dpotrs(self._upper, b, lower=0)[0] if len(self._upper) else b.copy()
+
+    def within(self, K_FF: Matrix, F: Ints) -> DenseCholesky:
+        return DenseCholesky(K_FF if isinstance(K_FF, np.ndarray) else K_FF.toarray())
 
 
 class Scaled(Factor):

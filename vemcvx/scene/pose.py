@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.effects import ContactSurface, Contribution, Friction, Given, Load, Material, Obstacle
+from vemcvx.effects import ContactSurface, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import PolygonMesh
@@ -79,7 +79,10 @@ class PosedScene:
 
     def force(self, t: float) -> Floats:
         """The nodal load f (n_u,) of everything but reactions."""
-        return total_load(self.loads, self.A.shape[0], t)
+        f = np.zeros(self.A.shape[0])
+        for load in self.loads:
+            f += load.vector(t)
+        return f
 
     def displacement(self, y: Floats, t: float) -> Floats:
         """u (n_u,) from the free unknowns y (n,)."""
@@ -105,10 +108,13 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
-    supports = resolve(_chain(p.supports for p in parts), _normals(parts), mesh.points)
-    contact = _contact(parts, supports, times)
+    frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
+    stops: tuple[Obstacle, ...] = _chain(p.obstacles for p in parts)
+    # Whatever refers to normals, so that nodal frames have them as axes.
+    supports = resolve(_chain(p.supports for p in parts), (*frictions, *stops), mesh.points)
+    contact = _contact(frictions, stops, supports, times)
     terms, obstacles = contact.terms, contact.obstacles
-    inactive += out_of_reach(terms, contact.stops, supports)
+    inactive += out_of_reach(terms, stops, supports)
     each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     springs = _sum(each) if each else None
     # Springs to the ground feel rigid motions, too.
@@ -134,7 +140,7 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
         A=A,
         loads=loads,
         terms=terms,
-        surface=contact_surface((*surfaces, *contact.frictions, *contact.stops), terms, supports, times),
+        surface=contact_surface((*surfaces, *frictions, *stops), terms, supports, times),
         material=material,
         prestress=prestress,
         obstacles=obstacles,
@@ -145,26 +151,24 @@ def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> 
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class _Contact:
-    """Friction and obstacles of a scene, and what a System has of them."""
+    """What a System has of the friction and the obstacles of a scene."""
 
-    frictions: tuple[Friction, ...]
-    stops: tuple[Obstacle, ...]
     terms: Terms
     obstacles: Obstacles
     law: FrictionLaw | None
 
 
-def _contact(parts: Sequence[Contribution], supports: Supports, times: Sequence[float]) -> _Contact:
-    frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
-    stops: tuple[Obstacle, ...] = _chain(p.obstacles for p in parts)
+def _contact(
+    frictions: Sequence[Friction], stops: Sequence[Obstacle], supports: Supports, times: Sequence[float]
+) -> _Contact:
     ends, names = owned([*frictions, *stops])
     rubbing = sum(len(friction.nodes) for friction in frictions)
     terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
     obstacles = gathered(stops, ends[rubbing:], supports)
     law = friction_law(terms, obstacles, ends[:rubbing], supports)
-    return _Contact(frictions=frictions, stops=stops, terms=terms, obstacles=obstacles, law=law)
+    return _Contact(terms, obstacles, law)
 
 
 def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:
@@ -173,7 +177,7 @@ def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: s
     kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
     dim = space.mesh.points.shape[1]
     sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // dim
-    warn_of_loose_normals(contact.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
+    warn_of_loose_normals(contact.terms.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
     if kernel is not None:
         warnings.warn(
             f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
@@ -183,14 +187,6 @@ def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: s
             stacklevel=2,
         )
     return kernel
-
-
-def total_load(loads: Sequence[Load | InitialStresses], n: int, t: float) -> Floats:
-    """The sum of nodal loads (n,) at `t`."""
-    f = np.zeros(n)
-    for load in loads:
-        f += load.vector(t)
-    return f
 
 
 def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
@@ -276,11 +272,6 @@ def _motion(
     )
 
 
-def _normals(parts: Sequence[Contribution]) -> tuple[Friction | Obstacle, ...]:
-    """Whatever refers to normals, so that nodal frames have them as axes."""
-    return (*_chain(p.frictions for p in parts), *_chain(p.obstacles for p in parts))
-
-
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
@@ -292,9 +283,9 @@ def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
     """Nested dissection of the nodes, all unknowns of a node together."""
     dim = points.shape[1]
     n = len(points)
-    graph = sp.csr_matrix(
-        (np.ones(len(A.indices[::1]), dtype=np.int8), A.indices // dim, A.indptr), shape=(A.shape[0], n)
-    )[::dim]
+    graph = sp.csr_matrix((np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr), shape=(A.shape[0], n))[
+        ::dim
+    ]
     rank = np.empty(n, dtype=np.int64)
     rank[nested_dissection(graph, points)] = np.arange(n)
     return np.argsort(rank[supports.nodes], kind="stable")

@@ -2,8 +2,7 @@
 
 from vemcvx.vem.anisotropic import anisotropic_stiffness, mean_shear, softest_shear
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds
-from vemcvx.vem.hooke import elastic_matrix, stresses, upper_triangle
-from vemcvx.vem.invariants import equivalent, principal
+from vemcvx.vem.hooke import elastic_matrix, equivalent, principal, stresses, upper_triangle
 from vemcvx.vem.isotropic import stabilisation_factor, stiffness
 from vemcvx.vem.loads import cell_load, edge_load, stress_load
 from vemcvx.vem.quadrature import cell_quadrature

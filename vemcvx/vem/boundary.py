@@ -25,47 +25,31 @@ GAUSS = 4
 
 @dataclass(frozen=True, eq=False)
 class EdgeEnds:
-    """The ends of edges that rows own, each named by the row and the other node of its edge.
-
-    Attributes
-    ----------
-    row : (q,) int
-    beyond : (q,) int
-        Node number of the edge's other end.
-    lengths : (q,) float
-        Half the length of the edge: int phi_i ds over it.
-    """
+    """The ends (q,) of edges that rows own, each named by the row and the other node of its edge."""
 
     row: Ints
     beyond: Ints
+    """node number of the edge's other end"""
     lengths: Floats
+    """half the length of the edge: int phi_i ds over it"""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryRows:
-    """One row a node and distinct normal of a part of the boundary, ordered by node.
-
-    Attributes
-    ----------
-    nodes : (k,) int
-    normals : (k, 2) float
-        Outward unit normals, averaged by length over the edges they stand for.
-    lengths : (k,) float
-        int phi_i ds over the edges of this row.
-    points : (q, 2) float
-        Gauss points of all edges, four an edge.
-    matrix : (k, q) csr_matrix
-        ``matrix @ g(points)`` is int g phi_i ds over the edges of each row, exact for g of degree 6 on edges.
-    ends : EdgeEnds
-        What each row stands for.
-    """
+    """One row a node and distinct normal of a part of the boundary, ordered by node."""
 
     nodes: Ints
+    """(k,)"""
     normals: Floats
+    """(k, 2) outward unit normals, averaged by length over the edges they stand for"""
     lengths: Floats
+    """(k,) int phi_i ds over the edges of this row"""
     points: Floats
+    """(q, 2) Gauss points of all edges, four an edge"""
     matrix: sp.csr_matrix
+    """(k, q) by which g(points) gives int g phi_i ds over the edges of each row, exact for g of degree 6 on edges"""
     ends: EdgeEnds
+    """what each row stands for"""
 
     @property
     def tangents(self) -> Floats:
@@ -75,18 +59,12 @@ class BoundaryRows:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPart:
-    """A closed set of boundary edges.
-
-    Parameters
-    ----------
-    edges : (m, 2) array of int
-        Each as it runs in its counter-clockwise cell, once.
-    points : (n_nodes, 2) array
-        The points of the whole mesh.
-    """
+    """A closed set of boundary edges."""
 
     edges: Ints
+    """(m, 2) each as it runs in its counter-clockwise cell, once"""
     points: Floats
+    """(n_nodes, 2) the points of the whole mesh"""
 
     @cached_property
     def chords(self) -> Floats:

@@ -20,21 +20,14 @@ from vemcvx.vem.boundary import BoundaryPart
 
 @dataclass(frozen=True, eq=False)
 class CellGroup:
-    """Cells with equally many vertices, so that one array operation serves them all.
-
-    Attributes
-    ----------
-    cells : (c,) int
-        Cell numbers.
-    nodes : (c, n) int
-        Their vertices, counter-clockwise.
-    points : (n_nodes, 2) float
-        The points of the whole mesh.
-    """
+    """Cells with equally many vertices, so that one array operation serves them all."""
 
     cells: Ints
+    """(c,) cell numbers"""
     nodes: Ints
+    """(c, n) their vertices, counter-clockwise"""
     points: Floats
+    """(n_nodes, 2) the points of the whole mesh"""
 
     @property
     def corners(self) -> Floats:
@@ -56,12 +49,7 @@ class CellGroup:
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """V^h on a mesh.
-
-    Parameters
-    ----------
-    mesh : PolygonMesh
-    """
+    """V^h on a mesh."""
 
     mesh: PolygonMesh
 

@@ -16,7 +16,7 @@ exceeds that load by, if shear is left out. A point force bears on a node: withi
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import SECOND
 
 LENGTH, HEIGHT, YOUNG, FORCE, GAP = 10.0, 1.0, 1000.0, 1.0, 0.4

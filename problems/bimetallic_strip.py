@@ -21,7 +21,7 @@ x = 0 is then no plane of symmetry but a row of rollers: an error of the order o
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 LENGTH, LOWER, UPPER = 4.0, 0.25, 0.25
 YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-5, 1e-5), 50.0

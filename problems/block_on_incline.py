@@ -16,8 +16,8 @@ Before sliding, the block creeps up from its pushed end; its lower edge may lift
 import numpy as np
 
 import vemcvx as vx
+from problem_pictures import body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots import body_and_graph
 from vemcvx.plots.palette import SLIP, STICK
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0

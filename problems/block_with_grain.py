@@ -20,7 +20,7 @@ tractions of this state; it is linear, so virtual elements reproduce it, and the
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 YOUNG, POISSON, SHEAR, GRAIN, FRICTION = (10.0, 2.0), 0.3, 1.2, 0.5, 0.5
 LENGTH, HEIGHT, PRESS, AMPLITUDE = 2.0, 0.5, 0.02, 0.05

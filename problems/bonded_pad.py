@@ -20,7 +20,7 @@ more.
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 HALF_WIDTH, HEIGHT, MU, POISSON, PRESSED = 8.0, 1.0, 1.0, 0.499, 0.01
 SMALL = {"n": 12, "steps": 1}

@@ -18,8 +18,8 @@ import numpy as np
 
 import vemcvx as vx
 from hertz_contact import HALF_WIDTH, RADIUS, REACH, YOUNG, fitted, graded, grid
+from problem_pictures import body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots import body_and_graph
 from vemcvx.plots.palette import SLIP, STICK
 
 POISSON, FRICTION = 0.4999, 0.4

@@ -17,7 +17,7 @@ import numpy as np
 
 import vemcvx as vx
 from plate_with_hole import complex_potentials, displacement_of, polar, stress_of
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import COMPUTED, SECOND
 
 RADIUS, REACH, PULL = 1.0, 4.0, 1.0

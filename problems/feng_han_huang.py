@@ -19,8 +19,8 @@ contact slips.
 import numpy as np
 
 import vemcvx as vx
+from problem_pictures import body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots import body_and_graph
 from vemcvx.plots.palette import SLIP, STICK
 
 SMALL = {"n": 16, "steps": 32}

@@ -16,7 +16,7 @@ from it is the error of the algebra.
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 YOUNG, POISSON, LENGTH, HEIGHT = 10.0, 0.25, 2.0, 0.5
 MU = YOUNG / (2 * (1 + POISSON))

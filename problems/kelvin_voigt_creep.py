@@ -14,7 +14,7 @@ where the near one slips: the end creeps less far, and what friction and dashpot
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import SECOND
 
 YOUNG, POISSON, TAU, PULL = 10.0, 0.25, 0.7, 0.3

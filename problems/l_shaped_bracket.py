@@ -12,8 +12,8 @@ win back N^-0.5.
 import numpy as np
 
 import vemcvx as vx
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.canvas import plain_logarithms
-from vemcvx.plots import beside_closed_form, body_and_graph
 
 SMALL = {"n": 16, "steps": 8}
 EXPONENT = 0.5444837 - 1.0

@@ -16,7 +16,7 @@ import numpy as np
 
 import vemcvx as vx
 from plate_with_hole import polar
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 INNER, OUTER, YOUNG, POISSON, GAP, PRESSURE = 1.0, 1.8, 100.0, 0.3, 0.01, 3.0
 SMALL = {"n": 10, "steps": 10}

@@ -22,7 +22,7 @@ same for all lambda.
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import SECOND
 
 MU = 1.0

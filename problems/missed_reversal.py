@@ -17,7 +17,7 @@ that slips sticks again, and as few steps as one cares for give the same answer.
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import COMPUTED
 
 PUSH = 16.0

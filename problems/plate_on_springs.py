@@ -14,7 +14,7 @@ stiffness takes their place, which only pushes: the ends lift off (ask for 1e-6:
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import SECOND
 
 LENGTH, HEIGHT, YOUNG, SPRINGS, FORCE = 40.0, 0.5, 1000.0, 0.2, 0.5

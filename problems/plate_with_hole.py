@@ -17,7 +17,7 @@ its integral from R to r, S (r - R^2 / (2 r) - R^4 / (2 r^3)).
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import COMPUTED, SECOND
 
 RADIUS, REACH, YOUNG, POISSON, PULL = 1.0, 5.0, 100.0, 0.3, 1.0

@@ -19,7 +19,7 @@ error O(g H / N0).
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.plots.palette import COMPUTED, SECOND
 
 LENGTH, HEIGHT, YOUNG, BOUND, PRESTRESS, AGAIN = 40.0, 1.0, 200.0, 1.0, 24.0, 0.6

@@ -13,7 +13,7 @@ it. The rod is a model: its error is of the order of H over the slip length.
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, FORCE = 50.0, 1.0, 200.0, 1.0, 20.0
 SMALL = {"n": 4, "steps": 36}

@@ -27,7 +27,7 @@ u(s) = g (l - s)^2 / (2 E H). The rod is a model: its error is of the order of H
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, EXPANSION, RISE = 40.0, 1.0, 200.0, 1.0, 1e-3, 100.0
 SMALL = {"n": 4, "steps": 36}

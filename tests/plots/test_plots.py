@@ -7,10 +7,9 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
+from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.canvas import new_figure
 from vemcvx.plots import (
-    beside_closed_form,
-    body_and_graph,
     deformed_mesh,
     energy_ledger,
     friction_traction,
@@ -20,7 +19,7 @@ from vemcvx.plots import (
     write_plots,
 )
 from vemcvx.plots.contact_line import contact_line
-from vemcvx.plots.scale import magnification
+from vemcvx.plots.scale import rounded_down
 from vemcvx.plots.stick_slip_map import directions
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -87,11 +86,11 @@ def test_arrows_are_the_friction_forces_to_scale(history):
 
 def test_magnification_is_a_round_number_that_shows_something():
     for largest in np.logspace(-9, 9, 200):
-        factor = magnification(np.array([[0.0, largest], [0.0, 0.0]]), size=3.0)
+        factor = rounded_down(0.15 * 3, largest)
         assert 0.15 * 3 / 2.5 * (1 - 1e-8) <= factor * largest <= 0.15 * 3 * (1 + 1e-8)
         digits = f"{factor:e}"
         assert digits.startswith(("1.000000", "2.000000", "5.000000"))
-    assert magnification(np.zeros((4, 2)), 3.0) == 1.0
+    assert rounded_down(0.15 * 3, 0.0) == 1.0
 
 
 @pytest.mark.parametrize("step", [-1, 3, 9])

@@ -1,19 +1,16 @@
 """Pictures of a history: each a function that returns a matplotlib figure, or draws on axes that it is given."""
 
 from vemcvx.plots.animation import animate
-from vemcvx.plots.beside_closed_form import beside_closed_form
 from vemcvx.plots.deformed_mesh import deformed_mesh
 from vemcvx.plots.energy_ledger import energy_ledger
 from vemcvx.plots.friction_traction import friction_traction
 from vemcvx.plots.pictures import write_plots
 from vemcvx.plots.stick_slip_map import stick_slip_map
-from vemcvx.plots.stressed_body import body_and_graph, stressed_body
+from vemcvx.plots.stressed_body import stressed_body
 from vemcvx.plots.wear import wear
 
 __all__ = [
     "animate",
-    "beside_closed_form",
-    "body_and_graph",
     "deformed_mesh",
     "energy_ledger",
     "friction_traction",

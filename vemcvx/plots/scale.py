@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, brief
 from vemcvx.errors import HistoryError
+from vemcvx.meshes.polygons.topology import directed_edges
 from vemcvx.results.results import Results
 
 SHOWN = 0.15
@@ -20,11 +21,6 @@ MOST_STRAIN, STRAINED_EDGES = 0.5, 99.0
 """Edges may move by this part of their length, all but one in a hundred: more turns cells inside out."""
 
 Range = tuple[float, float]
-
-
-def magnification(u: Floats, size: float) -> float:
-    """1, 2 or 5 times a power of ten that makes the largest displacement SHOWN of `size`, or a little less."""
-    return rounded_down(SHOWN * size, float(np.linalg.norm(u, axis=1).max()))
 
 
 def rounded_down(wanted: float, largest: float) -> float:
@@ -64,9 +60,7 @@ def _positive(raw: object) -> float:
 def _stretch(history: Results) -> float:
     """How far ends of edges move apart, or around each other, as a part of the edge's length."""
     mesh = history.mesh
-    following = np.arange(1, len(mesh.vertices) + 1)
-    following[mesh.offsets[1:] - 1] = mesh.offsets[:-1]
-    ends = np.unique(np.sort(np.column_stack([mesh.vertices, mesh.vertices[following]]), axis=1), axis=0)
+    ends = np.unique(np.sort(directed_edges(mesh.offsets, mesh.vertices), axis=1), axis=0)
     lengths = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
     return max(
         float(np.percentile(np.linalg.norm(u[ends[:, 1]] - u[ends[:, 0]], axis=1) / lengths, STRAINED_EDGES))

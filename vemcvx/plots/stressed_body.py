@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats
-from vemcvx.canvas import draw_arrows, new_figure
+from vemcvx.canvas import draw_arrows
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
@@ -19,7 +19,6 @@ from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Window = tuple[tuple[float, float], tuple[float, float]]
 
@@ -38,8 +37,6 @@ ONE_SIGN, UNIFORM = 0.1, 0.02
 SHOWN_CELLS = 99.0
 LONGEST, MOST, ASIDE = 0.13, 26, 0.03
 """Of the arrows: length as part of the body's (or the window's) size, number, and distance if they run along it."""
-SLENDER = 0.2
-"""Height over width below which the body is drawn above the graph, not beside it."""
 
 
 def stressed_body(
@@ -123,48 +120,6 @@ def stressed_body(
     else:
         ax.set(xlim=window[0], ylim=window[1])
     return ax
-
-
-def body_and_graph(
-    history: Results,
-    *,
-    step: int = -1,
-    stress: str = "mean",
-    forces: str = "contact",
-    window: Window | None = None,
-    stretch: float = 1.0,
-    mirrors: Sequence[tuple[int, int]] = (),
-    shares: tuple[float, float] = (1.0, 1.0),
-    magnify: float | None = None,
-    limits: ArrayLike | None = None,
-    units: Units | None = None,
-) -> tuple[Figure, Axes]:
-    """Return a figure with the stressed body, and axes beside it (below it, if it is slender) for a graph.
-
-    Parameters are those of `stressed_body`; `shares` divides the figure between body and graph.
-    """
-    width, height = np.ptp(history.mesh.points, axis=0) if window is None else np.ptp(window, axis=1)
-    slender = stretch * height < SLENDER * width
-    figure = new_figure(8.4, 5.0) if slender else new_figure(9.4, 3.9)
-    if slender:
-        body, graph = figure.subplots(2, 1, height_ratios=shares)
-    else:
-        body, graph = figure.subplots(1, 2, width_ratios=shares)
-    figure.set_layout_engine("constrained", w_pad=0.1)
-    stressed_body(
-        body,
-        history,
-        step=step,
-        stress=stress,
-        forces=forces,
-        window=window,
-        stretch=stretch,
-        mirrors=mirrors,
-        magnify=magnify,
-        limits=limits,
-        units=units,
-    )
-    return figure, graph
 
 
 def _inside(points: Floats, window: Window | None) -> Bools:

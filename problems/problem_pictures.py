@@ -1,0 +1,58 @@
+"""What pictures of problems share: the stressed body beside a graph, and marks on the line of a closed form."""
+
+import numpy as np
+
+from vemcvx.canvas import light_grid, new_figure
+from vemcvx.plots import stressed_body
+from vemcvx.plots.palette import COMPUTED, EXACT
+
+MOST_MARKS = 60
+SLENDER = 0.2
+"""Height over width below which the body is drawn above the graph, not beside it."""
+
+
+def body_and_graph(history, *, window=None, stretch=1.0, shares=(1.0, 1.0), **how):
+    """Return a figure with the stressed body, and axes beside it (below it, if it is slender) for a graph.
+
+    Options are those of `stressed_body`; `shares` divides the figure between body and graph.
+    """
+    width, height = np.ptp(history.mesh.points, axis=0) if window is None else np.ptp(window, axis=1)
+    slender = stretch * height < SLENDER * width
+    figure = new_figure(8.4, 5.0) if slender else new_figure(9.4, 3.9)
+    if slender:
+        body, graph = figure.subplots(2, 1, height_ratios=shares)
+    else:
+        body, graph = figure.subplots(1, 2, width_ratios=shares)
+    figure.set_layout_engine("constrained", w_pad=0.1)
+    stressed_body(body, history, window=window, stretch=stretch, **how)
+    return figure, graph
+
+
+def beside_closed_form(
+    ax,
+    computed,
+    exact,
+    *,
+    colour=COMPUTED,
+    marker="o",
+    label="computed",
+    exact_label="closed form",
+    style="-",
+):
+    """Add one pair: marks (x, y) computed, and the line (x, y) of the closed form.
+
+    Of more than `MOST_MARKS` marks, evenly many are drawn. With ``exact_label=None`` the
+    legend shows marks and line together, by the name of the marks.
+    """
+    x, y = (np.asarray(values, dtype=float) for values in computed)
+    shown = np.unique(np.linspace(0, len(x) - 1, MOST_MARKS).round().astype(int)) if len(x) > MOST_MARKS else ...
+    line = EXACT if colour == COMPUTED else colour
+    ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
+    marks = {"marker": marker, "color": colour, "markersize": 4, "alpha": 0.85}
+    ax.plot(x[shown], y[shown], linestyle="none", **marks, zorder=3, label=label if exact_label else None)
+    if exact_label is None:
+        # The line has no name of its own: the legend shows it through the marks.
+        ax.plot([], [], linestyle=style, linewidth=1.3, **marks, label=label)
+    light_grid(ax)
+    ax.legend(frameon=False, fontsize="small")
+    return ax

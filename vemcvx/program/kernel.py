@@ -211,19 +211,3 @@ class _Point:
     def level(self, before: _Point, spread: float) -> bool:
         """Whether the values differ by no more than their rounding."""
         return abs(self.value - before.value) <= 64 * EPS * spread
-
-
-def refuse_unheld(kernel: Kernel, motion: Floats, push: float, holds: float, n: int, t: float) -> None:
-    """Raise SceneError for a load that pushes along `motion` (k,) harder than friction can hold.
-
-    Parameters
-    ----------
-    push, holds : float
-        Work of the load, and most that friction can do, per unit of the motion's largest displacement.
-    """
-    raise SceneError(
-        f"step {n} at t = {t:.6g}: only friction and one-sided contact hold the body against {kernel.name(motion)}. "
-        f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
-        f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
-        "support, or move the body by PrescribedDisplacement instead."
-    )

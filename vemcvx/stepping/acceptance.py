@@ -23,12 +23,11 @@ import numpy as np
 
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import NotCertified
-from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced
-from vemcvx.program.norms import Norms
 from vemcvx.solvers import Solver
 from vemcvx.stepping.ledger import StepData
+from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
@@ -62,38 +61,23 @@ def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accu
     return 0.0 if force.norm == 0.0 or not norm <= accuracy * force.norm else caused(condensation, force)
 
 
-def require_certified(
-    solver: Solver, norms: Norms | None, certificate: Certificate, unit: float, status: str, n: int, t: float
-) -> None:
-    """Raise NotCertified when step `n` misses the solver's accuracy.
-
-    Parameters
-    ----------
-    solver : Solver
-    norms : Norms or None
-        For the name of the place where most of the gap sits.
-    certificate : Certificate
-    unit : float
-        The energy norm that errors are relative to.
-    status : str
-        The solver's own words.
-    n, t : int, float
-        The step and its instant.
-    """
-    accuracy = solver.accuracy
+def require_certified(run: PreparedRun, state: State, n: int) -> None:
+    """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
+    solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
+    accuracy, norms = solver.accuracy, run.system.norms
     if certificate.error <= accuracy * unit and certificate.error_floor <= TRUST * unit:
         return
     reached, floor = ((part / unit if unit > 0 else np.inf) for part in (certificate.error, certificate.error_floor))
     worst = ""
     if norms is not None and len(certificate.friction):
         worst = f" The largest share of the gap sits at {norms.name(int(np.argmax(certificate.friction)))}."
-    said = f" The solver said: {status}." if status else ""
+    said = f" The solver said: {state.status}." if state.status else ""
     raise NotCertified(
-        f"step {n} at t = {t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, asked was "
-        f"{accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} {_advice(solver, reached, accuracy, floor)}, or "
-        "pass check=False to go on regardless.",
+        f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
+        f"asked was {accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} "
+        f"{_advice(solver, reached, accuracy, floor)}, or pass check=False to go on regardless.",
         step=n,
-        time=t,
+        time=state.t,
         reached=reached,
         asked=accuracy,
         floor=floor,

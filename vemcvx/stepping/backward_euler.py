@@ -10,18 +10,18 @@ record    :mod:`.recorder`            energies, forces, certificates: rows of a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.program.norms import Norms
 from vemcvx.program.step_program import Answer
+from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.certified_in_full import refined_state
-from vemcvx.stepping.fixed_point import Dependent, resolved
+from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import drive
-from vemcvx.stepping.posed_step import PosedStep, pose_step, refuse_unheld
+from vemcvx.stepping.posed_step import PosedStep, pose_step
+from vemcvx.stepping.seminorm import refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
 
 
@@ -70,7 +70,7 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
     if run.refines:
         state = refined_state(attempt, state)
     if run.check:
-        run.require_certified(state, n)
+        require_certified(run, state, n)
     return state
 
 
@@ -78,20 +78,6 @@ def solved(attempt: PosedStep, n: int) -> State:
     """The step; weights that depend on the answer begin with those it was posed with."""
     norms = attempt.run.system.norms
     if norms is not None and norms.law is not None:
-        return _under_pressure(attempt, norms, n)
-    refuse_unheld(attempt, n)
+        return resolved(DependentStep(attempt, norms, n))
+    refuse_unheld(attempt.program, attempt.run.condensation, n, attempt.data.t)
     return attempt.solve()
-
-
-def _under_pressure(attempt: PosedStep, norms: Norms, n: int) -> State:
-    """The step where weights depend on the forces of the limits."""
-    before, now, start = attempt.before, attempt.data, attempt.program.w
-
-    def pose(run: PreparedRun, w: Floats) -> PosedStep:
-        return pose_step(run, before, now, w)
-
-    if attempt.run.operators.kernel is not None:
-        # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
-        start = np.full(len(start), np.abs(attempt.program.g).sum())
-    step = Dependent(run=attempt.run, norms=norms, t=now.t, n=n, pose=pose, check=partial(refuse_unheld, n=n))
-    return resolved(step, start)

@@ -33,7 +33,6 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import length_hint
@@ -45,7 +44,8 @@ from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
-from vemcvx.stepping.posed_step import PosedStep
+from vemcvx.stepping.posed_step import PosedStep, pose_step
+from vemcvx.stepping.seminorm import refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
@@ -62,18 +62,31 @@ PATIENCE = 3
 
 
 @dataclass(frozen=True)
-class Dependent:
+class DependentStep:
     """A step whose weights depend on the forces of its limits."""
 
-    run: PreparedRun
+    attempt: PosedStep
+    """the step with weights that follow the forces of the step before"""
     norms: Norms
-    t: float
     n: int
     """the step, for messages"""
-    pose: Callable[[PreparedRun, Floats], PosedStep]
-    """(run, weights) -> the step with these weights"""
-    check: Callable[[PosedStep], None]
-    """raises an error where a program has no solution"""
+
+    @property
+    def run(self) -> PreparedRun:
+        """What all steps share."""
+        return self.attempt.run
+
+    @property
+    def start(self) -> Floats:
+        """Weights (m,) of the first program."""
+        w = self.attempt.program.w
+        # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
+        held = self.run.operators.kernel is None
+        return w if held else np.full(len(w), np.abs(self.attempt.program.g).sum())
+
+    def pose(self, w: Floats, run: PreparedRun | None = None) -> PosedStep:
+        """The step with the weights w (m,)."""
+        return pose_step(run or self.run, self.attempt.before, self.attempt.data, w)
 
     @property
     def replaces(self) -> bool:
@@ -86,8 +99,8 @@ class Dependent:
         A program may take half of what iterations are left: sets may settle from an answer that is no good yet.
         """
         left = self.run.most - spent
-        posed = self.pose(self.run.after(spent + int(left // 2) if np.isfinite(left) else 0), w)
-        self.check(posed)
+        posed = self.pose(w, self.run.after(spent + int(left // 2) if np.isfinite(left) else 0))
+        refuse_unheld(posed.program, self.run.condensation, self.n, posed.data.t)
         return posed.solve(FIXED_POINT, near)
 
     def settled(self, state: State, spent: int) -> tuple[State | None, int]:
@@ -97,20 +110,20 @@ class Dependent:
         """
         most = 0 if self.norms.slope is None else int(min(self.run.most - spent, sys.maxsize))
         rounds = iter(range(most))
-        return self.pose(self.run, state.weights).settled(state, self.norms, rounds), most - length_hint(rounds)
+        return self.pose(state.weights).settled(state, self.norms, rounds), most - length_hint(rounds)
 
     def certified(self, state: State, certificate: Certificate) -> State:
         """The state under the weights of its own pressures, with that certificate."""
-        return self.pose(self.run, self.law(state.p)).under_own_weights(state, certificate)
+        return self.pose(self.law(state.p)).under_own_weights(state, certificate)
 
     def beside(self, state: State, near: State) -> State:
         """The motion of the state under the forces of a solution near it, and its distance to that."""
         error = self.distance(state, near) + near.certificate.error
-        return self.pose(self.run, near.weights).moved(state, near, near.certificate.away(error))
+        return self.pose(near.weights).moved(state, near, near.certificate.away(error))
 
     def law(self, p: Floats) -> Floats:
         """Weights (m,) under the forces p (r,)."""
-        return self.norms.weights_under(self.t, p)
+        return self.norms.weights_under(self.attempt.data.t, p)
 
     def distance(self, one: State, other: State) -> float:
         """Energy norm of the difference."""
@@ -125,13 +138,8 @@ class Dependent:
         return work / max(one.unit(accuracy), other.unit(accuracy)) if work > 0 else 0.0
 
 
-def resolved(step: Dependent, start: Floats) -> State:
+def resolved(step: DependentStep) -> State:
     """The state whose weights are those that its own pressures call for.
-
-    Parameters
-    ----------
-    start : (m,) array
-        Weights of the first program.
 
     Raises
     ------
@@ -139,7 +147,7 @@ def resolved(step: Dependent, start: Floats) -> State:
         Sets do not settle, and successive iterates do not come closer, or too slowly.
     """
     n, accuracy = step.n, step.run.accuracy
-    w, iterations, safeguards = start, 0, 0
+    w, iterations, safeguards = step.start, 0, 0
     before: State | None = None
     increments: list[float] = []
     for count in range(1, MOST_PROGRAMS + 1):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Floats, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
-from vemcvx.stepping.acceptance import caused_beside
+from vemcvx.stepping.acceptance import caused_beside, require_certified
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full, refined_state
 from vemcvx.stepping.ledger import Ledger, StepData, drive, energy, strain_energy
@@ -39,7 +39,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     if isinstance(initial, str) and initial == "settled":
         settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
         if run.check:
-            run.require_certified(settled, 0)
+            require_certified(run, settled, 0)
         return _at_rest(run, settled)
     y = _given(run, now, initial)
     state = state_given(run, now, y)

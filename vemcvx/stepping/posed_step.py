@@ -23,7 +23,7 @@ from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting, named_failures
 from vemcvx.stepping.acceptance import caused_beside
 from vemcvx.stepping.ledger import StepData, advance
-from vemcvx.stepping.seminorm import answered, proximal, refuse_unbalanced
+from vemcvx.stepping.seminorm import answered, proximal
 from vemcvx.stepping.state import PreparedRun, State
 
 ATTEMPTS = 3
@@ -187,10 +187,3 @@ class PosedStep:
             size=max(before.size, size),
             noise=noise,
         )
-
-
-def refuse_unheld(posed: PosedStep, n: int) -> None:
-    """Raise SceneError when nothing balances the load of step `n` on a motion that K does not feel."""
-    kernel = posed.run.system.kernel
-    if kernel is not None:
-        refuse_unbalanced(posed.program, kernel, posed.run.condensation.retained, n, posed.data.t)

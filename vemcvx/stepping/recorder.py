@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import is_whole
 from vemcvx.arrays import Floats, Ints, sizes_of
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.stepping.acceptance import say_floor
+from vemcvx.stepping.acceptance import require_certified, say_floor
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
 from vemcvx.stepping.state import PreparedRun, State, sticking
@@ -145,7 +145,7 @@ class Recorder:
         if stored or n == 0:
             state = certified_in_full(self._run, state)
             if n > 0 and self._run.check:
-                self._run.require_certified(state, n)
+                require_certified(self._run, state, n)
         c, ledger = state.certificate, state.ledger
         sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
         dragged = state.dragged

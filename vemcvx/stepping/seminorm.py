@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.program.kernel import Kernel, refuse_unheld
+from vemcvx.errors import SceneError
+from vemcvx.program.condensation import Condensation
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
 
@@ -43,23 +44,23 @@ def answered(ask: Ask, program: StepProgram, target: float, lam: Floats, p: Floa
     return replace(answer, d=d, lam=lam, p=p)
 
 
-def refuse_unbalanced(program: StepProgram, kernel: Kernel, retained: Ints, n: int, t: float) -> None:
-    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel.
-
-    Parameters
-    ----------
-    retained : (m,) array
-        The unknowns of `kernel` that the program has.
-    """
-    operators, N = program.operators, program.operators.kernel
+def refuse_unheld(program: StepProgram, condensation: Condensation, n: int, t: float) -> None:
+    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel."""
+    operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
     motion = None if N is None else operators.hold.unheld(program.w, N.T @ program.g)
-    if N is None or motion is None:
+    if kernel is None or N is None or motion is None:
         return
     field = N @ motion
     field /= np.abs(field).max()
     felt = np.linalg.norm(operators.blocks(operators.rows.read(field)), axis=1)
-    parts = np.linalg.lstsq(kernel.modes[retained], field, rcond=None)[0].astype(float)
-    refuse_unheld(kernel, parts, push=float(field @ program.g), holds=float(program.w @ felt), n=n, t=t)
+    parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
+    push, holds = float(field @ program.g), float(program.w @ felt)
+    raise SceneError(
+        f"step {n} at t = {t:.6g}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
+        f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
+        f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
+        "support, or move the body by PrescribedDisplacement instead."
+    )
 
 
 def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:

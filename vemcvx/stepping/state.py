@@ -19,7 +19,6 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, Solves, choose
 from vemcvx.solvers.response import Response
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.ledger import Ledger, StepData
 
 
@@ -43,18 +42,6 @@ class PreparedRun:
     def accuracy(self) -> float:
         """To which steps are solved."""
         return self.share * self.solver.accuracy
-
-    def require_certified(self, state: State, n: int) -> None:
-        """Raise NotCertified when the state after step `n` misses the solver's accuracy."""
-        require_certified(
-            self.solver,
-            self.system.norms,
-            certificate=state.certificate,
-            unit=state.unit(self.solver.accuracy),
-            status=state.status,
-            n=n,
-            t=state.t,
-        )
 
     @property
     def most(self) -> float:

@@ -31,6 +31,7 @@ from vemcvx.program.extended import residual
 from vemcvx.program.iterative_refinement import rounding
 from vemcvx.program.system import Damping, System
 from vemcvx.program.tolerances import VISCOUS
+from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
@@ -81,7 +82,7 @@ class ViscousSteps:
                 best = min(state, sharper, key=lambda found: found.certificate.gap)
                 state = replace(best, iterations=state.iterations + sharper.iterations)
         if self._run.check:
-            self._run.require_certified(state, n)
+            require_certified(self._run, state, n)
         return state
 
     def _stepped(self, before: State, n: int, t: float, share: float) -> tuple[State, float]:

@@ -7,14 +7,15 @@ ends when the one that started it does, however that ends: its standard input, w
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import pickle
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from typing import IO, Any, ParamSpec, TypeVar
 
 from vemcvx.errors import VemcvxError
@@ -22,7 +23,8 @@ from vemcvx.errors import VemcvxError
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
-READY = b"."
+LATE = b"Timeout ("
+"""How the reply begins of a process that faulthandler has ended; no pickle does."""
 PROGRAM = "from vemcvx.cost.alone import main; main()"
 
 
@@ -45,7 +47,7 @@ def alone(function: Callable[Given, Result], *given: Given.args, **named: Given.
     ------
     Refused, Crashed
     """
-    answer: Result = _called(None, (None, function, given, named))
+    answer: Result = _called((None, None, function, given, named))
     return answer
 
 
@@ -62,23 +64,26 @@ def alone_within(
     ------
     Refused, Crashed, TookTooLong
     """
-    answer: Result = _called(seconds, (ready, function, given, named))
+    answer: Result = _called((seconds, ready, function, given, named))
     return answer
 
 
-def _called(seconds: float | None, request: tuple[Any, ...]) -> Any:
+def _called(request: tuple[Any, ...]) -> Any:
     path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
-    reply, late = b"", threading.Event()
+    reply = b""
     # A file without a name: nothing is left of it, whatever happens.
     with tempfile.TemporaryFile() as said:
         pipe, command = subprocess.PIPE, [sys.executable, "-c", PROGRAM]
         with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=said) as process:
-            if process.stdin and process.stdout and _asked(process.stdin, process.stdout, pickle.dumps(request)):
-                with _ended_after(process, seconds, late):
-                    reply = process.stdout.read()
+            if process.stdin and process.stdout:
+                # It may have died already.
+                with suppress(OSError):
+                    process.stdin.write(pickle.dumps(request))
+                    process.stdin.flush()
+                reply = process.stdout.read()
             code = process.wait()
-        if late.is_set():
+        if reply.startswith(LATE):
             raise TookTooLong
         if code or not reply:
             raise Crashed(_why(code, said))
@@ -86,32 +91,6 @@ def _called(seconds: float | None, request: tuple[Any, ...]) -> Any:
     if refusal is not None:
         raise Refused(refusal)
     return result
-
-
-@contextmanager
-def _ended_after(process: subprocess.Popen[bytes], seconds: float | None, late: threading.Event) -> Iterator[None]:
-    """Kill the process when so many seconds have passed, and set the event."""
-
-    def end() -> None:
-        late.set()
-        process.kill()
-
-    timer = threading.Timer(threading.TIMEOUT_MAX if seconds is None else seconds, end)
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
-def _asked(stdin: IO[bytes], stdout: IO[bytes], request: bytes) -> bytes:
-    """READY, once a process is; nothing if it dies before."""
-    try:
-        stdin.write(request)
-        stdin.flush()
-    except OSError:
-        return b""
-    return stdout.read(len(READY))
 
 
 def _why(code: int, said: IO[bytes]) -> str:
@@ -128,18 +107,19 @@ def main() -> None:
     # What the function prints must not come between.
     reply = os.dup(1)
     os.dup2(2, 1)
-    ready, function, given, named = pickle.load(sys.stdin.buffer)
+    seconds, ready, function, given, named = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer: tuple[Any, str | None]
-    if ready is not None:
-        ready()
     with os.fdopen(reply, "wb") as stream:
-        stream.write(READY)
-        stream.flush()
+        if seconds is not None:
+            ready()
+            # Whatever the function is doing: this waits for no lock of Python's.
+            faulthandler.dump_traceback_later(min(seconds, threading.TIMEOUT_MAX), exit=True, file=stream)
         try:
             answer = (function(*given, **named), None)
         except VemcvxError as error:
             answer = (None, str(error))
+        faulthandler.cancel_dump_traceback_later()
         pickle.dump(answer, stream)
 
 

@@ -1,18 +1,16 @@
 """Run one point, in the process it is called in: seconds, memory, certificate, estimate, and the answer itself.
 
 A run of less than a third of a second is made three times, and the median one counts. Before that a small run of the
-same kind has imported what is imported late. Memory is the high-water mark of the resident set when the last run ends:
-VmHWM where there is /proc (the maxrss of a new process may be that of the one that started it), maxrss elsewhere.
+same kind has imported what is imported late. Memory is the high-water mark of the resident set when the last run ends.
 """
 
 from __future__ import annotations
 
 import contextlib
-import re
 import time
 import warnings
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,44 +22,23 @@ from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures.field import step_at
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
-from vemcvx.results.io.summary import peak_memory_mb
+from vemcvx.results.io.summary import finite_or_none, peak_memory_mb
 from vemcvx.simulation import simulate
 
 SHORT, REPEATS = 0.3, 3
-PARTS = ("assemble", "prepare", "solve", "adapt")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Ran:
-    """A run.
-
-    Attributes
-    ----------
-    mesh : PolygonMesh
-    displacement : (T, n_nodes, 2) array
-        At the instants asked for.
-    moduli : (2, n_cells) or (6, n_cells) array
-    unknowns, steps : int
-    certificate : float
-    estimated : float or None
-    seconds : dict
-        "assemble", "prepare", "solve", "adapt" and "mesh".
-    repeats : int
-    peak_mb : float or None
-    message : str
-    """
+    """A run."""
 
     mesh: PolygonMesh
     displacement: Floats
+    """(T, n_nodes, 2) at the instants asked for"""
     moduli: Floats
-    unknowns: int
-    steps: int
-    certificate: float
-    estimated: float | None
-    seconds: dict[str, float]
-    repeats: int
-    peak_mb: float | None
-    message: str
+    """(2, n_cells) or (6, n_cells)"""
+    found: dict[str, Any]
+    """what the table says of it, column by column"""
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
@@ -80,7 +57,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         made = recipe(point)
         meshing = time.perf_counter() - start
         history, seconds, repeats, estimated = _repeated(made, point, instants)
-        peak = high_water_mb()
+        peak = peak_memory_mb()
         if point.target is None:
             # Scenes with viscosity have no estimate.
             with contextlib.suppress(SceneError):
@@ -90,19 +67,20 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         said.append(f"the target was not met: {estimated:.2%} estimated")
     rows = [history.row(step_at(history, float(t))) for t in instants]
     run = history.trajectory
-    return Ran(
-        mesh=history.mesh,
-        displacement=history.displacement[rows],
-        moduli=history.moduli,
-        unknowns=run.state.shape[1],
-        steps=history.steps,
-        certificate=float(run.certificate_total[-1]),
-        estimated=estimated,
-        seconds={**seconds, "mesh": meshing},
-        repeats=repeats,
-        peak_mb=peak,
-        message="; ".join(dict.fromkeys(said)),
-    )
+    found = {
+        "steps": history.steps,
+        "cells": history.mesh.n_cells,
+        "unknowns": run.state.shape[1],
+        "estimated": finite_or_none(estimated),
+        "certificate": finite_or_none(run.certificate_total[-1]),
+        "seconds": sum(seconds.values()),
+        **seconds,
+        "mesh": meshing,
+        "repeats": repeats,
+        "peak_mb": peak,
+        "message": "; ".join(dict.fromkeys(said)),
+    }
+    return Ran(history.mesh, history.displacement[rows], history.moduli, found)
 
 
 def _warm_up(recipe: Recipe, point: Point) -> None:
@@ -132,12 +110,3 @@ def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, 
     adapted = adapt(made.scene, made.mesh, wanted, point.target, solver=made.solver, initial=made.initial)
     wall, last = time.perf_counter() - start, adapted.history.seconds
     return adapted.history, {**last, "adapt": wall - sum(last.values())}, adapted.passes[-1].total
-
-
-def high_water_mb() -> float | None:
-    """Most memory that this process has held so far, in MB."""
-    try:
-        found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
-    except OSError:
-        found = None
-    return int(found.group(1)) / 1024 if found else peak_memory_mb()

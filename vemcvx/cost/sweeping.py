@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from vemcvx.cost.alone import Crashed, Refused, alone
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.pool import Pool, pool
 from vemcvx.cost.reference import FILES, PART, Reference, build_reference, errors, read_reference
-from vemcvx.cost.run_point import PARTS, run_point
+from vemcvx.cost.run_point import run_point
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
 from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
@@ -88,14 +88,16 @@ def sweep(
             files.take(name)
         if fresh:
             journal.unlink(missing_ok=True)
-        instants = common_instants([recipe(point).times for point in _one_of_each(grid)])
+        instants = common_instants([recipe(replace(grid.coarsest, steps=k)).times for k in grid.steps])
         reference = _reference(recipe, grid, instants=instants, folder=folder, fresh=fresh, run=run, told=told)
         mark = f"{recipe.mark} {reference.mark}"
         keys = {point.key(mark): point for point in grid.points}
         rows = {key: row for key, row in read_journal(journal).items() if key in keys}
         kept, finished = len(rows), []
         waiting = {key: point for key, point in keys.items() if key not in rows}
-        for row in run(finished_row, [(recipe, point, key, folder, reference) for key, point in waiting.items()]):
+        for row in run.results(
+            finished_row, [(recipe, point, key, folder, reference) for key, point in waiting.items()]
+        ):
             append(journal, row)
             rows[row.key] = row
             finished.append((waiting.pop(row.key).work, row.wall or 0.0))
@@ -103,11 +105,6 @@ def sweep(
             told("points", len(rows), len(keys), left)
             log.info("%d of %d: %s: %s", len(rows), len(keys), row.settings, row.status)
     return Sweep(tuple(rows[key] for key in keys), reference, kept)
-
-
-def _one_of_each(grid: Grid) -> list[Point]:
-    """A point of each number of steps, on the coarsest mesh."""
-    return [Point(grid.families[0], min(grid.ns), k, "newton", 1e-8) for k in grid.steps]
 
 
 def _reference(
@@ -118,7 +115,8 @@ def _reference(
         return there
     told("reference", 0, 1, None)
     task = (recipe, grid.coarsest, grid.finest, instants, goal, folder)
-    (made, why), *_ = run(finished_reference, [task])
+    made: Reference | None
+    (made, why), *_ = run.results(finished_reference, [task])
     if made is None:
         raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
     return made
@@ -135,11 +133,10 @@ def finished_reference(*given: Any) -> tuple[Reference | None, str]:
 def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference: Reference) -> Row:
     """Run a point in a process of its own, and measure its error in this one, which keeps the reference at hand."""
     start = time.perf_counter()
-    settings = {"key": key, "family": point.family, "n": point.n, "target": point.target}
-    settings |= {"solver": point.solver, "accuracy": point.accuracy, "steps": point.steps}
 
     def row(status: str, **found: Any) -> Row:
-        return Row(**{**settings, "status": status, "wall": time.perf_counter() - start, "at": time.time(), **found})
+        told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
+        return Row(**{**asdict(point), **told, **found})
 
     try:
         ran = alone(run_point, recipe, point, np.array(reference.instants))
@@ -149,31 +146,10 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
         return row(CRASHED, message=str(crash) or type(crash).__name__)
     except (Refused, VemcvxError) as refusal:
         return row(REFUSED, message=str(refusal))
-    said = [ran.message] if ran.message else []
+    said = [ran.found["message"]] if ran.found["message"] else []
     if apart > 0:
         said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")
-    seconds = {name: ran.seconds[name] for name in PARTS}
-    return row(
-        DONE,
-        steps=ran.steps,
-        cells=ran.mesh.n_cells,
-        unknowns=ran.unknowns,
-        error=error,
-        error_end=error_end,
-        estimated=_finite(ran.estimated),
-        certificate=_finite(ran.certificate),
-        seconds=sum(seconds.values()),
-        **seconds,
-        mesh=ran.seconds["mesh"],
-        repeats=ran.repeats,
-        peak_mb=ran.peak_mb,
-        message="; ".join(said),
-    )
-
-
-def _finite(value: float | None) -> float | None:
-    # JSON has no infinity.
-    return float(value) if value is not None and np.isfinite(value) else None
+    return row(DONE, **{**ran.found, "error": error, "error_end": error_end, "message": "; ".join(said)})
 
 
 def seconds_left(finished: Sequence[tuple[float, float]], waiting: Sequence[float], workers: int) -> float | None:

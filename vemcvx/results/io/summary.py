@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,12 +69,12 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "solver": history.solver,
         "linear": run.linear or None,
         "accuracy": run.accuracy,
-        "certified_energy_error": _finite(run.certificate.max()),
+        "certified_energy_error": finite_or_none(run.certificate.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
-        "energy": _finite(run.energy[-1]),
-        "dissipated": _finite(run.dissipated[-1]),
-        "work": _finite(run.work[-1]),
+        "energy": finite_or_none(run.energy[-1]),
+        "dissipated": finite_or_none(run.dissipated[-1]),
+        "work": finite_or_none(run.work[-1]),
         "contact": _contact(history),
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
@@ -86,13 +88,19 @@ def _contact(history: Results) -> dict[str, int]:
     return {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()}
 
 
-def _finite(value: float) -> float | None:
-    # JSON has no infinity.
-    return float(value) if np.isfinite(value) else None
+def finite_or_none(value: float | None) -> float | None:
+    """A number for JSON, which has no infinity."""
+    return float(value) if value is not None and np.isfinite(value) else None
 
 
 def peak_memory_mb() -> float | None:
-    """The most memory that this process has held so far, in MB; None where the system does not tell (Windows)."""
+    """The most memory that this process has held so far, in MB; None where the system does not tell (Windows).
+
+    VmHWM where there is /proc: the maxrss of a new process may be that of the one that started it.
+    """
+    with suppress(OSError):
+        if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
+            return int(found.group(1)) / 1024
     try:
         import resource
     except ImportError:

@@ -261,10 +261,12 @@ def cost(
 ) -> None:
     """Measure what accuracy costs: true errors against seconds and unknowns, over meshes, steps and solvers."""
     with reported():
-        from vemcvx.cli.cost import Wanted, cost_of_accuracy
+        from vemcvx.cli.cost import cost_of_accuracy, grid_typed
         from vemcvx.cli.problem_file import read_problem
 
-        wanted = Wanted(
+        problem = read_problem(file)
+        grid = grid_typed(
+            problem,
             families=mesh,
             ns=n,
             steps=steps,
@@ -272,13 +274,11 @@ def cost(
             accuracies=accuracy,
             targets=target,
             adaptive=adaptive,
-            workers=workers,
-            scheduler=scheduler,
-            out=out,
-            fresh=not resume,
-            settings=tuple(settings),
         )
-        typer.echo(cost_of_accuracy(read_problem(file), wanted))
+        found = cost_of_accuracy(
+            problem, grid, out, tuple(settings), workers=workers, scheduler=scheduler, fresh=not resume
+        )
+        typer.echo(found)
 
 
 app.command()(problems)

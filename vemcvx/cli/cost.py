@@ -26,24 +26,6 @@ TABLE, PICTURE = "cost.csv", "cost.png"
 DPI = 160
 
 
-@dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """What the command line asks for, as it was typed; None where it says nothing."""
-
-    families: str | None
-    ns: str
-    steps: str
-    solvers: str | None
-    accuracies: str | None
-    targets: str
-    adaptive: bool
-    workers: int
-    scheduler: str | None
-    out: Path | None
-    fresh: bool
-    settings: tuple[str, ...]
-
-
 @dataclass(frozen=True)
 class FromFile:
     """The ingredients of points, of a problem file: each process reads it anew."""
@@ -69,17 +51,27 @@ class FromFile:
         )
 
 
-def cost_of_accuracy(problem: Problem, wanted: Wanted) -> str:
-    """Do it; what came out in words.
+def cost_of_accuracy(
+    problem: Problem,
+    grid: Grid,
+    out: Path | None,
+    settings: tuple[str, ...],
+    *,
+    workers: int,
+    scheduler: str | None,
+    fresh: bool,
+) -> str:
+    """Sweep; what came out in words.
 
     Raises
     ------
     VemcvxError
         Something asked for does not exist, or there is no reference.
     """
-    grid = _grid(problem, wanted)
-    recipe = FromFile(str(problem.path.resolve()), wanted.settings)
-    folder = wanted.out or Path("results") / f"cost_{problem.name}"
+    if workers < 1:
+        raise ProblemError(f"--workers: found {workers}; wanted at least one.")
+    recipe = FromFile(str(problem.path.resolve()), settings)
+    folder = out or Path("results") / f"cost_{problem.name}"
     # What is wrong with the problem itself is an error here, and not in every point.
     recipe(grid.coarsest)
     _refuse_early(folder)
@@ -89,15 +81,7 @@ def cost_of_accuracy(problem: Problem, wanted: Wanted) -> str:
             if shown is not None:
                 shown(what, finished, total, "" if left is None else f"about {_duration(left)} left")
 
-        found = sweep(
-            recipe,
-            grid,
-            folder,
-            workers=wanted.workers,
-            scheduler=wanted.scheduler,
-            fresh=wanted.fresh,
-            told=told,
-        )
+        found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=told)
     lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
     lines += advice(found.rows, grid.targets)
     return "\n".join([*lines, "", _written(found, grid, folder, problem)])
@@ -110,20 +94,29 @@ def _refuse_early(folder: Path) -> None:
             own.take(name)
 
 
-def _grid(problem: Problem, wanted: Wanted) -> Grid:
+def grid_typed(
+    problem: Problem,
+    *,
+    families: str | None,
+    ns: str,
+    steps: str,
+    solvers: str | None,
+    accuracies: str | None,
+    targets: str,
+    adaptive: bool,
+) -> Grid:
+    """What is swept, as the command line says it; None where it says nothing."""
     grid = Grid(
-        families=_families(problem, wanted.families),
-        ns=_whole("--n", wanted.ns),
-        steps=_whole("--steps", wanted.steps),
-        solvers=None if wanted.solvers is None else _split("--solver", wanted.solvers),
-        accuracies=None if wanted.accuracies is None else _shares("--accuracy", wanted.accuracies),
-        targets=tuple(sorted(_shares("--target", wanted.targets), reverse=True)),
-        adaptive=wanted.adaptive,
+        families=_families(problem, families),
+        ns=_whole("--n", ns),
+        steps=_whole("--steps", steps),
+        solvers=None if solvers is None else _split("--solver", solvers),
+        accuracies=None if accuracies is None else _shares("--accuracy", accuracies),
+        targets=tuple(sorted(_shares("--target", targets), reverse=True)),
+        adaptive=adaptive,
     )
     for solver in grid.solvers or ():
         named_solver(solver, None)
-    if wanted.workers < 1:
-        raise ProblemError(f"--workers: found {wanted.workers}; wanted at least one.")
     return grid
 
 

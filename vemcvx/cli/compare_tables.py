@@ -58,9 +58,9 @@ COLUMNS = (
 
 def in_words(found: Compared) -> str:
     """The tables as text that fits the terminal, without colours and frames."""
-    console = Console(highlight=False, color_system=None)
+    console = Console(highlight=False, markup=False, color_system=None)
     with console.capture() as captured:
-        console.print(f"{found.title}\n{found.size}\n", markup=False)
+        console.print(f"{found.title}\n{found.size}\n")
         answered = [row for row in found.judged.rows if row.certified is not None]
         if answered:
             console.print(_answers(answered, console.width >= WIDE))
@@ -70,7 +70,7 @@ def in_words(found: Compared) -> str:
                 console.print(table)
                 console.print()
         for line in remarks(found):
-            console.print(line, markup=False)
+            console.print(line)
     return "\n".join(line.rstrip() for line in captured.get().rstrip().splitlines())
 
 
@@ -90,7 +90,7 @@ def _words(found: Compared) -> Table:
     table.add_column("what happened", overflow="fold")
     for row in found.judged.rows:
         if row.says:
-            table.add_row(row.solver, row.settings, row.outcome, row.says.replace("[", r"\["))
+            table.add_row(row.solver, row.settings, row.outcome, row.says)
     return table
 
 
@@ -98,7 +98,7 @@ def _settings(found: Compared) -> Table:
     table = _table("solver", "settings")
     table.add_column("as passed on; gap is what a step is asked for", overflow="fold")
     for solver, settings, words in settings_used(found):
-        table.add_row(solver, settings, words.replace("[", r"\["))
+        table.add_row(solver, settings, words)
     return table
 
 

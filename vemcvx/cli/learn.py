@@ -59,6 +59,6 @@ def _print_table(rows: Iterable[tuple[str, str]]) -> None:
     made.add_column(style="bold", no_wrap=True)
     made.add_column()
     for name, text in rows:
-        # Square brackets in docstrings are no markup.
-        made.add_row(name, text.replace("[", r"\["))
-    Console(highlight=False).print(made)
+        made.add_row(name, text)
+    # Square brackets in docstrings are no markup.
+    Console(highlight=False, markup=False).print(made)

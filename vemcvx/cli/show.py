@@ -24,8 +24,9 @@ INSTANTS = 64
 
 def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[str, ...]) -> None:
     """Print the table to standard output; without colours and frames it reads the same."""
-    console = Console(highlight=False)
-    console.print(f"{problem.name}: {problem.title}", markup=False)
+    # Square brackets in a user's words are no markup.
+    console = Console(highlight=False, markup=False)
+    console.print(f"{problem.name}: {problem.title}")
     console.print(table(problem, family, n, settings))
 
 
@@ -56,8 +57,7 @@ def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...
     made.add_column(style="bold", no_wrap=True)
     made.add_column(overflow="fold")
     for name, text in rows:
-        # Square brackets in a user's words are no markup.
-        made.add_row(name, text.replace("[", r"\["))
+        made.add_row(name, text)
     return made
 
 

@@ -1,12 +1,10 @@
 """Solvers of one step's convex program, of different kinds."""
 
 from vemcvx.solvers.adapter import Solves, as_solver
-from vemcvx.solvers.clarabel import Clarabel
-from vemcvx.solvers.conic import ThroughCvxpy
+from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
 from vemcvx.solvers.default import choose
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
-from vemcvx.solvers.osqp import OSQP
 from vemcvx.solvers.solver import Prepared, Solver
 
 __all__ = [

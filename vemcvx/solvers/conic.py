@@ -1,4 +1,4 @@
-"""Any solver that cvxpy can call, asked the program of :mod:`vemcvx.program.in_cvxpy`.
+"""Clarabel, OSQP, and any other solver that cvxpy can call, asked the program of :mod:`vemcvx.program.in_cvxpy`.
 
 Solvers without cones are handed absolute values as inequalities; so are those with cones when they miss. A cone's
 algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are left,
@@ -138,6 +138,28 @@ class ThroughCvxpy(Solver):
         """The solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
         ours = settings_for(self.solver, gap, semidefinite=semidefinite, again=again) if self.tuned else {}
         return {**ours, **self.options}
+
+
+@dataclass(frozen=True)
+class Clarabel(ThroughCvxpy):
+    """The interior-point solver Clarabel, through cvxpy, with one second-order cone for every |v_tau|."""
+
+    solver: str = field(default="CLARABEL", init=False)
+
+    accepts: ClassVar[frozenset[str]] = LINEAR | {SECOND_ORDER_CONES}
+
+    @property
+    def name(self) -> str:
+        return "Clarabel"
+
+
+@dataclass(frozen=True)
+class OSQP(ThroughCvxpy):
+    """The operator-splitting solver OSQP, through cvxpy, with absolute values; no second-order cones."""
+
+    solver: str = field(default="OSQP", init=False)
+
+    accepts: ClassVar[frozenset[str]] = LINEAR
 
 
 class _PreparedConic:

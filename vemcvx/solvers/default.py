@@ -7,10 +7,9 @@ import logging
 from vemcvx.errors import NotAccepted
 from vemcvx.program.operators import Operators
 from vemcvx.solvers.adapter import Solves, as_solver
-from vemcvx.solvers.clarabel import Clarabel
+from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
-from vemcvx.solvers.osqp import OSQP
 from vemcvx.solvers.solver import Solver
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

@@ -22,8 +22,7 @@ from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import ProgramError
-from vemcvx.exchange.parts import Parts, null_motions, put_together
-from vemcvx.exchange.text import number, triplets
+from vemcvx.exchange.parts import Parts, null_motions, number, put_together, triplets
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 

@@ -1,8 +1,8 @@
-"""The arrays that a step's program consists of, taken apart and put together again."""
+"""The arrays that a step's program consists of, taken apart and put together again, and numbers in text, to the bit."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy.sparse as sp
@@ -78,3 +78,17 @@ def _dense(x: Matrix) -> Floats:
 
 def _values(K: Matrix) -> Floats:
     return K if isinstance(K, np.ndarray) else K.data
+
+
+def number(x: float) -> str:
+    """The shortest words that read as this number."""
+    return repr(float(x))
+
+
+def triplets(rows: sp.csr_matrix) -> Iterator[tuple[int, int, float]]:
+    """Row, column and value of the entries that are not zero, row by row."""
+    rows.sort_indices()
+    coo = rows.tocoo()
+    for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
+        if x:
+            yield i, j, x

@@ -17,8 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.errors import ProgramError
-from vemcvx.exchange.parts import Parts, null_motions, put_together
-from vemcvx.exchange.text import number, triplets
+from vemcvx.exchange.parts import Parts, null_motions, number, put_together, triplets
 from vemcvx.program.operators import SECOND_ORDER_CONES
 from vemcvx.program.step_program import StepProgram
 

@@ -111,9 +111,8 @@ def _prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> F
     """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
     if posed.prestress is None:
         return None
-    times = trajectory.times[trajectory.stored]
-    stress = storage.array("prestress", (len(times), posed.space.mesh.n_cells, 3))
-    for row, t in enumerate(times):
+    stress = storage.array("prestress", (len(trajectory.stored), posed.space.mesh.n_cells, 3))
+    for row, t in enumerate(trajectory.times[trajectory.stored]):
         stress[row] = posed.prestress.stress(float(t))
     return stress
 
@@ -123,8 +122,7 @@ def _out_of_plane_prestress(posed: PosedScene, trajectory: Trajectory, storage: 
     out_of_plane = posed.material.out_of_plane
     if posed.prestress is None or not posed.prestress.eigenstrains or out_of_plane is None or not out_of_plane.any():
         return None
-    times = trajectory.times[trajectory.stored]
-    stress = storage.array("out_of_plane_prestress", (len(times), posed.space.mesh.n_cells))
-    for row, t in enumerate(times):
+    stress = storage.array("out_of_plane_prestress", (len(trajectory.stored), posed.space.mesh.n_cells))
+    for row, t in enumerate(trajectory.times[trajectory.stored]):
         stress[row] = posed.prestress.out_of_plane(float(t))
     return stress

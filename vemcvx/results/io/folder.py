@@ -8,6 +8,12 @@
     probes.csv       displacements at points, where some were asked for
     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
+In a VTU file, at nodes: displacement, and of contact slip, traction, bound, backward, pressure and wear, zero
+elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact. On
+cells: stress (xx, yy, xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density
+1/2 eps : C eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is
+left out.)
+
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
 that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.
 """
@@ -17,22 +23,26 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+import xml.etree.ElementTree as ET
 from collections.abc import Set
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import brief
+from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError, MeshError
+from vemcvx.meshes.io.files import write_cells
 from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.io.archive import is_archive, read_archive, write_archive
 from vemcvx.results.io.csv_tables import FILES, write_tables
-from vemcvx.results.io.series import listed_steps, write_series
 from vemcvx.results.io.summary import Origin, is_summary, listed_tables, write_summary
 from vemcvx.results.results import Results
+from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
+Fields = dict[str, Floats]
 
 
 def write_results(
@@ -64,7 +74,7 @@ def write_results(
     if not isinstance(history, Results):
         raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
     folder, start = writable_folder(folder), time.perf_counter()
-    older = listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)
+    older = _listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)
     try:
         with Owned(folder / WRITING) as scratch:
             try:
@@ -72,7 +82,7 @@ def write_results(
                 scratch.clear()
                 new = scratch.take("new")
                 new.mkdir()
-                write_series(history, new / SERIES)
+                _write_series(history, new / SERIES)
                 write_archive(history, new / ARCHIVE)
                 tables = write_tables(history, new, probes)
                 write_summary(
@@ -91,12 +101,58 @@ def write_results(
     return folder
 
 
+def _write_series(history: Results, path: Path) -> None:
+    """Write the PVD file `path` and the steps beside it."""
+    root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+    collection = ET.SubElement(root, "Collection")
+    digits = max(4, len(str(history.steps)))
+    for row, step in enumerate(history.stored):
+        name = f"step_{step:0{digits}d}.vtu"
+        write_cells(path.with_name(name), history.mesh, _at_nodes(history, row), _on_cells(history, row))
+        ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _listed_steps(path: Path) -> set[str]:
+    """Names of the step files that the PVD file `path` lists, if it is there and ours."""
+    try:
+        listed = [str(item.get("file")) for item in ET.parse(path).iter("DataSet")]
+    except (OSError, ET.ParseError):
+        return set()
+    return {name for name in listed if name.startswith("step_") and name == Path(name).name}
+
+
+def _at_nodes(history: Results, row: int) -> Fields:
+    """Displacement, and contact as fields of the whole body."""
+    contact, u = history.contact, history.displacement[row]
+    fields = {"displacement": u}
+    for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"):
+        values = getattr(contact, name)[row]
+        fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
+        fields[name][contact.nodes] = values
+    return fields
+
+
+def _on_cells(history: Results, row: int) -> Fields:
+    """Stresses and strain energy per area."""
+    strain = strains(Space(history.mesh), history.displacement[row])
+    elastic = stresses(history.moduli, strain)
+    energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
+    stress = history.stress(int(history.stored[row]))
+    fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
+    if history.out_of_plane is not None:
+        out_of_plane = history.out_of_plane_stress(int(history.stored[row]))
+        fields |= {"out_of_plane_stress": out_of_plane, "von_mises": equivalent(stress, out_of_plane)}
+    return fields
+
+
 def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
     """Raise HistoryError where a file of one of these names is there that is not of a history."""
     told, kept = is_summary(folder / SUMMARY), is_archive(folder / ARCHIVE)
     ours = {SUMMARY} | listed_tables(folder / SUMMARY) if told else set()
     if told or kept:
-        ours |= {ARCHIVE, SERIES} | listed_steps(folder / SERIES)
+        ours |= {ARCHIVE, SERIES} | _listed_steps(folder / SERIES)
     for name in sorted(names - ours):
         if os.path.lexists(folder / name):
             raise HistoryError(

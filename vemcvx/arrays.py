@@ -90,6 +90,14 @@ def brief(raw: Any) -> str:
     return " ".join(reprlib.repr(raw).split())
 
 
+def shaped(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...]) -> Floats:
+    """A new array of the floats that `raw` holds, of one of some shapes."""
+    array = as_real_array(raw, subject, wanted)
+    if array.shape not in shapes:
+        raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
+    return array
+
+
 def shape_in_words(array: Floats) -> str:
     """What was found where the shape is wrong."""
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import flag
-from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
+from vemcvx.arrays import Floats, brief, shaped
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
@@ -209,9 +209,7 @@ def _free(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> Array
 
 def _given(initial: ArrayLike, shape: tuple[int, ...]) -> Floats:
     wanted = f"displacements of shape {shape}, one row a node, or None, 'equilibrium' or 'settled'"
-    u = as_real_array(initial, "initial", wanted)
-    if u.shape != shape:
-        raise SceneError(f"initial: found {shape_in_words(u)}; wanted {wanted}.")
+    u = shaped(initial, "initial", wanted, shape)
     bad = ~np.isfinite(u).all(axis=1)
     if bad.any():
         raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")

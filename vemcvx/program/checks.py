@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arguments import called
-from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
+from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words, shaped
 from vemcvx.errors import SceneError
 from vemcvx.linear import SuperLU
 from vemcvx.linear.factor import singular
@@ -97,16 +97,14 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
 def of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
     """An array of real numbers of that shape, which may be given flat."""
     wanted = f"numbers of shape {shape}"
-    x = as_real_array(raw, subject, wanted)
-    if x.shape != shape and x.shape != (int(np.prod(shape)),):
-        raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
-    return x.reshape(shape)
+    return shaped(raw, subject, wanted, shape, (int(np.prod(shape)),)).reshape(shape)
 
 
-def finite(values: Floats, subject: str) -> None:
-    """Raise SceneError for NaN or infinity."""
+def finite(values: Floats, subject: str) -> Floats:
+    """The values, or SceneError for NaN or infinity."""
     if not np.isfinite(values).all():
         raise SceneError(f"{subject}: found NaN or infinite values; all must be finite.")
+    return values
 
 
 def permutation(raw: ArrayLike, n: int) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called, function
-from vemcvx.arrays import Floats, MatrixLike, as_real_array, shape_in_words
+from vemcvx.arrays import Floats, MatrixLike, shaped
 from vemcvx.errors import SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
@@ -82,8 +82,5 @@ class Limits(ArrayRecord):
 
     def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
         wanted = f"a number, or ({self.count},) of them, one a limit"
-        values = as_real_array(raw, subject, wanted)
-        if values.shape not in ((), (self.count,)):
-            raise SceneError(f"{subject}: found {shape_in_words(values)}; wanted {wanted}.")
-        finite(values, subject)
+        values = finite(shaped(raw, subject, wanted, (), (self.count,)), subject)
         return np.array(np.broadcast_to(values, (self.count,)))

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called, function, is_whole
-from vemcvx.arrays import Floats, MatrixLike, as_real_array, brief, shape_in_words
+from vemcvx.arrays import Floats, MatrixLike, brief, shaped
 from vemcvx.errors import SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
@@ -120,10 +120,7 @@ class Norms(ArrayRecord):
         if self.bias is None:
             return np.zeros(rows)
         wanted = f"({rows},) forces, one a row of B"
-        c = as_real_array(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted)
-        if c.shape != (rows,):
-            raise SceneError(f"Norms: bias: found {shape_in_words(c)}; wanted {wanted}.")
-        finite(c, "Norms: bias")
+        c = finite(shaped(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted, (rows,)), "Norms: bias")
         over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + ROUNDED)
         if (over > 0).any():
             worst = int(np.argmax(over))
@@ -135,10 +132,7 @@ class Norms(ArrayRecord):
 
     def _checked(self, raw: ArrayLike) -> Floats:
         wanted = f"a weight, or ({self.count},) of them, one a term"
-        w = as_real_array(raw, "Norms: w", wanted)
-        if w.shape not in ((), (self.count,)):
-            raise SceneError(f"Norms: w: found {shape_in_words(w)}; wanted {wanted}.")
-        finite(w, "Norms: w")
+        w = finite(shaped(raw, "Norms: w", wanted, (), (self.count,)), "Norms: w")
         if (w < 0).any():
             worst = self.name(int(np.argmin(w)))
             raise SceneError(f"Norms: found the weight {w.min():.6g} of {worst}; weights must be >= 0.")

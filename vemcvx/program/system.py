@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called, instance
-from vemcvx.arrays import Floats, Ints, MatrixLike, as_real_array, brief, shape_in_words
+from vemcvx.arrays import Floats, Ints, MatrixLike, brief, shaped
 from vemcvx.errors import SceneError
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import (
@@ -204,9 +204,5 @@ class System(ArrayRecord):
 
     def push(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
-        wanted = f"({self.n},) forces, one an unknown"
-        f = as_real_array(at_instant(self.load, t, "System: load"), f"System: load({t:.6g})", wanted)
-        if f.shape != (self.n,):
-            raise SceneError(f"System: load({t:.6g}): found {shape_in_words(f)}; wanted {wanted}.")
-        finite(f, f"System: load({t:.6g})")
-        return f
+        subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
+        return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, as_real_array, shape_in_words
+from vemcvx.arrays import Floats, shaped
 from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.stepping.acceptance import caused_beside, require_certified
@@ -84,9 +84,7 @@ def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> 
             "'settled' (one step from zero)."
         )
     wanted = f"{n} finite values, one an unknown"
-    y = as_real_array(initial, "initial", wanted)
-    if y.shape != (n,):
-        raise SceneError(f"initial: found {shape_in_words(y)}; wanted {wanted}.")
+    y = shaped(initial, "initial", wanted, (n,))
     if not np.isfinite(y).all():
         raise SceneError(
             f"initial: found NaN or infinity in unknown {int(np.argmin(np.isfinite(y)))}; wanted {wanted}."

@@ -93,9 +93,9 @@ def test_loads_that_are_combinations_cost_no_solve(system, monkeypatch):
     rng = np.random.default_rng(2)
     one, two = rng.normal(size=(2, system.n))
     calls = []
-    solve = condensation._factor.solve
+    solve = condensation.factor.solve
     counted = type("Counted", (), {"solve": lambda _, b: (calls.append(1), solve(b))[1]})()
-    monkeypatch.setattr(condensation, "_factor", counted)
+    monkeypatch.setattr(condensation, "factor", counted)
     counts = []
     for a, b in [(1.0, 0.0), (0.3, 0.0), (0.5, 2.0), (-7.0, 1e-3), (0.0, 0.0)]:
         phi = a * one + b * two

@@ -76,16 +76,9 @@ class Certificate(ArrayRecord):
 
     def away(self, error: float, estimate: bool | None = None) -> Certificate:
         """The certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
-        none = np.zeros_like(self.friction), np.zeros_like(self.limits)
+        friction, limits = np.zeros_like(self.friction), np.zeros_like(self.limits)
         kind = self.estimate if estimate is None else estimate
-        return Certificate(
-            equilibrium=0.0,
-            friction=none[0],
-            floor=self.floor,
-            limits=none[1],
-            distance=0.5 * error * error,
-            estimate=kind,
-        )
+        return Certificate(0.0, friction, self.floor, limits, distance=0.5 * error * error, estimate=kind)
 
     @property
     def gap(self) -> float:

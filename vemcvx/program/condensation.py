@@ -58,6 +58,8 @@ class Condensation:
         Whether nothing is eliminated: the operators are K itself.
     regular : (n, n) sparse matrix
         K, with the anchors' stiffness where it has a kernel: what is factorised.
+    factor : Factor
+        Its factor.
     """
 
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
@@ -75,13 +77,13 @@ class Condensation:
         if not self.whole:
             order = np.arange(n) if self.linear.orders else self._order()
             self.retained: Ints = retained
-            self._factor, S = self.linear.eliminate(self.regular, order, retained)
+            self.factor, S = self.linear.eliminate(self.regular, order, retained)
             B, D = sp.csr_matrix(B[:, retained]), sp.csr_matrix(D[:, retained])
             self.operators = Operators(S, B, block, D=D, compliance=compliance)
         else:
             self.retained = np.arange(n)
-            self._factor = self.linear.factorise(self.regular, system.near_kernel)
-            self.operators = Operators(self.regular, B, block, self._factor, D=D, compliance=compliance)
+            self.factor = self.linear.factorise(self.regular, system.near_kernel)
+            self.operators = Operators(self.regular, B, block, self.factor, D=D, compliance=compliance)
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
@@ -111,25 +113,13 @@ class Condensation:
         left = f - self.reduce(pulled, remembered)
         return Reduced(lambda: f.phi - pulled, left.parts, f.within, f.retained - pulled[self.retained])
 
-    def solve(self, phi: Floats) -> Floats:
-        """K^{-1} phi, (n,)."""
-        return self._factor.solve(phi)
-
-    def energy(self, phi: Floats) -> float:
-        """phi'K^{-1}phi, or a bound on it from above."""
-        return self._factor.energy(phi)
-
-    def random_energy(self, size: Floats) -> float:
-        """The mean of phi'K^{-1}phi over forces phi of independent entries, of mean zero and deviations `size` (n,)."""
-        return self._factor.random_energy(size)
-
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
         y = f.inside.copy()
         if self._inner.any() and y_c.any():
             held = np.zeros_like(y)
             held[self.retained] = self._S @ y_c
-            y += self._with_retained(self._factor.solve(held), y_c)
+            y += self._with_retained(self.factor.solve(held), y_c)
         y[self.retained] = y_c
         return y
 
@@ -149,7 +139,7 @@ class Condensation:
 
     def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats]:
         """x, xi and tau of a force phi (n,)."""
-        x, c = self._factor.solve(phi), self.retained
+        x, c = self.factor.solve(phi), self.retained
         xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
         N = self.operators.kernel
         tau = self._S @ x[c] if N is None else phi[c] - self._rows @ xi
@@ -167,14 +157,14 @@ class Condensation:
     def _held(self, phi: Floats, x: Floats | None = None) -> Floats:
         """xi (n,) of a force phi (n,), whose response is x."""
         c = self.retained
-        x = self._factor.solve(phi) if x is None else x
+        x = self.factor.solve(phi) if x is None else x
         if len(c) == 0 or not phi[self._inner].any():
             return x if len(c) == 0 else np.zeros_like(phi)
         tau, size = self._S @ x[c], np.inf
         for _ in range(MOST_ROUNDS):
             held = phi.copy()
             held[c] -= tau
-            xi = self._factor.solve(held)
+            xi = self.factor.solve(held)
             # By so much tau was not exact yet.
             pushed = self._S @ xi[c]
             size, before = float(abs(pushed @ xi[c])), size

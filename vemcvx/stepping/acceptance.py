@@ -42,7 +42,7 @@ def caused(condensation: Condensation, force: Reduced) -> float:
     x = force.x
     unit = float(power_of_two(np.abs(x).max(initial=0.0)))
     x = x / unit
-    square, soft = float(x @ x), float(x @ condensation.solve(x))
+    square, soft = float(x @ x), float(x @ condensation.factor.solve(x))
     return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
 
 

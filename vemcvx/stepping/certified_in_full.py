@@ -9,8 +9,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
-from vemcvx.program.extended import residual
-from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
+from vemcvx.program.iterative_refinement import full_certificate, pulled, refined, residual
 from vemcvx.program.operators import Operators
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts

@@ -29,9 +29,8 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.extended import residual
 from vemcvx.program.forces import Reduced
-from vemcvx.program.iterative_refinement import pulled
+from vemcvx.program.iterative_refinement import pulled, residual
 from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -76,8 +75,7 @@ def _prepared(
     linear = choose_linear(system.n, linear)
     with one_thread(len(system.retained) if condense and linear.eliminates else system.n):
         run = prepare(system, solver, True, condense, linear)
-    again = partial(prepare, solver=run.solver, check=False, condense=condense, linear=linear)
-    return run, steps_of(run, instants, again)
+    return run, steps_of(run, instants)
 
 
 def _solved_program(steps: Steps, before: State, after: State, n: int) -> SolvedProgram:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,9 +88,7 @@ def march(
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)
-
-        prepared_for = partial(prepare, solver=run.solver, check=False, condense=condense, linear=linear)
-        _march(run, recorder, instants, initial, prepared_for=prepared_for, progress=progress)
+        _march(run, recorder, instants, initial, progress)
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
         return recorder.finish(seconds)
 
@@ -101,8 +98,6 @@ def _march(
     recorder: Recorder,
     instants: Floats,
     initial: ArrayLike | str | None,
-    *,
-    prepared_for: Callable[[System], PreparedRun],
     progress: Callable[[int, int], None] | None,
 ) -> None:
     """Step from where the recorder is, or from the beginning, to the end; all rows are entered."""
@@ -115,7 +110,7 @@ def _march(
     begin, state = earlier
     if system.damping is not None:
         state = certified_in_full(run, state)
-    advance = steps_of(run, instants, prepared_for)
+    advance = steps_of(run, instants)
     for n in range(begin + 1, steps + 1):
         state = drag(system, state, advance.step(state, n, instants[n]))
         recorder.add(n, state)
@@ -123,10 +118,10 @@ def _march(
             progress(n, steps)
 
 
-def steps_of(run: PreparedRun, instants: Floats, prepared_for: Callable[[System], PreparedRun]) -> Steps:
-    """The steps of a run, viscous or not; `prepared_for` the system of one length of step."""
+def steps_of(run: PreparedRun, instants: Floats) -> Steps:
+    """The steps of a run, viscous or not."""
     damping = run.system.damping
-    return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping, instants, prepared_for)
+    return QuasistaticSteps(run) if damping is None else ViscousSteps(run, damping, instants)
 
 
 def check_kinds(

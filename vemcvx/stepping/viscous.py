@@ -17,7 +17,6 @@ which because of K_1 / k' <= K' is at most |1 - k'/k| |d|_K' in the norm of K'^{
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -27,16 +26,15 @@ import scipy.sparse as sp
 from vemcvx.arrays import EPS, Floats
 from vemcvx.errors import NotContracting
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.extended import residual
-from vemcvx.program.iterative_refinement import rounding
-from vemcvx.program.system import Damping, System
+from vemcvx.program.iterative_refinement import residual, rounding
+from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
 from vemcvx.stepping.posed_step import PosedStep, pose_step
-from vemcvx.stepping.state import PreparedRun, State
+from vemcvx.stepping.state import PreparedRun, State, prepare
 
 KEPT = 4
 """Factorisations kept, the longest unused goes: two lengths of step that take turns need two."""
@@ -53,12 +51,10 @@ class ViscousSteps:
         Of the system without its damping.
     damping : Damping
     instants : (N + 1,) array
-    prepare : callable (System) -> PreparedRun
-        For the system of one length of step.
     """
 
-    def __init__(self, run: PreparedRun, damping: Damping, instants: Floats, prepare: Callable[[System], PreparedRun]):
-        self._run, self._damping, self._prepare = run, damping, prepare
+    def __init__(self, run: PreparedRun, damping: Damping, instants: Floats):
+        self._run, self._damping = run, damping
         self._lengths = shared_lengths(instants)
         self._runs: OrderedDict[float, tuple[PreparedRun, sp.csr_matrix]] = OrderedDict()
 
@@ -108,11 +104,12 @@ class ViscousSteps:
     def _at(self, k: float) -> tuple[PreparedRun, sp.csr_matrix]:
         """The run for steps of length k, and what rounding takes off its stiffness."""
         if k not in self._runs:
-            system, rate = self._run.system, self._damping.C
+            system, rate, shared = self._run.system, self._damping.C, self._run.condensation
             stiffness = sp.csr_matrix(system.K + rate / k)
             exact = system.K.astype(np.longdouble) + rate.astype(np.longdouble) / np.longdouble(k)
             lost = sp.csr_matrix(exact - stiffness.astype(np.longdouble)).astype(float)
-            self._runs[k] = self._prepare(replace(system, K=stiffness, damping=None, motion=None)), lost
+            alone = replace(system, K=stiffness, damping=None, motion=None)
+            self._runs[k] = prepare(alone, self._run.solver, False, not shared.whole, shared.linear), lost
             if len(self._runs) > KEPT:
                 self._runs.popitem(last=False)
         self._runs.move_to_end(k)

@@ -71,7 +71,7 @@ def test_gmsh_round_trip(family, tmp_path, capfd):
 
 def test_gmsh_keeps_the_order_of_mixed_cells(tmp_path):
     points = [*SQUARE, (2.0, 0.0), (2.0, 1.0)]
-    mesh = PolygonMesh(points, [[1, 4, 5], [0, 1, 2, 3], [1, 5, 2]])
+    mesh = PolygonMesh(points, [[1, 4, 5], [0, 1, 2, 3], [1, 5, 2]], boundaries={"floor": [(0, 1), (1, 4)]})
     mesh.write(tmp_path / "mesh.msh")
     assert_same(mesh, read(tmp_path / "mesh.msh"))
 

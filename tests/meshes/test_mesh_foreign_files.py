@@ -55,9 +55,13 @@ def test_mending_is_said_with_the_path(tmp_path):
     with pytest.warns(vx.MeshWarning) as caught:
         mesh = read(tmp_path / "mesh.vtu")
     messages = [str(warning.message) for warning in caught]
-    assert all(message.startswith(f"{tmp_path / 'mesh.vtu'}: 1 of ") for message in messages)
+    assert all(message.startswith(f"{tmp_path / 'mesh.vtu'}: ") for message in messages)
     assert "clockwise" in messages[0]
     assert "dropped" in messages[1]
+    assert messages[2].endswith(
+        "no part of the boundary has a name; by their place, sides are called left, right, bottom, top."
+    )
+    assert len(messages) == 3
     assert caught[0].filename == __file__
     assert mesh.node_map.tolist() == [0, 1, 2, 3, -1]
 

@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import polydata
 import pytest
 
 import vemcvx as vx
@@ -19,6 +20,13 @@ SOUND = {".vtu": vx.meshes.voronoi, ".vtk": vx.meshes.hexagons}
 SOUND |= dict.fromkeys(
     (".msh", ".obj", ".inp", ".ply", ".bdf", ".mesh", ".vol", ".dat", ".mdpa", ".avs"), vx.meshes.triangles
 )
+POLYDATA = {
+    ".vtp": polydata.xml,
+    ".appended.vtp": lambda mesh: polydata.xml(mesh, appended=True),
+    ".old.vtk": lambda mesh: polydata.legacy(mesh, "4.2"),
+    ".new.vtk": lambda mesh: polydata.legacy(mesh, "5.1"),
+}
+SOUND |= POLYDATA
 MEMORY = 3 * 2**30
 SECONDS = 20
 """For a batch of files; a sound one takes milliseconds."""
@@ -50,6 +58,8 @@ def read_all(paths):
 
 
 def sound(suffix, folder):
+    if suffix in POLYDATA:
+        return POLYDATA[suffix](vx.meshes.voronoi(2))
     path = folder / f"sound{suffix}"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

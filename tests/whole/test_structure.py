@@ -43,7 +43,9 @@ APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 HEAVY = {
     "cvxpy": {"program/in_cvxpy.py", "solvers/conic.py"},
     "matplotlib": {"canvas.py"},
-    "meshio": {"meshes/io/files.py"},
+    "meshio": {"meshes/io/files.py", "meshes/io/meshio_mesh.py"},
+    "skfem": {"meshes/io/skfem_mesh.py"},
+    "pyvista": {"meshes/io/pyvista_grid.py"},
     "distributed": {"cost/pool.py"},
     "pandas": {"results/tables.py"},
 }

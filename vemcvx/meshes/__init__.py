@@ -1,4 +1,4 @@
-"""Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files."""
+"""Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files, other libraries."""
 
 from vemcvx.meshes.families.distorted import distorted
 from vemcvx.meshes.families.hanging import hanging
@@ -10,7 +10,7 @@ from vemcvx.meshes.families.triangles import triangles
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement.refine import Refinement, refinement
-from vemcvx.meshes.polygon_mesh import PolygonMesh, read
+from vemcvx.meshes.polygon_mesh import PolygonMesh, convert, read
 from vemcvx.meshes.several_bodies.bodies import bodies
 
 FAMILIES = {
@@ -29,6 +29,7 @@ __all__ = [
     "PolygonMesh",
     "Refinement",
     "bodies",
+    "convert",
     "distorted",
     "hanging",
     "hexagons",

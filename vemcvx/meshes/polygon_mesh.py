@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from numpy.typing import ArrayLike
 
 from vemcvx.canvas import draw_cells
 from vemcvx.meshes.checks.names import plotted_points, plotted_values
 from vemcvx.meshes.io.files import load, write
+from vemcvx.meshes.io.objects import from_object, to_object
 from vemcvx.meshes.local_refinement.refine import refinement
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -79,6 +80,40 @@ class PolygonMesh(Tessellation):
         """
         write(path, self)
 
+    def to(self, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
+        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the way back.
+
+        Parameters
+        ----------
+        library : {"meshio", "skfem", "pyvista"}
+            Its name. Points keep their order in all of them.
+
+        Returns
+        -------
+        meshio.Mesh
+            As `write` puts it into a .vtu file: polygons in blocks of one vertex count, and for every named boundary
+            a block of lines, which the cell datum "boundary:<name>" marks. If this permutes cells, the datum
+            "vemcvx:cell" has their numbers.
+        skfem.MeshTri or skfem.MeshQuad
+            With named boundaries; cell data of zeros and ones are subdomains.
+        pyvista.UnstructuredGrid
+            Polygons in their order, with the cell data. A named boundary is the field datum "boundary:<name>", its
+            edges (m, 2).
+
+        Raises
+        ------
+        MeshError
+            The library is none of these, or has no such cells (scikit-fem: triangles alone or quadrilaterals alone).
+        VemcvxError
+            The library is not installed.
+
+        Warns
+        -----
+        MeshWarning
+            scikit-fem keeps no other cell data.
+        """
+        return to_object(self, library)
+
     def plot(
         self,
         values: str | ArrayLike | None = None,
@@ -124,11 +159,14 @@ class PolygonMesh(Tessellation):
 
 
 def read(path: str | Path) -> PolygonMesh:
-    """Read a mesh from a file in any format of meshio.
+    """Read a mesh from a file in any format of meshio, or of VTK's polygons (.vtp and .vtk).
 
     Named boundaries are those that `PolygonMesh.write` wrote, or the physical groups of lines of a Gmsh file (their
     number if they have no name). Cell data come along; a physical group of surfaces is a cell datum of its name, 1 in
     the group and 0 outside. Node and cell order are the file's; a constant third coordinate is dropped.
+
+    If the file names no part of the boundary, those boundary edges that lie where x or y is least or greatest are
+    called "left", "right", "bottom" and "top", as in families of meshes: a `MeshWarning` says which there are.
 
     Parameters
     ----------
@@ -148,9 +186,41 @@ def read(path: str | Path) -> PolygonMesh:
     Warns
     -----
     MeshWarning
-        Cells were turned, unused nodes dropped, or named lines inside the mesh left out.
+        Cells were turned, unused nodes dropped, named lines inside the mesh left out, or sides named.
     """
-    found = load(path)
+    return _with_methods(load(path))
+
+
+def convert(other: Any) -> PolygonMesh:
+    """Return the mesh that an object of another library holds; `PolygonMesh.to` is the way back.
+
+    What holds for files, holds here: order, names, data, sides without names, checks (see :func:`read`).
+
+    Parameters
+    ----------
+    other : meshio.Mesh, skfem.MeshTri or MeshQuad, pyvista.UnstructuredGrid or PolyData
+        Boundaries are named by cell sets of lines or physical groups (meshio), named boundaries (scikit-fem), and by
+        what `PolygonMesh.to` makes of them. Subdomains and cell sets are cell data, 1 inside and 0 outside.
+
+    Returns
+    -------
+    PolygonMesh
+        The mesh, checked.
+
+    Raises
+    ------
+    MeshError
+        It is no such object, or what it holds is no plane mesh of polygons.
+
+    Warns
+    -----
+    MeshWarning
+        As :func:`read`.
+    """
+    return _with_methods(from_object(other))
+
+
+def _with_methods(found: Tessellation) -> PolygonMesh:
     mesh = object.__new__(PolygonMesh)
     mesh.__dict__.update(found.__dict__)
     return mesh

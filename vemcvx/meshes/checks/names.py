@@ -17,14 +17,25 @@ from vemcvx.meshes.polygons.topology import edge_keys
 WHOLE = "boundary"
 
 
-def side_edges(points: Floats, boundary: Ints, box: Box) -> dict[str, Ints]:
+def side_edges(points: Floats, boundary: Ints, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
     """Boundary edges on each side of the box; the families put points on its sides to the bit."""
-    x, y = points[boundary[:, 0]], points[boundary[:, 1]]
+    start, end = points[boundary[:, 0]], points[boundary[:, 1]]
+    along = np.argmax(np.abs(end - start), axis=1)
     sides = {"left": (0, box.left), "right": (0, box.right), "bottom": (1, box.bottom), "top": (1, box.top)}
     named = {}
     for name, (axis, place) in sides.items():
-        named[name] = read_only(boundary[(x[:, axis] == place) & (y[:, axis] == place)])
+        off = np.maximum(np.abs(start[:, axis] - place), np.abs(end[:, axis] - place))
+        named[name] = read_only(boundary[(off <= tolerance) & (along != axis)])
     return named
+
+
+def straight_sides(points: Floats, boundary: Ints) -> dict[str, Ints]:
+    """Boundary edges that lie where x or y is extreme, by the names that families give them; those that there are."""
+    (left, bottom), (right, top) = points[boundary].min(axis=(0, 1)), points[boundary].max(axis=(0, 1))
+    # A mesh that was moved or scaled into place has straight sides to its digits.
+    rounding = 1e-9 * max(right - left, top - bottom)
+    sides = side_edges(points, boundary, Box(left, right, bottom, top), rounding)
+    return {name: edges for name, edges in sides.items() if len(edges)}
 
 
 def check_name(name: object) -> str:

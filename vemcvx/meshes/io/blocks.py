@@ -4,7 +4,8 @@ A block holds cells of one vertex count. In files that keep data, one block a co
 `CELL` carries the number of each, and reading restores the order; in others a block is a run of equal counts. Every
 named boundary goes along as a block of lines, marked by a datum
 "boundary:<name>" (1 on its lines, 0 elsewhere); otherwise lines have the data of the cells they bound, so that
-colouring by a datum looks the same with and without them.
+colouring by a datum looks the same with and without them. Where cells stand beside data that belong to no cell
+(field data), a boundary may instead be the datum "boundary:<name>" there: its edges (m, 2).
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, ed
 from vemcvx.meshes.tessellation import Tessellation
 
 CELL, MARK, PHYSICAL = "vemcvx:cell", "boundary:", "gmsh:physical"
+VTK_TYPES = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "triangle_strip", 7: "polygon"}
+VTK_TYPES |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron"}
 POLYGONS = ("triangle", "quad", "polygon")
 PASSED_OVER = ("vertex", "empty")
 
@@ -41,32 +44,60 @@ class Blocks:
         One array a block.
     lines, surfaces : dict of str to list of (m,) bool
         Named sets of cells, one array a block: of lines, of polygons.
+    edges : dict of str to (m, 2) int
+        Named edges that are no cells.
     """
 
     cells: list[tuple[str, Ints]]
     data: Data = field(default_factory=dict)
     lines: Data = field(default_factory=dict)
     surfaces: Data = field(default_factory=dict)
+    edges: dict[str, Ints] = field(default_factory=dict)
+
+
+def vtk_types(counts: Ints) -> Ints:
+    """VTK's types of polygons of so many vertices."""
+    return np.select([counts == 3, counts == 4], [5, 9], 7)
 
 
 def cell_blocks(mesh: Tessellation, cell_data: Mapping[str, NDArray[Any]], *, in_order: bool = False) -> Blocks:
-    """Return the polygons of a mesh with the given data and the cell numbers.
+    """Return the polygons of a mesh with the given data; see :func:`grouped`."""
+    types = vtk_types(np.diff(mesh.offsets))
+    return grouped(types, mesh.offsets, mesh.vertices, data=cell_data, in_order=in_order)
 
-    There is one block a vertex count, or, ``in_order``, a new one whenever the count changes.
+
+def grouped(
+    types: Ints, offsets: Ints, vertices: Ints, *, data: Mapping[str, NDArray[Any]], in_order: bool = False
+) -> Blocks:
+    """Return cells of VTK's types block by block, and where that permutes them also their numbers.
+
+    There is one block a type and vertex count, or, ``in_order``, a new one whenever these change.
     """
-    counts = np.diff(mesh.offsets)
+    counts = np.diff(offsets)
+    kinds = counts * 256 + types
     blocks = Blocks([])
     if in_order:
-        members = np.split(np.arange(mesh.n_cells), np.flatnonzero(np.diff(counts)) + 1)
+        members = np.split(np.arange(len(kinds)), np.flatnonzero(np.diff(kinds)) + 1)
     else:
-        members = [np.flatnonzero(counts == count) for count in np.unique(counts)]
+        members = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
     for cells in members:
-        count = counts[cells[0]]
-        corners = mesh.vertices[mesh.offsets[cells, None] + np.arange(count)]
-        blocks.cells.append(({3: "triangle", 4: "quad"}.get(int(count), "polygon"), corners))
-    for name, values in {**cell_data, CELL: np.arange(mesh.n_cells)}.items():
+        corners = vertices[offsets[cells, None] + np.arange(counts[cells[0]])]
+        number = int(types[cells[0]])
+        blocks.cells.append((VTK_TYPES.get(number, f"number {number} of VTK"), corners))
+    if CELL not in data and np.any(np.diff(np.concatenate([[-1], *members])) != 1):
+        data = {**data, CELL: np.arange(len(kinds))}
+    for name, values in data.items():
         blocks.data[name] = [_storable(values)[cells] for cells in members]
     return blocks
+
+
+def marked_edges(data: Mapping[str, Any]) -> dict[str, Ints]:
+    """Named boundaries among data that belong to no cell; MeshError where they are no pairs of nodes."""
+    named = {name.removeprefix(MARK): np.asarray(values) for name, values in data.items() if name.startswith(MARK)}
+    for name, values in named.items():
+        if values.dtype.kind not in "iu" or values.size % 2:
+            raise MeshError(f"its datum {MARK + name!r} is no list of edges, pairs of node numbers.")
+    return {name: values.astype(np.int64).reshape(-1, 2) for name, values in named.items()}
 
 
 def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
@@ -74,7 +105,8 @@ def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
     boundary = mesh.boundaries[WHOLE]
     keys = edge_keys(boundary, mesh.n_nodes)
     owner = cell_of_corner(mesh.offsets)[boundary_corners(mesh.offsets, mesh.vertices, mesh.n_nodes)]
-    place = np.argsort(np.concatenate(blocks.data[CELL]))  # of each cell in the data of all blocks
+    # of each cell in the data of all blocks
+    place = np.argsort(np.concatenate(blocks.data[CELL])) if CELL in blocks.data else np.arange(mesh.n_cells)
     on_cells = {name: np.concatenate(parts) for name, parts in blocks.data.items()}
     named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
     for edges in named.values():
@@ -145,8 +177,9 @@ def _with_lines(mesh: Tessellation, blocks: Blocks) -> tuple[Tessellation, list[
     notes, boundaries = [], {}
     boundary = mesh.boundaries[WHOLE]
     keys = edge_keys(boundary, mesh.n_nodes)
-    for name, parts in blocks.lines.items():
-        edges = np.concatenate([c[part] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"])
+    marks = {name.removeprefix(MARK): p for name, p in blocks.data.items() if name.startswith(MARK)}
+    of_lines = {name: _marked_lines(blocks, parts) for name, parts in (marks | blocks.lines).items()}
+    for name, edges in (of_lines | blocks.edges).items():
         number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
         edges = np.where((edges >= 0) & (edges < len(number)), number[np.clip(edges, 0, len(number) - 1)], -1)
         wanted = np.isin(keys, edge_keys(edges, mesh.n_nodes)[(edges >= 0).all(axis=1)])
@@ -156,6 +189,10 @@ def _with_lines(mesh: Tessellation, blocks: Blocks) -> tuple[Tessellation, list[
         if wanted.any() and not (name == WHOLE and wanted.all()):
             boundaries[name] = boundary[wanted]
     return mesh.with_boundaries(boundaries), notes
+
+
+def _marked_lines(blocks: Blocks, parts: list[NDArray[Any]]) -> Ints:
+    return np.concatenate([c[part != 0] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"])
 
 
 def _native(values: NDArray[Any]) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Mesh files, through meshio (the one file that knows it).
+"""Mesh files, through meshio.
 
 VTU and legacy VTK hold every polygonal mesh. Gmsh's MSH holds triangles and quadrilaterals with their physical
 groups. Of meshio's other formats some lose cells without a word (OFF and STL keep triangles only, Medit and SU2
@@ -8,26 +8,21 @@ and compared before the file is left behind.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, unquote
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.io.blocks import MARK, POLYGONS, Blocks, Data, add_boundaries, cell_blocks, mesh_of
-from vemcvx.meshes.io.groups import physical_groups, take_physical_groups, take_sets
-from vemcvx.meshes.io.unsafe import check_data, opened
+from vemcvx.meshes.io.blocks import add_boundaries, cell_blocks, mesh_of
+from vemcvx.meshes.io.meshio_mesh import Arrays, blocks_of, meshio_mesh
+from vemcvx.meshes.io.messages import finished, named, translated
+from vemcvx.meshes.io.unsafe import opened
 from vemcvx.meshes.tessellation import Tessellation
 
 if TYPE_CHECKING:
@@ -35,18 +30,13 @@ if TYPE_CHECKING:
 
 ANY_POLYGON = (".vtu", ".vtk")
 SOLID_ONLY = (".ele", ".node")  # TetGen's
-Arrays = Mapping[str, NDArray[Any]]
+READ_ONLY = {".vtp": ["vtu"]}
 
 
 def load(path: str | Path) -> Tessellation:
     """The mesh in a file: see :func:`vemcvx.meshes.read`."""
     path = _path(path)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        mesh, notes = _read(path)
-    for note in [*(str(warning.message) for warning in caught if warning.category is MeshWarning), *notes]:
-        warnings.warn(f"{path}: {note}", MeshWarning, stacklevel=3)
-    return mesh
+    return finished(str(path), lambda: _read(path))
 
 
 def write(path: str | Path, mesh: Tessellation) -> None:
@@ -61,7 +51,7 @@ def write(path: str | Path, mesh: Tessellation) -> None:
     blocks = cell_blocks(mesh, mesh.cell_data, in_order=suffix not in ANY_POLYGON)
     if suffix in (*ANY_POLYGON, ".msh"):
         add_boundaries(blocks, mesh)
-    lost = _save(path, suffix, _file_of(suffix, mesh.points, blocks, {}), mesh if suffix not in ANY_POLYGON else None)
+    lost = _save(path, suffix, meshio_mesh(mesh.points, blocks, suffix), mesh if suffix not in ANY_POLYGON else None)
     if lost:
         warnings.warn(
             f"{path}: {suffix} files do not keep {lost}; {' and '.join(ANY_POLYGON)} files do.",
@@ -96,7 +86,7 @@ def write_cells(path: str | Path, mesh: Tessellation, point_data: Arrays, cell_d
                 raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
     blocks = cell_blocks(mesh, {name: _three(values) for name, values in cell_data.items()})
     fields = {name: _three(values) for name, values in point_data.items()}
-    _save(path, ".vtu", _file_of(".vtu", mesh.points, blocks, fields))
+    _save(path, ".vtu", meshio_mesh(mesh.points, blocks, ".vtu", fields))
 
 
 def _path(path: str | Path) -> Path:
@@ -117,9 +107,8 @@ def _formats() -> tuple[str, ...]:
     return tuple(sorted(set(meshio.extension_to_filetypes) - set(SOLID_ONLY)))
 
 
-def _suffix(path: Path) -> str:
-    """The suffix that meshio knows ("vol.gz" counts as one), or MeshError."""
-    known = _formats()
+def _suffix(path: Path, known: tuple[str, ...]) -> str:
+    """The suffix among those known ("vol.gz" counts as one), or MeshError."""
     endings = ["".join(path.suffixes[k:]).lower() for k in range(len(path.suffixes))]
     for ending in endings:
         if ending in known:
@@ -131,7 +120,7 @@ def _suffix(path: Path) -> str:
 
 
 def _check_target(path: Path) -> str:
-    suffix = _suffix(path)
+    suffix = _suffix(path, _formats())
     if not os.path.isdir(path.parent):
         raise MeshError(f"{path}: there is no folder {path.parent}; create it first.")
     if os.path.isdir(path):
@@ -139,44 +128,11 @@ def _check_target(path: Path) -> str:
     return suffix
 
 
-def _file_of(suffix: str, points: Floats, blocks: Blocks, point_data: Arrays) -> meshio.Mesh:
-    import meshio
-
-    spellings: dict[str, Callable[[str], str]] = {".vtu": _xml_name, ".vtk": quote}
-    spelled = spellings.get(suffix, str)
-    data: Data = {}
-    names: Arrays = {}
-    if suffix in ANY_POLYGON:
-        marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.lines.items()}
-        data = blocks.data | marks
-        if suffix == ".vtk":
-            data = {name: [_wide(part) for part in parts] for name, parts in data.items()}
-    elif suffix == ".msh":
-        data, names = physical_groups(blocks)
-    return meshio.Mesh(
-        np.pad(points, ((0, 0), (0, 1))),
-        blocks.cells,
-        point_data={spelled(name): values for name, values in point_data.items()},
-        cell_data={spelled(name): parts for name, parts in data.items()},
-        field_data=names,
-    )
-
-
-def _wide(values: NDArray[Any]) -> NDArray[Any]:
-    """Whole numbers in 64 bits: the names that meshio gives the other widths in legacy files are unknown to VTK."""
-    return values.astype(np.int64) if values.dtype.kind in "iu" else values
-
-
-def _xml_name(name: str) -> str:
-    """A name as an XML attribute in ASCII: meshio writes it as it comes, in the encoding of the system."""
-    return escape(name, {'"': "&quot;"}).encode("ascii", "xmlcharrefreplace").decode()
-
-
 def _save(path: Path, suffix: str, file: meshio.Mesh, mesh: Tessellation | None = None) -> str:
     """Write a file in one go; if a mesh is given, first compare what it reads as, and return what is lost."""
     lost = ""
     failure = "cannot be written" if suffix in ANY_POLYGON else "cannot be written; .vtu and .vtk hold every mesh"
-    with _translated(path, failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    with translated(str(path), failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
         draft = Path(folder) / path.name  # some formats are more than one file
         file.write(draft, file_format="gmsh22" if suffix == ".msh" else None)  # version 4 wants a geometry
         if mesh is not None:
@@ -209,57 +165,17 @@ def _read(path: Path) -> tuple[Tessellation, list[str]]:
     if not os.path.isfile(path):
         folder = os.path.isdir(path)
         raise MeshError(f"{path} is a folder; name a file." if folder else f"{path}: there is no such file.")
-    suffix = _suffix(path)
-    with _translated(path, "cannot be read as a mesh"):
-        formats = meshio.extension_to_filetypes[suffix]
+    suffix = _suffix(path, (*_formats(), *READ_ONLY))
+    with translated(str(path), "cannot be read as a mesh"):
+        formats = (meshio.extension_to_filetypes | READ_ONLY)[suffix]
         # .msh is Ansys' as well as Gmsh's; only the latter begins with a dollar.
         gmsh = suffix == ".msh" and path.read_bytes()[:100].lstrip().startswith(b"$")
         file_format = "gmsh" if gmsh else formats[0]
         with opened(path, file_format) as source:
             file = meshio.read(source, file_format=file_format)
-        blocks = _blocks_of(file, suffix)
-    with _named(path):
-        return mesh_of(file.points, blocks)
-
-
-def _blocks_of(file: meshio.Mesh, suffix: str) -> Blocks:
-    spelled = unquote if suffix == ".vtk" else str
-    kinds = [block.type for block in file.cells]
-    known = [block.type in (*POLYGONS, "line") for block in file.cells]
-    cells = [
-        np.asarray(block.data if flat else np.zeros((len(block.data), 1))).astype(np.int64)
-        for block, flat in zip(file.cells, known, strict=True)
-    ]
-    data = {spelled(name): list(map(np.asarray, parts)) for name, parts in file.cell_data.items()}
-    blocks = Blocks(list(zip(kinds, cells, strict=True)), data)
-    check_data(blocks)
-    for name, parts in data.items():
-        if name.startswith(MARK):
-            blocks.lines[name.removeprefix(MARK)] = [part != 0 for part in parts]
-    take_physical_groups(blocks, file.field_data)
-    take_sets(blocks, file.cell_sets)
-    return blocks
-
-
-@contextlib.contextmanager
-def _translated(path: Path, failure: str) -> Iterator[None]:
-    """Turn whatever meshio does on failure, sys.exit included, into a MeshError, and keep it off the terminal."""
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    except MeshError as error:
-        raise MeshError(f"{path} {failure}: {error}") from None
-    except (SystemExit, Exception) as error:
-        cause = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
-        raise MeshError(f"{path} {failure} ({' '.join(cause.split())[:200]}).") from error
-
-
-@contextlib.contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Put the path before the message of a MeshError."""
-    try:
-        yield
-    except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
+        blocks = blocks_of(file, suffix)
+    with named(str(path)):
+        mesh, notes = mesh_of(file.points, blocks)
+    if suffix == ".vtk" and not blocks.data and b"\nCELL_DATA " in path.read_bytes():
+        notes.append("cell data are left out; of polygons they are read from .vtk files of version 5.1 only.")
+    return mesh, notes

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from vemcvx.errors import MeshError
 from vemcvx.meshes.io.blocks import CELL, MARK, PHYSICAL, Blocks
+from vemcvx.meshes.io.vtk_files import rewritten
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
@@ -51,14 +52,20 @@ class _Impatient(io.FileIO):
 def opened(path: Path, file_format: str) -> Iterator[Path | io.IOBase]:
     """What to hand to meshio: the path, or an open file; what it would read for ever, or out of memory, is refused.
 
+    Files of VTK's are rewritten as what it reads.
+
     Raises
     ------
     MeshError
-        A compressed file unpacks to more than 200 times its size; a section of a Gmsh file claims more than the file
-        has room for; a well-known text is not of the form TIN (((x y z, x y z, x y z, x y z)), ...).
+        PolyData are not polygons alone; a compressed file unpacks to more than 200 times its size; a section of a
+        Gmsh file claims more than the file has room for; a well-known text is not of the form TIN (((x y z, x y z,
+        x y z, x y z)), ...).
     """
     _check_file(path, file_format)
-    if file_format in WAITING_FOR_TEXT:
+    if path.suffix.lower() in (".vtk", ".vtp"):
+        with rewritten(path) as grid:
+            yield grid
+    elif file_format in WAITING_FOR_TEXT:
         with io.TextIOWrapper(io.BufferedReader(_Impatient(path)), encoding="utf-8") as text:
             yield text
     elif file_format in WAITING_FOR_BYTES:

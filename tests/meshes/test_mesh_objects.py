@@ -1,0 +1,324 @@
+"""Meshes of other libraries in memory, there and back; sides that get their names from their place."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+import vemcvx as vx
+from vemcvx.meshes import FAMILIES, convert, read
+from vemcvx.vem import Space, stiffness
+
+YOUNG, POISSON = 200.0, 0.3
+SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+
+
+def pyvista():
+    return pytest.importorskip("pyvista", reason="PyVista, the extra view, is not installed")
+
+
+def assert_same(one, other):
+    np.testing.assert_array_equal(other.points, one.points)
+    np.testing.assert_array_equal(other.offsets, one.offsets)
+    np.testing.assert_array_equal(other.vertices, one.vertices)
+    for kind in ("boundaries", "cell_data"):
+        assert set(getattr(other, kind)) == set(getattr(one, kind))
+        for name, values in getattr(one, kind).items():
+            np.testing.assert_array_equal(getattr(other, kind)[name], values)
+
+
+def rich(family):
+    mesh = FAMILIES[family](4, ((-1.0 / 3.0, 1.0), (0.1, 0.7)), seed=2)
+    random = np.random.default_rng(1)
+    return (
+        mesh.with_boundary('größe <& "x">', lambda x: x[:, 0] < 0.5)
+        .with_cell_data("young's modulus / Pa", random.random(mesh.n_cells))
+        .with_cell_data("material", np.arange(mesh.n_cells) % 3)
+        .with_cell_data("stress", random.random((mesh.n_cells, 3)))
+    )
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_meshio_and_back(family):
+    mesh = rich(family)
+    assert_same(mesh, convert(mesh.to("meshio")))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_pyvista_and_back(family):
+    """Hanging nodes and cells that are not convex included; a grid has the cells in their order, and nothing else."""
+    pyvista()
+    mesh = rich(family)
+    grid = mesh.to("pyvista")
+    np.testing.assert_array_equal(grid.cell_data["material"], mesh.cell_data["material"])
+    assert (grid.n_cells, grid.n_points) == (mesh.n_cells, mesh.n_nodes)
+    if family != "nonconvex":  # VTK's areas are those of convex cells
+        np.testing.assert_allclose(grid.compute_cell_sizes().cell_data["Area"], mesh.areas, rtol=1e-12)
+    assert_same(mesh, convert(grid))
+
+
+def test_meshio_to_polygons_and_back():
+    """What meshio holds comes back as it was: points, blocks, data, marked lines."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)], dtype=float)
+    blocks = [("triangle", [[1, 4, 5], [1, 5, 2]]), ("quad", [[0, 1, 2, 3]]), ("line", [[1, 4], [0, 1]])]
+    mark = [np.zeros(2, np.uint8), np.zeros(1, np.uint8), np.ones(2, np.uint8)]
+    young = [np.array([1.0, 2.0]), np.array([3.0]), np.array([1.0, 3.0])]
+    given = meshio.Mesh(points, blocks, cell_data={"young": young, "boundary:floor": mark})
+    mesh = convert(given)
+    assert mesh.boundaries["floor"].tolist() == [[1, 4], [0, 1]]
+    back = mesh.to("meshio")
+    np.testing.assert_array_equal(back.points, given.points)
+    for one, other in zip(back.cells, given.cells, strict=True):
+        assert one.type == other.type
+        np.testing.assert_array_equal(one.data, other.data)
+    assert set(back.cell_data) == set(given.cell_data)
+    for name, parts in given.cell_data.items():
+        np.testing.assert_array_equal(np.concatenate(back.cell_data[name]), np.concatenate(parts))
+    assert_same(mesh, convert(back))
+
+
+def test_what_meshio_holds_is_what_files_hold(tmp_path):
+    mesh = rich("voronoi")
+    mesh.write(tmp_path / "ours.vtu")
+    plain = vx.meshes.voronoi(4)
+    plain.to("meshio").write(tmp_path / "theirs.vtu")
+    assert_same(convert(meshio.read(tmp_path / "ours.vtu")), read(tmp_path / "ours.vtu"))
+    assert_same(plain, read(tmp_path / "theirs.vtu"))
+
+
+def test_sets_of_meshio():
+    cells = [("quad", [[0, 1, 2, 3]]), ("line", [[0, 1], [1, 2]])]
+    sets = {"floor": [np.array([], int), np.array([0])], "steel": [np.array([0]), np.array([], int)]}
+    mesh = convert(meshio.Mesh(SQUARE, cells, cell_sets=sets))
+    assert mesh.boundaries["floor"].tolist() == [[0, 1]]
+    assert mesh.cell_data["steel"].tolist() == [1]
+    assert set(mesh.boundaries) == {"floor", "boundary"}
+
+
+def disc_in_square(kind):
+    """An irregular mesh of scikit-fem with three boundaries and two subdomains."""
+    flat = kind.init_tensor(np.linspace(0, 2, 5) ** 1.2, np.linspace(0, 1, 4))
+    x, y = flat.p
+    inner = (x > 0) & (x < x.max()) & (y > 0) & (y < 1)
+    moved = flat.p + 0.05 * inner * np.array([np.sin(7 * y), np.cos(5 * x)])
+    flat = kind(moved, flat.t)
+    sides = {
+        "held": lambda x: x[0] > x[0].max() - 1e-9,
+        "pushed": lambda x: x[0] < 1e-9,
+        "floor": lambda x: x[1] < 1e-9,
+    }
+    return flat.with_boundaries(sides).with_subdomains({"soft": lambda x: x[0] < 1.0, "none": lambda x: x[0] < 0.0})
+
+
+@pytest.mark.parametrize("kind", [skfem.MeshTri, skfem.MeshQuad])
+def test_scikit_fem_and_back(kind):
+    flat = disc_in_square(kind)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # either way around is usual there, and nothing to tell of
+        mesh = convert(flat)
+    assert set(mesh.boundaries) == {"held", "pushed", "floor", "boundary"}
+    back = mesh.to("skfem")
+    assert type(back) is type(flat)
+    np.testing.assert_array_equal(back.p, flat.p)
+    np.testing.assert_array_equal(np.sort(back.t, axis=0), np.sort(flat.t, axis=0))
+    assert back.is_valid()
+    for name in flat.boundaries:
+        np.testing.assert_array_equal(np.sort(back.boundaries[name]), np.sort(flat.boundaries[name]))
+    for name in flat.subdomains:
+        np.testing.assert_array_equal(back.subdomains[name], flat.subdomains[name])
+    assert_same(mesh, convert(back))
+
+
+def stiffness_of(flat, element):
+    basis = skfem.Basis(flat, skfem.ElementVector(element), intorder=6)
+    return basis, linear_elasticity(*lame_parameters(YOUNG, POISSON)).assemble(basis)
+
+
+def pull(x, t):
+    return np.tile([3.0 * t, -t], (len(x), 1))
+
+
+def test_a_scene_on_triangles_of_scikit_fem_is_its_linear_elements():
+    """Stiffness and load where the clamp leaves u free, and the nodes in contact, are those of its named boundaries."""
+    flat = disc_in_square(skfem.MeshTri)
+    mesh = convert(flat)
+    scene = vx.Scene(vx.Elasticity(YOUNG, POISSON), vx.Clamp(on="held"), vx.Traction(pull, on="pushed"))
+    (program,) = vx.programs(scene, mesh, [0.0, 1.0], condense=False)
+    basis, K = stiffness_of(flat, skfem.ElementTriP1())
+    load = skfem.LinearForm(lambda v, w: 3.0 * v[0] - v[1]).assemble(
+        skfem.FacetBasis(flat, basis.elem, facets="pushed", intorder=2)
+    )
+    free = np.setdiff1d(basis.nodal_dofs.T.ravel(), basis.get_dofs("held").all())
+    theirs = K[free][:, free].toarray()
+    assert np.abs(program.operators.K.toarray() - theirs).max() < 1e-12 * np.abs(theirs).max()
+    assert np.abs(program.g - load[free]).max() < 1e-12 * np.abs(load).max()
+    rubbing = scene.with_(vx.UnilateralContact(on="floor"), vx.TrescaFriction(0.5, on="floor"))
+    history = vx.simulate(rubbing, mesh, [0.0, 1.0])
+    floor, held = (np.unique(flat.facets[:, flat.boundaries[name]]) for name in ("floor", "held"))
+    assert set(history.contact.nodes) == set(floor) - set(held)
+
+
+def test_quadrilaterals_of_scikit_fem_do_the_same_work_on_linear_displacements():
+    """Virtual and bilinear elements are both linear on edges, and the stress of a linear displacement is constant."""
+    flat = disc_in_square(skfem.MeshQuad)
+    mesh = convert(flat)
+    _, K = stiffness_of(flat, skfem.ElementQuad1())
+    lam, mu = lame_parameters(YOUNG, POISSON)
+    ours = stiffness(Space(mesh), np.full(mesh.n_cells, lam), np.full(mesh.n_cells, mu), "shear")
+    x, y = flat.p
+    linear = np.stack([x, y, 1 + 0 * x])
+    fields = np.concatenate([np.stack([linear, 0 * linear], axis=2), np.stack([0 * linear, linear], axis=2)])
+    theirs = K @ fields.reshape(6, -1).T
+    assert np.abs(ours @ fields.reshape(6, -1).T - theirs).max() < 1e-12 * np.abs(K.data).max()
+
+
+@pytest.mark.parametrize("family", ["squares", "triangles"])
+def test_scikit_fem_keeps_no_numbers_on_cells(family):
+    mesh = rich(family)
+    with pytest.warns(vx.MeshWarning, match="keep only sets .* not 'material', 'stress', \"young's") as caught:
+        made = mesh.to("skfem")
+    assert caught[0].filename == __file__
+    assert set(made.boundaries) == set(mesh.boundaries) - {"boundary"}
+
+
+def test_cells_that_scikit_fem_lacks():
+    with pytest.raises(vx.MeshError, match="triangles or of quadrilaterals; here, cells have 4 or 5 or 6 vertices"):
+        vx.meshes.voronoi(4).to("skfem")
+
+
+def test_polydata_of_pyvista():
+    pv = pyvista()
+    mesh = vx.meshes.hexagons(3)
+    cells = np.insert(mesh.vertices, mesh.offsets[:-1], np.diff(mesh.offsets))
+    data = pv.PolyData(np.pad(mesh.points, ((0, 0), (0, 1))), cells)
+    data.cell_data["young"] = np.arange(mesh.n_cells)
+    assert_same(mesh.with_cell_data("young", np.arange(mesh.n_cells)), convert(data))
+
+
+def test_a_history_of_ours_as_pyvista_reads_it(tmp_path):
+    """Lines marked by data in a grid are boundaries, too."""
+    pv = pyvista()
+    mesh = rich("voronoi")
+    mesh.write(tmp_path / "mesh.vtu")
+    found = convert(pv.read(tmp_path / "mesh.vtu"))
+    assert_same(mesh, found)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [None, 3, "mesh.vtu", SQUARE, skfem, meshio.CellBlock("quad", np.array([[0, 1, 2, 3]])), vx.meshes.squares(1)],
+    ids=["None", "number", "path", "array", "module", "block", "ours"],
+)
+def test_other_objects(other):
+    with pytest.raises(vx.MeshError, match="convert takes meshio.Mesh, MeshTri and MeshQuad of scikit-fem, .* got "):
+        convert(other)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (skfem.MeshTri2(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTriP2'; wanted are plane polyg"),
+        (skfem.MeshTet(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTetP1'"),
+        (skfem.MeshTri(np.full((2, 3), np.nan), np.array([[0], [1], [2]])), "node 0 is at .nan, nan."),
+        (meshio.Mesh(SQUARE, []), "the mesh of meshio: it holds no polygons"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 7]])]), "the mesh of meshio: cell 0 names node 7"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 2, 1, 3]])]), "the mesh of meshio: cell 0 crosses itself"),
+        (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 3]])], field_data={"boundary:a": np.array([1.5])}),
+         "the mesh of meshio cannot be converted: its datum 'boundary:a' is no list of edges"),
+    ],
+)  # fmt: skip
+def test_objects_that_hold_something_else(other, message):
+    with pytest.raises(vx.MeshError, match=message):
+        convert(other)
+
+
+def test_grids_that_hold_something_else():
+    pv = pyvista()
+    for other, message in (
+        (pv.PolyData(), "the mesh of PyVista cannot be converted: it holds no cells"),
+        (pv.Sphere(), "its points do not lie in a plane z = constant"),
+        (pv.ImageData(dimensions=(3, 3, 1)), "cells of the kind 'pixel'"),
+        (pv.MultiBlock(), "convert takes .* got MultiBlock"),
+    ):
+        with pytest.raises(vx.MeshError, match=message):
+            convert(other)
+
+
+@pytest.mark.parametrize("library", ["vtk", "", None, 3, ["meshio"]])
+def test_other_libraries(library):
+    with pytest.raises(vx.MeshError, match="a mesh goes to 'meshio', 'skfem', 'pyvista'; got .* To a file: write"):
+        vx.meshes.squares(1).to(library)
+
+
+@pytest.mark.parametrize(("library", "package"), [("pyvista", r"vemcvx\[view\]"), ("skfem", "scikit-fem")])
+def test_libraries_that_are_not_installed(library, package, monkeypatch):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(vx.VemcvxError, match=f"which is not installed: pip install '?{package}"):
+        vx.meshes.squares(1).to(library)
+
+
+def test_they_are_loaded_late():
+    code = "import sys, vemcvx as vx; vx.meshes.squares(1); print({'meshio', 'skfem', 'pyvista'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "set()"
+
+
+def nameless(mesh):
+    return vx.PolygonMesh(mesh.points, list(mesh.cells))
+
+
+NAMED = "no part of the boundary has a name; by their place, sides are called "
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_sides_without_names_are_those_of_families(family, tmp_path):
+    """As they are, and turned by a quarter and back by a program that rounds."""
+    mesh = FAMILIES[family](4, ((-3.0, 1.0), (0.1, 2.7)))
+    turned = mesh.points @ np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    back = turned @ np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    assert np.abs(back - mesh.points).max() > 0
+    for points in (mesh.points, back):
+        nameless(vx.PolygonMesh(points, list(mesh.cells))).write(tmp_path / "part.vtu")
+        with pytest.warns(vx.MeshWarning, match=f"part.vtu: {NAMED}left, right, bottom, top.$") as caught:
+            found = read(tmp_path / "part.vtu")
+        assert caught[0].filename == __file__
+        assert set(found.boundaries) == set(mesh.boundaries)
+        for name, edges in mesh.boundaries.items():
+            np.testing.assert_array_equal(found.boundaries[name], edges)
+
+
+def test_sides_of_objects_without_names():
+    with pytest.warns(vx.MeshWarning, match=f"the mesh of meshio: {NAMED}left, right, bottom, top.$") as caught:
+        found = convert(nameless(vx.meshes.voronoi(3)).to("meshio"))
+    assert caught[0].filename == __file__
+    assert {"left", "right", "bottom", "top"} < set(found.boundaries)
+
+
+def test_sides_that_are_not_there():
+    """A house has no top; a short edge at a corner, nearer to it than rounding, lies on one side only."""
+    house = meshio.Mesh([*SQUARE.tolist(), (0.5, 1.5)], [("polygon", [[0, 1, 2, 4, 3]])])
+    with pytest.warns(vx.MeshWarning, match=f"{NAMED}left, right, bottom.$"):
+        assert set(convert(house).boundaries) == {"left", "right", "bottom", "boundary"}
+    diamond = meshio.Mesh([(0, -1), (1, 0), (0, 1), (-1, 0)], [("quad", [[0, 1, 2, 3]])])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert set(convert(diamond).boundaries) == {"boundary"}
+    corner = meshio.Mesh([*SQUARE.tolist(), (0, 1e-11)], [("polygon", [[0, 1, 2, 3, 4]])])
+    found = convert(corner).boundaries
+    assert found["bottom"].tolist() == [[0, 1]]
+    assert sorted(found["left"].tolist()) == [[3, 4], [4, 0]]
+
+
+def test_given_names_stay_alone(tmp_path):
+    mesh = nameless(vx.meshes.squares(2)).with_boundary("floor", lambda x: x[:, 1] < 1e-9)
+    mesh.write(tmp_path / "part.vtu")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert set(read(tmp_path / "part.vtu").boundaries) == {"floor", "boundary"}

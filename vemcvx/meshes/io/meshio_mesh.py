@@ -1,0 +1,81 @@
+"""Meshes as meshio has them, in memory and as it is to write them: files of each kind spell names in their own way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote, unquote
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vemcvx.arrays import Floats
+from vemcvx.meshes.io.blocks import MARK, POLYGONS, Blocks, Data, marked_edges
+from vemcvx.meshes.io.groups import physical_groups, take_physical_groups, take_sets
+from vemcvx.meshes.io.unsafe import check_data
+
+if TYPE_CHECKING:
+    import meshio
+
+Arrays = Mapping[str, NDArray[Any]]
+IN_MEMORY = ""
+
+
+def meshio_mesh(
+    points: Floats, blocks: Blocks, suffix: str = IN_MEMORY, point_data: Arrays | None = None
+) -> meshio.Mesh:
+    """What meshio is to write into a file with that suffix; without one, the mesh for whoever asks for it."""
+    import meshio
+
+    spellings: dict[str, Callable[[str], str]] = {".vtu": _xml_name, ".vtk": quote}
+    spelled = spellings.get(suffix, str)
+    data: Data = {}
+    names: Arrays = {}
+    if suffix in (".vtu", ".vtk", IN_MEMORY):
+        marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.lines.items()}
+        data = blocks.data | marks
+        if suffix == ".vtk":
+            data = {name: [_wide(part) for part in parts] for name, parts in data.items()}
+    elif suffix == ".msh":
+        data, names = physical_groups(blocks)
+    return meshio.Mesh(
+        np.pad(points, ((0, 0), (0, 1))),
+        blocks.cells,
+        point_data={spelled(name): values for name, values in (point_data or {}).items()},
+        cell_data={spelled(name): parts for name, parts in data.items()},
+        field_data=names,
+    )
+
+
+def blocks_of(mesh: meshio.Mesh, suffix: str = IN_MEMORY) -> Blocks:
+    """Cells, data and names of a mesh, from a file with that suffix or from memory."""
+    spelled = unquote if suffix == ".vtk" else str
+    kinds = [block.type for block in mesh.cells]
+    known = [block.type in (*POLYGONS, "line") for block in mesh.cells]
+    cells = [
+        np.asarray(block.data if flat else np.zeros((len(block.data), 1))).astype(np.int64)
+        for block, flat in zip(mesh.cells, known, strict=True)
+    ]
+    data = {spelled(name): [_flat(np.asarray(p), suffix) for p in parts] for name, parts in mesh.cell_data.items()}
+    blocks = Blocks(list(zip(kinds, cells, strict=True)), data)
+    check_data(blocks)
+    blocks.edges.update(marked_edges({spelled(name): edges for name, edges in mesh.field_data.items()}))
+    take_physical_groups(blocks, {n: value for n, value in mesh.field_data.items() if not n.startswith(MARK)})
+    take_sets(blocks, mesh.cell_sets)
+    return blocks
+
+
+def _flat(values: NDArray[Any], suffix: str) -> NDArray[Any]:
+    """Numbers of a legacy file are columns where VTK calls them scalars."""
+    return values.ravel() if suffix == ".vtk" and values.shape[1:] == (1,) else values
+
+
+def _wide(values: NDArray[Any]) -> NDArray[Any]:
+    """Whole numbers in 64 bits: the names that meshio gives the other widths in legacy files are unknown to VTK."""
+    return values.astype(np.int64) if values.dtype.kind in "iu" else values
+
+
+def _xml_name(name: str) -> str:
+    """A name as an XML attribute in ASCII: meshio writes it as it comes, in the encoding of the system."""
+    return escape(name, {'"': "&quot;"}).encode("ascii", "xmlcharrefreplace").decode()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 
+import meshio
 import numpy as np
 import pytest
 
@@ -91,3 +93,69 @@ def test_refinement_keeps_interfaces_matched(below, above, balance):
             new = mesh.boundaries[name]
             assert lengths(mesh, new).sum() == pytest.approx(lengths(before, edges).sum(), abs=len(new) * EPS)
     assert len(mesh.interfaces["lower|upper"].edges) > len(bodies(blocks).interfaces["lower|upper"].edges)
+
+
+def three_blocks():
+    """A row of three whose faces overlap in part, with names that are hard to spell."""
+    return bodies(
+        {
+            "größe <&:/>": FAMILIES["voronoi"](3, ((0, 1), (0, 1)), seed=1).with_cell_data("E", np.arange(9.0)),
+            "middle": FAMILIES["hexagons"](4, ((1, 2), (0.25, 1.5))),
+            "right": FAMILIES["triangles"](3, ((2, 3), (-1, 1))),
+        },
+        interfaces={"joint: a|b": ("right", "middle")},
+    )
+
+
+def assert_same(one, other):
+    for name in ("points", "offsets", "vertices"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for kind in ("boundaries", "cell_data"):
+        assert set(getattr(one, kind)) == set(getattr(other, kind))
+        for name, values in getattr(one, kind).items():
+            np.testing.assert_array_equal(values, getattr(other, kind)[name])
+    assert {k: i.bodies for k, i in one.interfaces.items()} == {k: i.bodies for k, i in other.interfaces.items()}
+    for name, found in one.interfaces.items():
+        np.testing.assert_array_equal(found.partners, other.interfaces[name].partners)
+        np.testing.assert_array_equal(found.edges, other.interfaces[name].edges)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
+def test_files_keep_interfaces(suffix, tmp_path):
+    mesh = three_blocks()
+    assert {name: found.bodies for name, found in mesh.interfaces.items()} == {
+        "größe <&:/>|middle": ("größe <&:/>", "middle"),
+        "joint: a|b": ("right", "middle"),
+    }
+    mesh.write(tmp_path / f"mesh{suffix}")
+    assert_same(mesh, vx.meshes.read(tmp_path / f"mesh{suffix}"))
+    assert_same(mesh, pickle.loads(pickle.dumps(mesh)))
+
+
+@pytest.mark.parametrize("library", ["meshio", "pyvista"])
+def test_meshes_of_other_libraries_keep_interfaces(library):
+    mesh = three_blocks()
+    pytest.importorskip(library)
+    assert_same(mesh, vx.meshes.convert(mesh.to(library)))
+
+
+def test_other_formats_refuse_interfaces(tmp_path):
+    mesh = bodies({"a": squares(1), "b": squares(1, ((1, 2), (0, 1)))})
+    with pytest.raises(vx.MeshError, match=r"\.msh files do not keep interfaces of bodies. Write .vtu or .vtk"):
+        mesh.write(tmp_path / "mesh.msh")
+
+
+def test_a_file_with_two_bodies_and_no_interface_says_what_to_do(tmp_path):
+    mesh = bodies({"a": squares(1), "b": squares(1, ((1, 2), (0, 1)))})
+    meshio.Mesh(mesh.points, [("quad", np.stack(mesh.cells))]).write(tmp_path / "mesh.vtu", file_format="vtu")
+    with pytest.raises(
+        vx.MeshError, match=r"mesh.vtu: nodes 1 and 4 are in the same place, \(1, 0\).*vx.meshes.bodies"
+    ):
+        vx.meshes.read(tmp_path / "mesh.vtu")
+
+
+def test_histories_keep_interfaces(tmp_path):
+    mesh = bodies({"a": squares(1), "b": squares(1, ((1, 2), (0, 1)))})
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(["a.left", "b.right"]), vx.BodyForce(lambda x, t: x * t))
+    vx.simulate(scene, mesh, [0.0, 1.0]).write(tmp_path)
+    assert_same(mesh, vx.read_history(tmp_path).mesh)

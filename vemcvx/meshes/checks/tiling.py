@@ -36,7 +36,8 @@ def check_coincident(points: Floats, used: Ints) -> None:
         a, b = sorted(used[pairs[0]])
         raise MeshError(
             f"nodes {a} and {b} are in the same place, ({points[a, 0]:.9g}, {points[a, 1]:.9g}). Give them one number, "
-            "so that the cells around them are joined (a crack or contact between two bodies needs a visible gap)."
+            "so that the cells around them are joined; or, if two bodies meet there, make a mesh (a file) of each and "
+            "put them together with vx.meshes.bodies, which keeps the nodes of each and names the interface."
         )
 
 

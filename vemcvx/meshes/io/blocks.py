@@ -6,6 +6,9 @@ named boundary goes along as a block of lines, marked by a datum
 "boundary:<name>" (1 on its lines, 0 elsewhere); otherwise lines have the data of the cells they bound, so that
 colouring by a datum looks the same with and without them. Where cells stand beside data that belong to no cell
 (field data), a boundary may instead be the datum "boundary:<name>" there: its edges (m, 2).
+
+An interface goes along as two boundaries: its own, edges of the first body, and "partners:<first>:<second>:<name>",
+edge by edge the nodes of the second body in the same places.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+from urllib.parse import quote, unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +24,11 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
-from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, edge_keys
+from vemcvx.meshes.interfaces import Interface
+from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, edge_keys, positions
 from vemcvx.meshes.tessellation import Tessellation
 
-CELL, MARK, PHYSICAL = "vemcvx:cell", "boundary:", "gmsh:physical"
+CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
 VTK_TYPES = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "triangle_strip", 7: "polygon"}
 VTK_TYPES |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron"}
 POLYGONS = ("triangle", "quad", "polygon")
@@ -100,20 +105,38 @@ def marked_edges(data: Mapping[str, Any]) -> dict[str, Ints]:
     return {name: values.astype(np.int64).reshape(-1, 2) for name, values in named.items()}
 
 
+def named_edges(mesh: Tessellation) -> dict[str, Ints]:
+    """What a file names: boundaries but the whole, and partners at interfaces."""
+    named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
+    for name, found in mesh.interfaces.items():
+        first, second = (quote(body, safe="") for body in found.bodies)
+        named[f"{PARTNERS}{first}:{second}:{name}"] = found.partners
+    return named
+
+
+def _take_interfaces(named: dict[str, Ints]) -> dict[str, Interface]:
+    """Interfaces among the named edges of a file, which then are no boundaries any more."""
+    found = {}
+    for key in [name for name in named if name.startswith(PARTNERS) and name.count(":") > 2]:
+        first, second, name = key.removeprefix(PARTNERS).split(":", 2)
+        if name not in named:
+            raise MeshError(f"it holds partners of an interface {name!r}, but no such boundary.")
+        found[name] = Interface((unquote(first), unquote(second)), named.pop(name), named.pop(key))
+    return found
+
+
 def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
     """Add a block of lines a named boundary, with the data of their cells, to ``blocks`` of all cells of the mesh."""
-    boundary = mesh.boundaries[WHOLE]
-    keys = edge_keys(boundary, mesh.n_nodes)
     owner = cell_of_corner(mesh.offsets)[boundary_corners(mesh.offsets, mesh.vertices, mesh.n_nodes)]
     # of each cell in the data of all blocks
     place = np.argsort(np.concatenate(blocks.data[CELL])) if CELL in blocks.data else np.arange(mesh.n_cells)
     on_cells = {name: np.concatenate(parts) for name, parts in blocks.data.items()}
-    named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
+    named = named_edges(mesh)
     for edges in named.values():
-        inside = np.isin(keys, edge_keys(edges, mesh.n_nodes))
-        blocks.cells.append(("line", boundary[inside]))
+        blocks.cells.append(("line", edges))
+        cells = place[owner[positions(edges, mesh.boundaries[WHOLE], mesh.n_nodes)]]
         for name, parts in blocks.data.items():
-            parts.append(on_cells[name][place[owner[inside]]])
+            parts.append(on_cells[name][cells])
     first = len(blocks.cells) - len(named)
     for number, name in enumerate(named):
         blocks.lines[name] = [np.full(len(c), k == first + number) for k, (_, c) in enumerate(blocks.cells)]
@@ -142,8 +165,10 @@ def mesh_of(points: Floats, blocks: Blocks) -> tuple[Tessellation, list[str]]:
     for name, parts in blocks.surfaces.items():
         data[name] = np.concatenate([parts[k] for k in polygons])[order].astype(np.uint8)
     numbers = {name: _native(values) for name, values in data.items() if values.dtype.kind in "biuf"}
-    mesh = Tessellation(_plane(points), cells, cell_data=numbers)
-    return _with_lines(mesh, blocks)
+    marks = {name.removeprefix(MARK): p for name, p in blocks.data.items() if name.startswith(MARK)}
+    named = {name: _marked_lines(blocks, parts) for name, parts in (marks | blocks.lines).items()} | blocks.edges
+    mesh = Tessellation(_plane(points), cells, cell_data=numbers, interfaces=_take_interfaces(named))
+    return _with_lines(mesh, named)
 
 
 def _cells_in_order(blocks: Blocks, polygons: Iterable[int]) -> tuple[list[Ints] | Ints, Ints]:
@@ -172,14 +197,12 @@ def _plane(points: Floats) -> Floats:
     return points
 
 
-def _with_lines(mesh: Tessellation, blocks: Blocks) -> tuple[Tessellation, list[str]]:
+def _with_lines(mesh: Tessellation, named: Mapping[str, Ints]) -> tuple[Tessellation, list[str]]:
     """Name boundaries by lines; lines inside the mesh are left out, with a note."""
     notes, boundaries = [], {}
     boundary = mesh.boundaries[WHOLE]
     keys = edge_keys(boundary, mesh.n_nodes)
-    marks = {name.removeprefix(MARK): p for name, p in blocks.data.items() if name.startswith(MARK)}
-    of_lines = {name: _marked_lines(blocks, parts) for name, parts in (marks | blocks.lines).items()}
-    for name, edges in (of_lines | blocks.edges).items():
+    for name, edges in named.items():
         number = np.arange(mesh.n_nodes) if mesh.node_map is None else mesh.node_map
         edges = np.where((edges >= 0) & (edges < len(number)), number[np.clip(edges, 0, len(number) - 1)], -1)
         wanted = np.isin(keys, edge_keys(edges, mesh.n_nodes)[(edges >= 0).all(axis=1)])

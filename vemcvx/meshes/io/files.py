@@ -48,6 +48,8 @@ def write(path: str | Path, mesh: Tessellation) -> None:
             f"{path}: {suffix} files do not keep polygons of more than four vertices, and this mesh has "
             f"some. Write {' or '.join(ANY_POLYGON)}."
         )
+    if suffix not in ANY_POLYGON and mesh.interfaces:
+        raise MeshError(f"{path}: {suffix} files do not keep interfaces of bodies. Write {' or '.join(ANY_POLYGON)}.")
     blocks = cell_blocks(mesh, mesh.cell_data, in_order=suffix not in ANY_POLYGON)
     if suffix in (*ANY_POLYGON, ".msh"):
         add_boundaries(blocks, mesh)

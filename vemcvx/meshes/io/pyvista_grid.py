@@ -8,8 +8,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import WHOLE
-from vemcvx.meshes.io.blocks import MARK, Blocks, grouped, marked_edges, vtk_types
+from vemcvx.meshes.io.blocks import MARK, Blocks, grouped, marked_edges, named_edges, vtk_types
 from vemcvx.meshes.io.unsafe import check_data
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -40,7 +39,6 @@ def to_pyvista(mesh: Tessellation) -> Any:
     grid = pyvista.UnstructuredGrid(cells, vtk_types(counts).astype(np.uint8), np.pad(mesh.points, ((0, 0), (0, 1))))
     for name, values in mesh.cell_data.items():
         grid.cell_data[name] = np.array(values)
-    for name, edges in mesh.boundaries.items():
-        if name != WHOLE:
-            grid.field_data[MARK + name] = np.array(edges)
+    for name, edges in named_edges(mesh).items():
+        grid.field_data[MARK + name] = np.array(edges)
     return grid

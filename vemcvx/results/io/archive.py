@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import sizes_of
 from vemcvx.errors import HistoryError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import Interface, PolygonMesh
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 from vemcvx.stepping.trajectory import Trajectory
@@ -34,6 +34,7 @@ def write_archive(history: Results, path: Path) -> None:
         "inactive": history.inactive,
         "errors": history.errors,
         "seconds": history.seconds,
+        "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
     records = {"": history, "contact.": history.contact, "trajectory.": history.trajectory}
@@ -41,6 +42,7 @@ def write_archive(history: Results, path: Path) -> None:
         "about": np.array(json.dumps(about)),
         **{f"mesh.{name}": getattr(mesh, name) for name in ("points", "offsets", "vertices")},
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
+        **{f"partners.{name}": found.partners for name, found in mesh.interfaces.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
     }
     for prefix, record in records.items():
@@ -88,7 +90,7 @@ def _about(arrays: Arrays) -> dict[str, Any]:
 
 
 def _history(arrays: Arrays, about: dict[str, Any]) -> Results:
-    mesh = _mesh(arrays)
+    mesh = _mesh(arrays, about.get("bodies", {}))
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": mesh.points.shape[1]})
     _check_words(about)
     return Results(
@@ -135,12 +137,17 @@ def _check_words(about: dict[str, Any]) -> None:
         raise ValueError("found words and numbers of other kinds beside the arrays")
 
 
-def _mesh(arrays: Arrays) -> PolygonMesh:
+def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> PolygonMesh:
     cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
     named = _under("boundary.", arrays)
     # Every mesh makes this one itself.
     named.pop("boundary")
-    return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=_under("cell_data.", arrays))
+    matched = {
+        name: Interface((one, other), named.pop(name), arrays[f"partners.{name}"])
+        for name, (one, other) in bodies.items()
+    }
+    data = _under("cell_data.", arrays)
+    return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=data, interfaces=matched)
 
 
 def _under(prefix: str, arrays: Arrays) -> dict[str, Any]:

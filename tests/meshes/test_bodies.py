@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import itertools
 import pickle
+import re
+from dataclasses import replace
 
 import meshio
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, PolygonMesh, bodies, squares
@@ -159,3 +163,216 @@ def test_histories_keep_interfaces(tmp_path):
     scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(["a.left", "b.right"]), vx.BodyForce(lambda x, t: x * t))
     vx.simulate(scene, mesh, [0.0, 1.0]).write(tmp_path)
     assert_same(mesh, vx.read_history(tmp_path).mesh)
+
+
+def total(mesh, name):
+    return lengths(mesh, mesh.interfaces[name].edges).sum()
+
+
+def test_part_of_a_side_stays_boundary():
+    """[0.3, 1.1] of the top of the lower block [0, 2] is covered: both ends hang on it, the rest keeps its name."""
+    mesh = bodies({"lower": squares((2, 1), ((0, 2), (0, 1))), "upper": squares((3, 1), ((0.3, 1.1), (1, 2)))})
+    assert_matched(mesh)
+    found = mesh.interfaces["lower|upper"]
+    x = mesh.points[found.edges, 0]
+    assert x.min() == 0.3
+    assert x.max() == 1.1
+    assert 1.0 in x
+    left = mesh.points[mesh.boundaries["lower.top"]][..., 0]
+    assert {tuple(ends) for ends in np.sort(left).tolist()} == {(0.0, 0.3), (1.1, 2.0)}
+    assert "upper.bottom" not in mesh.boundaries
+    # Each run of nodes of a body stands in its order, and then come the hanging ones.
+    np.testing.assert_array_equal(mesh.points[:6], squares((2, 1), ((0, 2), (0, 1))).points)
+
+
+def test_interfaces_meet_in_crosspoints():
+    """Two blocks side by side under a third: three nodes where all meet, each with its partners."""
+    mesh = bodies(
+        {
+            "left": FAMILIES["voronoi"](3, seed=1),
+            "right": FAMILIES["distorted"](4, ((1, 2), (0, 1)), seed=2),
+            "above": FAMILIES["hexagons"]((7, 3), ((0, 2), (1, 2))),
+        }
+    )
+    assert_matched(mesh)
+    assert {name: round(total(mesh, name), 14) for name in mesh.interfaces} == {
+        "left|right": 1.0,
+        "left|above": 1.0,
+        "right|above": 1.0,
+    }
+    cross = np.flatnonzero((mesh.points == [1.0, 1.0]).all(axis=1))
+    pairs = np.sort(np.concatenate([found.pairs for found in mesh.interfaces.values()]))
+    assert sorted(map(tuple, pairs[np.isin(pairs, cross).any(axis=1)].tolist())) == list(
+        itertools.combinations(cross.tolist(), 2)
+    )
+
+
+def test_four_blocks_may_meet_in_a_point():
+    corners = {"a": (0, 0), "b": (1, 0), "c": (0, 1), "d": (1, 1)}
+    mesh = bodies({name: squares(k + 2, ((x, x + 1), (y, y + 1))) for k, (name, (x, y)) in enumerate(corners.items())})
+    assert_matched(mesh)
+    assert set(mesh.interfaces) == {"a|b", "a|c", "b|d", "c|d"}
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_interface_goes_round_a_corner(order):
+    """The re-entrant corner of an L, filled by a block: one interface of two sides."""
+    parts = {"corner": vx.meshes.l_shape(6), "block": FAMILIES["voronoi"](5, ((0.5, 1), (0.5, 1)), seed=3)}
+    mesh = bodies(dict(list(parts.items())[::order]), interfaces={"L": ("corner", "block")})
+    assert_matched(mesh)
+    assert mesh.interfaces["L"].bodies == ("corner", "block")
+    assert total(mesh, "L") == pytest.approx(1.0, abs=50 * EPS)
+    assert {"corner.inner_right", "corner.inner_top", "block.left", "block.bottom"}.isdisjoint(mesh.boundaries)
+    part = vx.vem.Space(mesh).part("L", "test")
+    beyond = vx.vem.boundary.BoundaryPart(mesh.interfaces["L"].partners[:, ::-1], mesh.points)
+    np.testing.assert_array_equal(part.node_lengths.sum(), beyond.node_lengths.sum())
+    facing = {tuple(normal) for normal in part.normals.tolist()}
+    assert facing == {(1.0, 0.0), (0.0, 1.0)} == {(abs(x), abs(y)) for x, y in beyond.normals.tolist()}
+    assert (beyond.normals <= 0.0).all()
+
+
+def ring(inner, outer, around, turned=0.0):
+    angle = 2.0 * np.pi * np.arange(around) / around + turned
+    points = [(r * np.cos(a), r * np.sin(a)) for r in np.linspace(inner, outer, 4) for a in angle]
+    first = np.add.outer(around * np.arange(3), np.arange(around)).ravel()
+    after = first - first % around + (first + 1) % around
+    return PolygonMesh(points, np.column_stack([first, first + around, after + around, after]))
+
+
+@pytest.mark.parametrize(("hub", "tyre", "turned"), [(24, 31, 0.0), (12, 60, 0.01), (60, 12, 0.1), (32, 32, 0.05)])
+def test_polygons_of_one_circle_take_the_shape_of_the_first(hub, tyre, turned):
+    """Press fit: the polygons of the common circle are up to 1 - cos(pi / n) apart."""
+    parts = {"hub": ring(0.3, 1.0, hub), "tyre": ring(1.0, 2.0, tyre, turned)}
+    apart = 1.0 - np.cos(np.pi / min(hub, tyre))
+    mesh = bodies(parts, tolerance=1.01 * apart)
+    assert_matched(mesh)
+    # The perimeter of the hub's polygon, summed over edges; the hub is as it was, and nodes of the tyre moved little.
+    edges = mesh.interfaces["hub|tyre"].edges
+    assert total(mesh, "hub|tyre") == pytest.approx(2.0 * hub * np.sin(np.pi / hub), abs=4 * len(edges) * EPS)
+    given = np.concatenate([part.points for part in parts.values()])
+    moved = np.hypot(*(mesh.points[: len(given)] - given).T)
+    assert not moved[: parts["hub"].n_nodes].any()
+    assert 0.0 < moved.max() <= 1.01 * apart
+    with pytest.raises(vx.MeshError, match="'hub' and 'tyre' overlap near .* give tolerance="):
+        bodies(parts)
+
+
+@given(
+    shift=st.floats(-0.9, 0.9),
+    turn=st.floats(0.0, 6.3),
+    scale=st.sampled_from([1e-6, 1.0, 1e6]),
+    families=st.tuples(st.sampled_from(sorted(FAMILIES)), st.sampled_from(sorted(FAMILIES))),
+)
+@settings(max_examples=10, deadline=None)
+def test_blocks_match_wherever_they_lie(shift, turn, scale, families):
+    """Shifted along each other and turned together: the common part is 1 - |shift| long, to rounding."""
+    Q = scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    boxes = ((0, 1), (0, 1)), ((shift, shift + 1), (1, 1.5))
+    flat = [FAMILIES[family](n, box, seed=1) for family, n, box in zip(families, (4, 3), boxes, strict=True)]
+    lower, upper = (PolygonMesh(part.points @ Q.T, part.cells) for part in flat)
+    top, bottom = flat[0].points[flat[0].boundaries["top"], 0], flat[1].points[flat[1].boundaries["bottom"], 0]
+    all_x = np.unique(np.concatenate([top.ravel(), bottom.ravel()]))
+    assume(np.diff(all_x)[np.diff(all_x) > 1e-15].min() > 1e-8)  # closer ones are one node
+    mesh = bodies({"lower": lower, "upper": upper})
+    assert_matched(mesh)
+    edges = mesh.interfaces["lower|upper"].edges
+    assert total(mesh, "lower|upper") == pytest.approx(scale * (1.0 - abs(shift)), abs=scale * len(edges) * 8 * EPS)
+
+
+NEXT_DOOR = ((1, 2), (0, 1))
+REFUSED = {
+    "one in another": (((0.3, 0.6), (0.3, 0.6)), {}, r"'a' and 'b' overlap near \(0\.\d+, 0\.\d+\)"),
+    "one over another": (((0, 1), (0, 1)), {}, r"'a' and 'b' overlap near \(0\.\d+, 0\)"),
+    "a corner in another": (((0.9, 2), (0.8, 2)), {}, r"'a' and 'b' overlap near \((1, 0\.8|0\.9, 1)\)"),
+    "a sliver in another": (((1 - 1e-5, 2), (0.2, 0.8)), {}, r"'a' and 'b' overlap near \(1, 0\.[28]\)"),
+    "a cross": (((0.2, 0.8), (-1, 2)), {}, r"'a' and 'b' overlap near"),
+    "a point": (((1, 2), (1, 2)), {}, r"'a' and 'b' touch only in the point \(1, 1\), which is no interface"),
+    "a slit": (((1 + 1e-4, 2), (0, 1)), {}, r"'a' and 'b' are apart by 0.0001 near \(1.0001, 0\.\d+\).*tolerance="),
+    "no contact": (
+        ((1.5, 2), (0, 1)),
+        {"interfaces": {"joint": ("a", "b")}},
+        "interface 'joint' is to be between 'a' and 'b', whose boundaries nowhere coincide; there are none",
+    ),
+    "a stranger": (NEXT_DOOR, {"interfaces": {"joint": ("a", "c")}}, r"two of the bodies 'a', 'b'; got \('a', 'c'\)"),
+    "twice": (NEXT_DOOR, {"interfaces": {"k": ("a", "b"), "l": ("b", "a")}}, "'b' and 'a' are named twice"),
+    "the whole": (NEXT_DOOR, {"interfaces": {"boundary": ("a", "b")}}, "the name 'boundary' is taken"),
+    "too coarse": (NEXT_DOOR, {"tolerance": 0.6}, r"two nodes of 'a' near .* the tolerance 0.6 must be well below"),
+    "no length": (
+        NEXT_DOOR,
+        {"tolerance": -1.0},
+        "tolerance must be a length below the extent 2 of the bodies; got -1.0",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused_says_where(case):
+    box, options, said = REFUSED[case]
+    with pytest.raises(vx.MeshError, match=said):
+        bodies({"a": squares(2), "b": squares(3, box)}, **options)
+
+
+def test_bodies_that_do_not_touch_have_no_interface():
+    mesh = bodies({"a": squares(2), "b": squares(3, ((1.5, 2), (0, 1)))})
+    assert mesh.interfaces == {}
+    np.testing.assert_array_equal(mesh.cell_data["b"], mesh.centroids[:, 0] > 1.5)
+
+
+def test_three_in_one_place_overlap():
+    """Each of the two discs fills the hole, so their edges are all in one place with those of the plate."""
+    plate = PolygonMesh(
+        [(0, 0), (3, 0), (3, 3), (0, 3), (1, 1), (2, 1), (2, 2), (1, 2)],
+        [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]],
+    )
+    disc = squares(2, ((1, 2), (1, 2)))
+    assert len(bodies({"disc": disc, "plate": plate}).interfaces["disc|plate"].edges) == 8
+    with pytest.raises(vx.MeshError, match="'one' and 'other' overlap near"):
+        bodies({"one": disc, "plate": plate, "other": disc})
+
+
+@pytest.mark.parametrize(
+    ("meshes", "said"),
+    [
+        ({"a": squares(1)}, "two bodies or more"),
+        ({"a|b": squares(1), "c": squares(1)}, "without . and |"),
+        ({"body": squares(1), "c": squares(1)}, "not 'body'; got 'body'"),
+        ({"a": squares(1), "b": "squares"}, "found 'squares' for 'b'"),
+        ({"a": squares(1).with_cell_data("b", [1]), "b": squares(1, NEXT_DOOR)}, "cell datum 'b', which is to tell"),
+        ({"a": bodies({"a": squares(1), "b": squares(1, NEXT_DOOR)}), "c": squares(1)}, "'a' has interfaces itself"),
+        (
+            {"a": squares(1).with_cell_data("v", [[1, 2]]), "b": squares(1, NEXT_DOOR).with_cell_data("v", [1])},
+            "'v' has rows of different shapes",
+        ),
+    ],
+)
+def test_meshes_that_are_no_bodies(meshes, said):
+    with pytest.raises(vx.MeshError, match=re.escape(said)):
+        bodies(meshes)
+
+
+def test_data_of_one_body_are_zero_on_the_others():
+    soft = squares(1).with_cell_data("E", [2.5])
+    mesh = bodies({"soft": soft, "hard": squares(1, NEXT_DOOR).with_cell_data("core", [True])})
+    np.testing.assert_array_equal(mesh.cell_data["E"], [2.5, 0.0])
+    np.testing.assert_array_equal(mesh.cell_data["core"], [False, True])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda found: replace(found, edges=found.edges[:, ::-1], partners=found.partners[:, ::-1]),
+            "is not an edge of the boundary",
+        ),
+        (lambda found: replace(found, partners=found.partners[:, ::-1]), "are partners at an interface, but at"),
+        (lambda found: replace(found, partners=found.partners[:1]), "it has 2 edges and partners of 1"),
+        (lambda found: replace(found, bodies=("a",)), "bodies must be the names of two"),
+        (lambda found: found.edges, "where an Interface is wanted"),
+    ],
+)
+def test_interfaces_that_are_none_are_refused(change, said):
+    mesh = bodies({"a": squares(2), "b": squares(2, NEXT_DOOR)})
+    with pytest.raises(vx.MeshError, match=said):
+        PolygonMesh(mesh.points, mesh.cells, interfaces={"a|b": change(mesh.interfaces["a|b"])})
+    with pytest.raises(vx.MeshError, match="in the same place"):
+        PolygonMesh(mesh.points, mesh.cells)

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from vemcvx.arguments import is_real
 from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.cells import check_cells
-from vemcvx.meshes.checks.names import WHOLE, check_boundaries, check_cell_data, check_name
-from vemcvx.meshes.checks.tiling import check_tiling
+from vemcvx.meshes.checks.names import WHOLE, check_boundaries, check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons.segments import TOLERANCE
-from vemcvx.meshes.polygons.topology import edge_keys, positions
+from vemcvx.meshes.polygons.topology import positions
 from vemcvx.meshes.several_bodies.coincidence import coincidence_of
+from vemcvx.meshes.several_bodies.faults import check_apart, check_points_of_contact
+from vemcvx.meshes.several_bodies.matching import interfaces_of
 from vemcvx.meshes.several_bodies.side_by_side import SideBySide
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -50,8 +50,9 @@ def bodies(
         order of the bodies.
     tolerance : float, optional
         Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
-        of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle, the later
-        body takes the shape of the earlier one: its nodes move to the nearest points of the other's.
+        of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle (which are
+        up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the earlier one: its nodes
+        move to the nearest points of the other's.
 
     Returns
     -------
@@ -73,10 +74,9 @@ def bodies(
     found = coincidence_of(apart, _check_tolerance(tolerance, apart.points))
     whole = replace(apart, points=found.points).with_hanging(found.points[found.node], found.edge)
     place = np.concatenate([found.place, found.place[found.node]])
-    check_cells(whole.points, whole.offsets, whole.vertices)
-    check_tiling(whole.points, whole.offsets, place[whole.vertices])
-    named = _check_names(interfaces, apart.names)
-    matched = on_boundary(_matched(whole, place, named), whole.ends, len(whole.points))
+    check_apart(whole, place, moved=not np.array_equal(found.points, apart.points))
+    matched = on_boundary(interfaces_of(whole, place, interfaces), whole.ends, len(whole.points))
+    check_points_of_contact(whole, place, matched)
     origin = np.repeat(np.arange(len(apart.ends)), 1 + np.bincount(found.edge, minlength=len(apart.ends)))
     sides = _sides(meshes, apart, whole, origin=origin, interfaces=matched)
     mesh = PolygonMesh.unchecked(whole.points, whole.offsets, whole.vertices)
@@ -85,34 +85,6 @@ def bodies(
         _named=check_boundaries(sides, whole.ends, mesh.n_nodes, None),
         cell_data=MappingProxyType(check_cell_data(_data(meshes, whole.body_of_cell), mesh.n_cells)),
     )
-
-
-def _matched(whole: SideBySide, place: Ints, named: Mapping[tuple[str, str], str]) -> dict[str, Interface]:
-    """Edges of two bodies in the same places, as interfaces."""
-    keys = edge_keys(place[whole.ends], len(place))
-    order = np.argsort(keys, kind="stable")
-    same = np.flatnonzero(np.diff(keys[order]) == 0)
-    one, other = order[same], order[same + 1]
-    first, second = whole.body_of_edge[one], whole.body_of_edge[other]
-    backwards = first > second
-    one, other = np.where(backwards, other, one), np.where(backwards, one, other)
-    found = {}
-    for a, b in np.unique(np.sort(np.column_stack([first, second]), axis=1), axis=0):
-        here = (whole.body_of_edge[one] == a) & (whole.body_of_edge[other] == b)
-        edges, partners = whole.ends[one[here]], whole.ends[other[here]][:, ::-1]
-        pair = whole.names[a], whole.names[b]
-        name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
-        if pair[::-1] in named:
-            pair, edges, partners = pair[::-1], partners[:, ::-1], edges[:, ::-1]
-        found[name] = Interface(pair, edges, partners)
-    missing = [pair for pair, name in named.items() if name not in found]
-    if missing:
-        (a, b), there = missing[0], ", ".join(repr("|".join(interface.bodies)) for interface in found.values())
-        raise MeshError(
-            f"bodies: interface {named[a, b]!r} is to be between {a!r} and {b!r}, whose boundaries nowhere coincide; "
-            f"there are {there or 'none'}. Bring the bodies together, or give a larger tolerance=."
-        )
-    return found
 
 
 def _sides(
@@ -171,28 +143,6 @@ def _check_meshes(meshes: Mapping[str, PolygonMesh]) -> None:
             raise MeshError(f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh is wanted.")
         if mesh.interfaces:
             raise MeshError(f"bodies: {name!r} has interfaces itself; give all bodies at once, each with its own mesh.")
-
-
-def _check_names(
-    interfaces: Mapping[str, tuple[str, str]] | None, known: tuple[str, ...]
-) -> dict[tuple[str, str], str]:
-    """(first body, second body) -> name of their interface, as far as given."""
-    interfaces = {} if interfaces is None else interfaces
-    if not isinstance(interfaces, Mapping):
-        raise MeshError(f"bodies: interfaces must map names to pairs of bodies; got {brief(interfaces)}.")
-    named: dict[tuple[str, str], str] = {}
-    for name, pair in interfaces.items():
-        check_name(name)
-        given = tuple(pair) if isinstance(pair, (tuple, list)) else ()
-        if len(given) != 2 or not all(isinstance(one, str) and one in known for one in given) or given[0] == given[1]:
-            raise MeshError(
-                f"bodies: interface {name!r} must be between two of the bodies {', '.join(map(repr, known))}; got "
-                f"{brief(pair)}."
-            )
-        if given in named or given[::-1] in named:
-            raise MeshError(f"bodies: {given[0]!r} and {given[1]!r} are named twice in interfaces; they have one.")
-        named[given] = name
-    return named
 
 
 def _check_tolerance(tolerance: float | None, points: Floats) -> float:

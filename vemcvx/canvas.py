@@ -47,11 +47,16 @@ def _figure_class() -> type[Figure]:
 
     class NotebookFigure(Figure):
         def _repr_png_(self) -> bytes:
-            picture = BytesIO()
-            self.savefig(picture, format="png")
-            return picture.getvalue()
+            return as_png(self)
 
     return NotebookFigure
+
+
+def as_png(figure: Figure, dpi: float | None = None) -> bytes:
+    """Return a figure as the contents of a PNG file, in its own resolution by default."""
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi="figure" if dpi is None else dpi)
+    return picture.getvalue()
 
 
 def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:

@@ -48,16 +48,22 @@ def _escaped(word: str) -> str:
 
 def html(heads: Words, rows: Iterable[Words]) -> str:
     """A table of HTML; what follows a line break in a head stands below it in small, words have the class w."""
-    head = "".join(f"<th>{_head(*text.partition(chr(10)))}</th>" for text in heads)
+    rows = list(rows)
+    kinds = map(_kind, rows[0]) if rows else [""] * len(heads)
+    head = "".join(_head(kind, *text.partition("\n")) for kind, text in zip(kinds, heads, strict=True))
     lines = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
 
 
-def _head(text: str, line_break: str, unit: str) -> str:
-    return escape(text) + (f"<br/><small>{escape(unit)}</small>" if line_break else "")
+def _head(kind: str, text: str, line_break: str, unit: str) -> str:
+    below = f"<br/><small>{escape(unit)}</small>" if line_break else ""
+    return f'<th class="{kind}">{escape(text)}{below}</th>'
 
 
 def _cell(text: str) -> str:
+    return f'<td class="{_kind(text)}">{escape(text)}</td>'
+
+
+def _kind(text: str) -> str:
     number = text.lstrip("-")[:1].isdigit() or text in ("", "-", "yes")
-    kind = "no" if text in ("no", "NO") else "" if number else "w"
-    return f'<td class="{kind}">{escape(text)}</td>'
+    return "no" if text in ("no", "NO") else "" if number else "w"

@@ -65,6 +65,9 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="Write the history there, for ParaView and scripts.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw it: into DIR, or results/<problem>.")] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write a page of results into the same; none where the run is refused.")
+    ] = False,
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all",
     condense: Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")] = True,
     resume: Annotated[
@@ -82,7 +85,8 @@ def run(
     """Simulate a problem, and say what came out and how certain it is."""
     with reported():
         from vemcvx.cli.problem_file import read_problem
-        from vemcvx.cli.run import RunOptions, simulate_problem
+        from vemcvx.cli.run import simulate_problem
+        from vemcvx.cli.run_options import RunOptions
 
         if resume is not None and out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
@@ -103,6 +107,7 @@ def run(
             linear=linear,
             target=target,
             probes=tuple(probes),
+            report=report,
         )
         typer.echo(simulate_problem(read_problem(file), asked))
 
@@ -190,7 +195,7 @@ def export(
     with reported():
         from vemcvx.cli.export import export_programs
         from vemcvx.cli.problem_file import read_problem
-        from vemcvx.cli.run import RunOptions
+        from vemcvx.cli.run_options import RunOptions
 
         asked = RunOptions(
             family=mesh,

@@ -44,21 +44,27 @@ class Finding:
 
 def findings() -> Iterator[Finding]:
     """Everything, one after the other."""
-    yield Finding("vemcvx", f"{__version__}, Python {platform.python_version()} on {platform.platform()}")
+    yield Finding("vemcvx", here())
     for name in NEEDED:
-        found = _version(name)
+        found = version_of(name)
         yield Finding(name, found or "missing: install vemcvx anew", found is not None)
     for name, extra in EXTRAS.items():
-        yield Finding(name, _version(name) or f"not installed; optional: pip install 'vemcvx[{extra}]'")
+        yield Finding(name, version_of(name) or f"not installed; optional: pip install 'vemcvx[{extra}]'")
     for name in ("newton", "clarabel", "osqp"):
         yield _chain(name, NAMES[name](), None)
     for name, kind in LINEAR.items():
-        if name == "superlu" or _version({"pardiso": "py-mkl-pardiso", "multigrid": "pyamg"}[name]):
+        if name == "superlu" or version_of({"pardiso": "py-mkl-pardiso", "multigrid": "pyamg"}[name]):
             yield _chain(name, Newton(), kind())
     yield _patch()
 
 
-def _version(package: str) -> str | None:
+def here() -> str:
+    """The version of vemcvx, of Python, and the machine."""
+    return f"{__version__}, Python {platform.python_version()} on {platform.platform()}"
+
+
+def version_of(package: str) -> str | None:
+    """What is installed of a package, None if it is not."""
     try:
         return version(package)
     except PackageNotFoundError:

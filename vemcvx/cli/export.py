@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.run import RunOptions, simulated
+from vemcvx.cli.run import simulated
+from vemcvx.cli.run_options import RunOptions
 from vemcvx.errors import ProblemError
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.owned_files import Owned

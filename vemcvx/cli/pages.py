@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from html import escape
 
+from vemcvx.outline import Lines, Outline
+from vemcvx.tables import html as table
 from vemcvx.version import __version__
 
 MARK = '<meta name="generator" content="vemcvx">'
@@ -25,3 +28,23 @@ def page(title: str, body: str, style: str = "") -> str:
         f'<!doctype html>\n<html lang="en"><head>{head}</head>\n'
         f"<body><h1>{escape(title)}</h1>{body}{foot}</body></html>\n"
     )
+
+
+def words(title: str, lines: Lines) -> str:
+    """Lines of a name and words, as a table with a title."""
+    return f'<div class="wide">{Outline(title, lines).html()}</div>'
+
+
+def numbers(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table with heads, which is moved sideways where the page is narrow."""
+    return f'<div class="wide">{table(heads, rows)}</div>'
+
+
+def figure(value: float) -> str:
+    """A number in six digits."""
+    return f"{value:.6g}"
+
+
+def short(value: float) -> str:
+    """An error in two digits."""
+    return f"{value:.1e}"

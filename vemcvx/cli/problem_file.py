@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import cleandoc
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -12,6 +13,7 @@ from typing import Any, TypeVar
 from vemcvx.arrays import brief
 from vemcvx.cli.python_file import executed, literal, own_errors
 from vemcvx.cli.supplied import problem_path
+from vemcvx.effects.effect import amount
 from vemcvx.errors import ProblemError
 from vemcvx.meshes import FAMILIES, PolygonMesh, read
 from vemcvx.scene import Scene
@@ -36,6 +38,17 @@ class Problem:
     def title(self) -> str:
         """The first line of its docstring."""
         return f"{self.module.__doc__ or ''}\n{self.name}".strip().splitlines()[0]
+
+    @property
+    def text(self) -> str:
+        """What its docstring says below that line."""
+        return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
+
+    def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
+        """The parameters of the scene with their values in words: those given as "name=value", else their defaults."""
+        given = dict(self._parameter(setting) for setting in settings)
+        known = {name: p.default for name, p in _parameters(self.module.scene).items() if p.kind is not p.VAR_KEYWORD}
+        return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""

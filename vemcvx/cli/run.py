@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 from contextlib import nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rich.progress import TimeRemainingColumn
 
-from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.progress import progress_bar
+from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
@@ -28,39 +26,6 @@ ROWS = "rows"
 """Where, in the output folder, a run keeps what it has completed until the history is written."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunOptions:
-    """What the command line asks for."""
-
-    family: str | None
-    n: int
-    steps: int
-    solver: str
-    accuracy: float | None
-    out: Path | None
-    plot: bool
-    store: str | tuple[int, ...]
-    condense: bool
-    settings: tuple[str, ...]
-    resume: bool = False
-    linear: str | None = None
-    target: float | None = None
-    """relative energy error for which mesh and instants are to be chosen"""
-    probes: tuple[str, ...] = ()
-    """points "x,y" whose displacements are written"""
-
-    @property
-    def points(self) -> Floats | None:
-        """The probes as points (p, dim), None without any."""
-        if not self.probes:
-            return None
-        try:
-            return np.array([[float(word) for word in probe.split(",")] for probe in self.probes])
-        except ValueError:
-            found = ", ".join(map(repr, self.probes))
-            raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None
-
-
 def simulate_problem(problem: Problem, asked: RunOptions) -> str:
     """Do it; the summary in words.
 
@@ -69,7 +34,7 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
     VemcvxError
         Something asked for does not exist, cannot be solved, certified or written.
     """
-    drawings = asked.out or Path("results") / problem.name
+    drawings = asked.drawings(problem)
     _refuse_early(asked, drawings)
     # Held until the history is written: of two runs with one folder the second is refused.
     with nullcontext() if asked.out is None else Folder(asked.out / ROWS, asked.resume) as rows:
@@ -83,7 +48,8 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
         lines += _written(history, asked, Origin(problem.name, mesh, n))
         if rows is not None:
             rows.remove()
-    return "\n".join(lines + (_drawn(history, drawings) if asked.plot else []))
+    lines += _drawn(history, drawings) if asked.plot else []
+    return "\n".join(lines + (_reported(problem, asked, history) if asked.report else []))
 
 
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:
@@ -142,13 +108,16 @@ def _refuse_early(asked: RunOptions, drawings: Path) -> None:
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
     if asked.points is not None and asked.out is None:
         raise ProblemError("--probe: displacements of points are written to DIR of --out DIR; give one.")
-    if asked.plot:
+    if asked.plot or asked.report:
         from vemcvx.canvas import new_figure
+        from vemcvx.cli.report import check_report
         from vemcvx.plots.pictures import check_pictures
 
         new_figure()
-        check_pictures(drawings)
-    if asked.plot or asked.out:
+        for wanted, check in ((asked.plot, check_pictures), (asked.report, check_report)):
+            if wanted:
+                check(drawings)
+    if asked.plot or asked.report or asked.out:
         writable_folder(drawings)
     if asked.out:
         check_replaceable(asked.out)
@@ -156,7 +125,7 @@ def _refuse_early(asked: RunOptions, drawings: Path) -> None:
 
 def _written(history: History, asked: RunOptions, origin: Origin) -> list[str]:
     if asked.out is None:
-        return [] if asked.plot else ["files       none; --out DIR keeps the history, --plot draws it"]
+        return [] if asked.plot or asked.report else ["files       none; --out DIR keeps the history, --plot draws it"]
     folder = write_results(history, asked.out, origin, asked.points)
     tables = ", ".join(sorted(listed_tables(folder / SUMMARY)))
     return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}, {tables}"]
@@ -166,3 +135,9 @@ def _drawn(history: History, folder: Path) -> list[str]:
     from vemcvx.plots import write_plots
 
     return [f"pictures    {folder}: {', '.join(path.name for path in write_plots(history, folder))}"]
+
+
+def _reported(problem: Problem, asked: RunOptions, history: History) -> list[str]:
+    from vemcvx.cli.report import write_report
+
+    return [f"report      {write_report(problem, asked, history)}"]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Iterable
 
 from rich.console import Console
 from rich.table import Table
 
 from vemcvx import effects
+from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.effects import Effect
+from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
@@ -24,28 +27,30 @@ INSTANTS = 64
 
 def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[str, ...]) -> None:
     """Print the table to standard output; without colours and frames it reads the same."""
+    times = checked_times(problem.times(INSTANTS))
+    rows = scene_in_words(problem.scene(settings), problem.mesh(n, family), times, mesh_name(problem, family, n))
     # Square brackets in a user's words are no markup.
     console = Console(highlight=False, markup=False)
     console.print(f"{problem.name}: {problem.title}")
-    console.print(table(problem, family, n, settings))
+    console.print(_table(rows))
 
 
-def _mesh(problem: Problem, family: str | None, n: int) -> str:
+def mesh_name(problem: Problem, family: str | None, n: int) -> str:
+    """What a mesh is called: its file, or its family and number of cells."""
     name = family or problem.family or "its own"
     return name if is_file(name) else f"{name}, n = {n}"
 
 
-def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...] = ()) -> Table:
-    """The scene as rows of a name and words."""
-    scene, mesh = problem.scene(settings), problem.mesh(n, family)
-    posed = pose_scene(scene, mesh, checked_times(problem.times(INSTANTS)).tolist())
+def scene_in_words(scene: Scene, mesh: PolygonMesh, times: Floats, name: str) -> list[tuple[str, str]]:
+    """The scene as rows of a name and words; data are looked at, whether they are zero, at these instants."""
+    posed = pose_scene(scene, mesh, times.tolist())
     seen = Condensation(posed.system)
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}"
-    rows = [
+    return [
         ("simulated", "\n".join(effect.describe() for effect in scene.canonical)),
         *([("left out", "\n".join(posed.inactive))] if posed.inactive else []),
         ("not simulated", ", ".join(_absent(scene))),
-        ("mesh", f"{_mesh(problem, family, n)}: {size}"),
+        ("mesh", f"{name}: {size}"),
         ("unknowns", f"{posed.system.n} in all, {len(seen.retained)} after condensation"),
         ("program", _program(seen.operators, posed.system.damping is not None)),
         ("terms", _terms(seen.operators)),
@@ -53,6 +58,9 @@ def table(problem: Problem, family: str | None, n: int, settings: tuple[str, ...
         *_solvers(seen),
         ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
     ]
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> Table:
     made = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     made.add_column(style="bold", no_wrap=True)
     made.add_column(overflow="fold")

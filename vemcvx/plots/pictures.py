@@ -64,7 +64,7 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
     folder = path_of(folder, "write_plots")
     suffix = choice(suffix, "write_plots", "suffix", list(MARKS), HistoryError)
     check_pictures(folder, suffix)
-    drawn = {name: draw(history) for name, draw in PICTURES.items() if _has(history, name)}
+    drawn = draw_pictures(history)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in PICTURES:
@@ -74,6 +74,11 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
     except OSError as error:
         raise HistoryError(f"{folder}: cannot write pictures there: {error}.") from error
     return [folder / f"{name}{suffix}" for name in drawn]
+
+
+def draw_pictures(history: Results) -> dict[str, Figure]:
+    """The pictures that a history has something to show for, by name."""
+    return {name: draw(history) for name, draw in PICTURES.items() if _has(history, name)}
 
 
 def check_pictures(folder: Path, suffix: str = ".png") -> None:

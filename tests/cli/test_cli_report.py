@@ -1,0 +1,184 @@
+"""`vemcvx run --report`: one page that needs nothing else, says what summary.json says, and how to get it again."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shlex
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from vemcvx.cli import app
+from vemcvx.cli.pages import MARK
+
+pytest.importorskip("matplotlib")
+LOOSE = '''
+"""Hung <by> its top & "pulled" down.
+
+Below stands a formula of a user's:
+
+    1 < 2 & 3
+"""
+import numpy as np, vemcvx as vx
+def scene(weight=0.1, note="</pre><script>alert(1)</script>", viscous=False):
+    effects = [vx.Elasticity(1.0, 0.3), vx.Clamp(on="top"), vx.BodyForce(lambda x, t: [0.0, -weight * t] + 0 * x)]
+    return vx.Scene(*effects, *([vx.Viscosity(0.1, 0.1)] if viscous else []))
+def mesh(n):
+    return vx.meshes.squares(n).with_boundary("<side>", lambda x: x[:, 0] < 0.1)
+def times(steps):
+    return np.linspace(0, 1, steps + 1)
+'''
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+class Reader(HTMLParser):
+    """A page as its words and pictures; raises where tags are not closed in order."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.addresses, self.tags, self.words = [], [], [], []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attributes if name in ("src", "href", "srcset", "data", "action")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def reported(folder, *arguments):
+    """What the command says, and the page it writes into the folder."""
+    done = CliRunner().invoke(app, ["run", *map(str, arguments), "--report", "--out", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-1] == f"report      {folder / 'report.html'}"
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("paper")
+    return folder, reported(folder, "feng_han_huang", "--n", 6, "--steps", 20, "--set", "bound=3.5", "--store", 10)
+
+
+def test_it_needs_nothing_else(paper):
+    read = Reader(paper[1])
+    pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
+    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 5 * [b"\x89PNG"]
+    assert not {"script", "link", "iframe", "object"} & set(read.tags)
+    style = re.search("<style>(.*?)</style>", paper[1]).group(1)
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+def test_it_has_the_numbers_of_the_summary(paper):
+    told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
+    assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes" in text
+    assert f"n = {told['mesh']['n']}: " in text
+    assert f"unknowns {told['unknowns']} " in text
+    assert f"steps {told['steps']}, of which 2 are stored" in text
+    for name, words in (("energy", "stored energy"), ("dissipated", "dissipated by friction"), ("work", "work of")):
+        assert re.search(rf"{words}[^0-9]*{told[name]:.6g} force × length", text), name
+    assert f"largest of a step {told['certified_energy_error']:.1e}, a {told['certificate_kind']}" in text
+    assert f"asked for {told['accuracy']:.1e}" in text
+    contact = told["contact"]
+    assert f"{contact['stick']} stick, {contact['slip']} slip, {contact['open']} are open {contact['nodes']} " in text
+    for words in (*told["effects"], told["solver"], told["linear"], f"vemcvx {told['version']}"):
+        assert words in text
+    for name in ("assemble", "prepare", "solve"):
+        assert f"{name} {told['seconds'][name]:.6g}" in text
+
+
+def test_results_have_their_units_and_steps_are_not_all_there(paper):
+    read = Reader(paper[1])
+    assert "Consistent units" in read.text
+    for words in ("largest displacement, at (", "largest von Mises stress", "force / length²", "relative energy error"):
+        assert words in read.text
+    # The load is 8 int (1.25 - y) dy = 6 to the right; supports and contact hold all of it.
+    assert re.search(r"boundary -6 0\.01\b", read.text)
+    steps = re.search(r"iterations</th></tr></thead><tbody>(.*?)</tbody>", paper[1]).group(1)
+    assert steps.count("<tr>") == 12
+    assert '<tr><td class="">20</td><td class="">1</td>' in steps
+
+
+def test_the_command_on_it_gives_the_same(paper, tmp_path):
+    command = re.search("<pre>(vemcvx run feng_han_huang .*?)</pre>", paper[1]).group(1)
+    words = shlex.split(command)[1:]
+    words[words.index("--out") + 1] = str(tmp_path)
+    assert CliRunner().invoke(app, [word for word in words if word != "--report"]).exit_code == 0
+    one, other = (json.loads((folder / "summary.json").read_text()) for folder in (paper[0], tmp_path))
+    for name in ("problem", "mesh", "steps", "effects", "energy", "dissipated", "solver", "certified_energy_error"):
+        assert one[name] == other[name]
+    assert '<th style="text-align:left">bound</th><td style="text-align:left">3.5</td>' in paper[1]
+
+
+def test_what_users_write_is_escaped(tmp_path):
+    (tmp_path / "hung&.py").write_text(LOOSE)
+    read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2))
+    assert not {"script", "by", "side"} & set(read.tags)
+    assert 'hung&: Hung <by> its top & "pulled" down.' in read.text
+    assert "1 < 2 & 3" in read.text
+    assert "'</pre><script>alert(1)</script>'" in read.text
+    assert "<side>" in read.text
+    # Without contact there is nothing to say of it.
+    assert "slip" not in read.text.split("Results")[1].split("Certificates")[0]
+    assert read.tags.count("img") == 2
+
+
+def test_where_there_is_no_budget_it_says_why(tmp_path):
+    (tmp_path / "hung.py").write_text(LOOSE)
+    text = Reader(reported(tmp_path, tmp_path / "hung.py", "--n", 2, "--steps", 2, "--set", "viscous=True")).text
+    assert "Error budget There is none. error_budget: there is no estimate for scenes with Viscosity" in text
+
+
+def test_adaptive_runs_have_their_own_budget(tmp_path):
+    page = reported(tmp_path, "feng_han_huang", "--target", 0.4, "--n", 2, "--steps", 2)
+    errors = json.loads((tmp_path / "summary.json").read_text())["estimated_energy_errors"]
+    text = Reader(page).text
+    assert f"total {100 * errors['total']:.3g} % all target 40 % what was asked for" in text
+    assert "n = 2, adapted:" in text
+
+
+def test_a_run_that_is_refused_writes_none(tmp_path):
+    arguments = ["run", "feng_han_huang", "--n", "3", "--steps", "2", "--accuracy", "1e-17"]
+    missed = CliRunner().invoke(app, [*arguments, "--report", "--out", str(tmp_path)])
+    assert missed.exit_code == 3
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_files_of_others_stay(tmp_path):
+    theirs = tmp_path / "report.html"
+    theirs.write_text("<p>a thesis</p>")
+    (tmp_path / "hung.py").write_text(LOOSE)
+    arguments = ["run", str(tmp_path / "hung.py"), "--n", "2", "--steps", "1", "--report", "--out", str(tmp_path)]
+    refused = CliRunner().invoke(app, arguments)
+    assert refused.exit_code == 2
+    assert "report.html: not written by vemcvx, so it is not replaced" in refused.output
+    assert theirs.read_text() == "<p>a thesis</p>"
+    theirs.write_text(f"<!doctype html>{MARK}")
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    assert "Certificates" in theirs.read_text()
+
+
+def test_it_goes_where_results_go(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("hung.py").write_text(LOOSE)
+    done = CliRunner().invoke(app, ["run", "hung.py", "--n", "2", "--steps", "1", "--report"])
+    assert done.output.splitlines()[-1] == f"report      {Path('results') / 'hung' / 'report.html'}"
+    assert [path.name for path in Path("results/hung").iterdir()] == ["report.html"]

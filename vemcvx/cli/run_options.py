@@ -1,0 +1,73 @@
+"""What the command line asks of a run, and the words that ask for it again."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vemcvx.arrays import Floats
+from vemcvx.cli.problem_file import Problem, is_file
+from vemcvx.cli.supplied import problems_folder
+from vemcvx.errors import ProblemError
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """What the command line asks for."""
+
+    family: str | None
+    n: int
+    steps: int
+    solver: str
+    accuracy: float | None
+    out: Path | None
+    plot: bool
+    store: str | tuple[int, ...]
+    condense: bool
+    settings: tuple[str, ...]
+    resume: bool = False
+    linear: str | None = None
+    target: float | None = None
+    """relative energy error for which mesh and instants are to be chosen"""
+    probes: tuple[str, ...] = ()
+    """points "x,y" whose displacements are written"""
+    report: bool = False
+
+    @property
+    def points(self) -> Floats | None:
+        """The probes as points (p, dim), None without any."""
+        if not self.probes:
+            return None
+        try:
+            return np.array([[float(word) for word in probe.split(",")] for probe in self.probes])
+        except ValueError:
+            found = ", ".join(map(repr, self.probes))
+            raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None
+
+    def drawings(self, problem: Problem) -> Path:
+        """The folder of pictures and of the report."""
+        return self.out or Path("results") / problem.name
+
+    def command(self, problem: Problem) -> str:
+        """What to type to run it again."""
+        family = self.family or problem.family
+        sized = [] if family is not None and is_file(family) else [("--n", str(self.n))]
+        given = [
+            *([("--mesh", family)] if family is not None else []),
+            *sized,
+            ("--steps", str(self.steps)),
+            ("--solver", self.solver),
+            *(("--set", setting) for setting in self.settings),
+            *(("--probe", probe) for probe in self.probes),
+        ]
+        wanted = {"--accuracy": self.accuracy, "--linear": self.linear, "--target": self.target, "--out": self.out}
+        given += [(name, str(value)) for name, value in wanted.items() if value is not None]
+        given += [("--store", str(self.store))] if self.store != "all" else []
+        flags = {"--no-condense": not self.condense, "--plot": self.plot, "--report": self.report}
+        words = [word for pair in given for word in pair] + [name for name, is_set in flags.items() if is_set]
+        # What came with the package goes by its name.
+        file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
+        return shlex.join(["vemcvx", "run", file, *words])

@@ -320,7 +320,7 @@ def test_springs_between_pieces_hold_them_to_each_other_only():
     with pytest.raises(
         vx.SceneError,
         match=r"^supports: the body floats: 3 rigid motions meet neither a support nor friction, "
-        r"the first a motion of pieces that springs join\. ",
+        r"the first a motion of pieces that are joined\. ",
     ):
         pose_scene(vx.Scene(STEEL, links), mesh)
     assert np.linalg.eigvalsh(pose_scene(vx.Scene(STEEL, links, vx.Clamp("first")), mesh).system.K.toarray())[0] > 1e-3

@@ -267,7 +267,7 @@ def test_frames_are_orthonormal_and_obey_every_support(dim, seed):
     tight = 1e-12
     assert np.abs((P.T @ P).toarray() - np.eye(n)).max() < tight
     free = np.zeros(30, dtype=int)
-    np.add.at(free, supports.nodes, 1)
+    np.add.at(free, supports.owner, 1)
     for i in range(30):
         first, second = prescribed.directions[prescribed.nodes == i], contact.directions[contact.nodes == i]
         held = np.concatenate([first, second])

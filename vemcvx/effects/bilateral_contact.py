@@ -27,11 +27,15 @@ class BilateralContact(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "BilateralContact").node_normals
-        points = space.mesh.points[rows.nodes]
-        return Contribution(
-            supports=(Support("BilateralContact", rows.nodes, rows.normals, points, contact=True),),
-            surfaces=(ContactSurface.of(rows),),
+        support = Support(
+            subject="BilateralContact",
+            nodes=rows.nodes,
+            directions=rows.normals,
+            points=space.mesh.points[rows.nodes],
+            contact=True,
+            partners=rows.partners,
         )
+        return Contribution(supports=(support,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"

@@ -78,6 +78,8 @@ class Support:
     """t -> (m,) prescribed components; None means zero at all times."""
     contact: bool = False
     """Contact, u.n = 0, which at shared nodes yields to supports in the same direction."""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1: the components of u(node) - u(partner) are prescribed"""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ class Friction:
     """(t, normal forces (m,)) -> (m,), the derivative of `law`, which is piecewise affine; the right one at corners"""
     in_the_air: bool = False
     """whether to warn if it rubs where one-sided contact is open"""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,8 @@ class Obstacle:
     """(m,) depth per nodal force; 0 where the obstacle is rigid."""
     ends: EdgeEnds | None = None
     """the edges of each row, as of friction"""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)"""
 
 
 @dataclass(frozen=True)
@@ -130,11 +136,13 @@ class ContactSurface:
     """(m,) integrals of the nodal basis functions over the edges with that normal."""
     ends: EdgeEnds | None = None
     """the edges of each row, as of friction"""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1"""
 
     @classmethod
     def of(cls, rows: BoundaryRows) -> ContactSurface:
         """The surface of the rows of a part of the boundary."""
-        return cls(rows.nodes, rows.normals, rows.lengths, rows.ends)
+        return cls(rows.nodes, rows.normals, rows.lengths, rows.ends, rows.partners)
 
 
 @dataclass(frozen=True)

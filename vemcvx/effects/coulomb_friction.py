@@ -72,9 +72,19 @@ class CoulombFriction(Effect):
             return np.where(mu * forces < cap * rows.lengths, mu, 0.0)
 
         none = np.zeros(len(rows.nodes))
-        own = subject, rows.nodes, rows.normals, rows.lengths
+        friction = Friction(
+            subject=subject,
+            nodes=rows.nodes,
+            normals=rows.normals,
+            lengths=rows.lengths,
+            weights=lambda t: none,
+            law=law,
+            ends=rows.ends,
+            slope=slope,
+            partners=rows.partners,
+        )
         return Contribution(
-            frictions=(Friction(*own, lambda t: none, law, ends=rows.ends, slope=slope),),
+            frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
             given=(Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else (),
         )

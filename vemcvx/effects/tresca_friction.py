@@ -19,7 +19,7 @@ law with the coefficient STEEP and the cap g it is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -140,12 +140,20 @@ class TrescaFriction(Effect):
             points=points,
             quadrature=self.quadrature,
         )
-        own = subject, rows.nodes, rows.normals, rows.lengths
-        bias = None if self.backward is None else bounds.bias
-        friction = Friction(*own, bounds.mean, bias=bias, ends=rows.ends, in_the_air=self.while_closed is None)
+        friction = Friction(
+            subject=subject,
+            nodes=rows.nodes,
+            normals=rows.normals,
+            lengths=rows.lengths,
+            weights=bounds.mean,
+            bias=None if self.backward is None else bounds.bias,
+            ends=rows.ends,
+            in_the_air=self.while_closed is None,
+            partners=rows.partners,
+        )
         if closed:
             none = np.zeros(len(rows.nodes))
-            friction = Friction(*own, lambda t: none, bounds.ramp, ends=rows.ends, slope=bounds.slope)
+            friction = replace(friction, weights=lambda t: none, law=bounds.ramp, slope=bounds.slope, in_the_air=False)
 
         def given(x: Floats, t: float, pressure: Floats) -> Floats:
             return bounds.at(x, t, pressure if closed else None)

@@ -62,6 +62,7 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
                 gap=partial(distance, gap, subject, space.mesh.points[rows.nodes]),
                 compliance=compliance,
                 ends=rows.ends,
+                partners=rows.partners,
             ),
         ),
         surfaces=(ContactSurface.of(rows),),

@@ -19,6 +19,7 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.outline import ArrayRecord
+from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
 
@@ -37,12 +38,15 @@ class Contact(ArrayRecord):
     ----------
     nodes : (m,) int
         Node numbers.
+    partners : (m,) int
+        The nodes of the other body at the same places, against which slip, traction and pressure are those of `nodes`;
+        -1 where contact is with an obstacle.
     points, normals : (m, dim)
         Places and outward normals (averaged by length at corners).
     slip : (S, m, dim)
-        Tangential displacement.
+        Tangential displacement, relative to the partner.
     traction : (S, m, dim)
-        Friction force on the body, minus the multiplier, per length of the edges with friction.
+        Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound, backward : (S, m)
         Friction bounds per length against slip forward (along the boundary with the body on the left) and backward:
         w_i over int phi_i, equal unless a scene says otherwise; 0 without friction. Where parts meet, their mean.
@@ -61,6 +65,7 @@ class Contact(ArrayRecord):
     """
 
     nodes: Annotated[Ints, "m"]
+    partners: Annotated[Ints, "m"]
     points: Annotated[Floats, "m dim"]
     normals: Annotated[Floats, "m dim"]
     slip: Annotated[Floats, "S m dim"]
@@ -111,52 +116,49 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         Displacements, and nodal forces A u - f.
     """
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
-    nodes, normals = surface.nodes, surface.normals
-    points = posed.space.mesh.points
-    place = np.full(len(points), -1)
-    place[nodes] = np.arange(m)
-    at = place[terms.nodes]
+    normals, at = surface.normals, surface.jumps.find(terms.jumps)
     length = totals(at, terms.lengths, m)
-    pull = _pull(posed, trajectory, at, m)
-    traction = -pull / np.where(length > 0, length, 1.0)[:, None]
-    pressure = _pressure(posed, trajectory, forces[:, nodes] + pull, place)
-    along = np.einsum("smd,md->sm", u[:, nodes], normals)
-    slip = u[:, nodes] - along[:, :, None] * normals
+    pull = summed_columns(np.einsum("smb,mbd->smd", trajectory.multipliers, terms.tangents), at, m)
+    jump = _jump(u, surface.jumps)
+    slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
     return Contact(
-        nodes=nodes,
-        points=points[nodes],
+        nodes=surface.nodes,
+        partners=surface.jumps.partners,
+        points=posed.space.mesh.points[surface.nodes],
         normals=normals,
         slip=slip,
-        traction=traction,
+        traction=-pull / np.where(length > 0, length, 1.0)[:, None],
         bound=bound,
         backward=backward,
-        pressure=pressure,
+        pressure=_pressure(posed, trajectory, forces),
         sticking=_sticking(trajectory, slip, at),
         wear=_per_length(trajectory.worn, at, length),
-        closed=_closed(posed, trajectory, u, place, m),
+        closed=_closed(posed, trajectory, u),
         lengths=surface.lengths,
         friction_lengths=length,
     )
 
 
-def _pull(posed: PosedScene, trajectory: Trajectory, at: Ints, m: int) -> Floats:
-    """The forces B'lam (S, m, dim) of the terms."""
-    terms, lam, dim = posed.terms, trajectory.multipliers, posed.space.mesh.points.shape[1]
-    if not len(terms.nodes):
-        return np.zeros((len(lam), m, dim))
-    return summed_columns(np.einsum("smb,mbd->smd", lam, terms.rows.data.reshape(len(terms.nodes), -1, dim)), at, m)
+def _jump(u: Floats, jumps: Jumps) -> Floats:
+    """What rows of contact read of displacements (S, n_nodes, dim), component by component: (S, m, dim)."""
+    read: Floats = u[:, jumps.nodes]
+    joined = np.flatnonzero(jumps.partners >= 0)
+    read[:, joined] -= u[:, jumps.partners[joined]]
+    return read
 
 
-def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats, place: Ints) -> Floats:
-    """Normal forces of contact per length (S, m), from nodal forces (S, m, dim) without those of friction."""
-    surface, obstacles, p = posed.surface, posed.obstacles, trajectory.pressures
-    m = len(surface.nodes)
-    normal, held = np.zeros((len(forces), m)), forces
+def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:
+    """Normal forces of contact per length (S, m), from nodal forces A u - f (S, n_nodes, dim)."""
+    surface, terms, obstacles, p = posed.surface, posed.terms, posed.obstacles, trajectory.pressures
+    S, m = len(forces), len(surface.nodes)
+    held = np.unique(surface.grips.indices)
+    rest = forces.reshape(S, -1)[:, held] + trajectory.multipliers.reshape(S, -1) @ terms.rows[:, held]
+    normal = np.zeros((S, m))
     if obstacles is not None and len(obstacles.nodes):
-        at = place[obstacles.nodes]
-        normal, held = summed_columns(p, at, m), forces + summed_columns(p[:, :, None] * obstacles.normals, at, m)
-    pressure: Floats = (normal - np.einsum("smd,md->sm", held, surface.grips)) / surface.lengths
+        normal = summed_columns(p, surface.jumps.find(obstacles.jumps), m)
+        rest += p @ obstacles.rows[:, held]
+    pressure: Floats = (normal - rest @ surface.grips[:, held].T) / surface.lengths
     return pressure
 
 
@@ -195,12 +197,13 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
     return sticking
 
 
-def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats, place: Ints, m: int) -> Bools:
+def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     """Whether each node touches its obstacle, (S, m); true where nothing can open."""
-    closed, obstacles = np.ones((len(u), m), dtype=bool), posed.obstacles
+    obstacles, surface = posed.obstacles, posed.surface
+    closed = np.ones((len(u), len(surface.nodes)), dtype=bool)
     if obstacles is None:
         return closed
-    at = place[obstacles.nodes]
+    at = surface.jumps.find(obstacles.jumps)
     stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
     closed[:, at] = False
     for row, n in enumerate(trajectory.stored):

@@ -11,6 +11,7 @@ from vemcvx.arrays import Floats, summed_columns
 from vemcvx.errors import SceneWarning
 from vemcvx.results.contact import contact_history
 from vemcvx.results.results import Results
+from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory
@@ -55,13 +56,16 @@ def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> No
     asked = [friction for friction in terms.frictions if friction.in_the_air]
     if not asked or obstacles is None or len(obstacles.nodes) == 0:
         return
-    at_nodes = summed_columns(trajectory.pressures, obstacles.nodes, posed.space.mesh.n_nodes)
-    pressed = at_nodes[:, terms.nodes]
+    first, place = obstacles.jumps.distinct
+    at = obstacles.jumps[first].find(terms.jumps)
+    # The last column is of terms without an obstacle.
+    pressed = summed_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
     closed = pressed > CLOSED * pressed.max(initial=0.0)
-    gone = ~(closed[1:] | closed[:-1]) & np.isin(terms.nodes, obstacles.nodes)
-    gone &= np.isin(terms.nodes, np.concatenate([friction.nodes for friction in asked]))
+    gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
+    asked_for = Jumps.of(asked)
+    gone &= asked_for[asked_for.distinct[0]].find(terms.jumps) >= 0
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > CLOSED * total:
         warnings.warn(
@@ -79,9 +83,8 @@ def _rubbing(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
     if terms.dragged is None or terms.ends is None or terms.names is None or not terms.dragged.any():
         return {}
     mine = np.flatnonzero(terms.dragged)
-    ends, dim = terms.ends[mine].tocoo(), posed.space.mesh.points.shape[1]
-    tangents = terms.rows.data.reshape(len(terms.nodes), -1, dim)[mine]
-    force = -np.einsum("sqb,qbd->sqd", trajectory.multipliers[:, mine], tangents)
+    ends = terms.ends[mine].tocoo()
+    force = -np.einsum("sqb,qbd->sqd", trajectory.multipliers[:, mine], terms.tangents[mine])
     share = ends.data / terms.lengths[mine][ends.row]
     return {"dragged_ends": terms.names[ends.col], "dragged_friction": force[:, ends.row] * share[:, None]}
 

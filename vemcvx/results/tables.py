@@ -23,7 +23,7 @@ OF_STEPS = (
     *("iterations", "safeguards"),
 )
 ONE_EACH = {
-    **{"nodes": "node", "points": "", "normals": "normal"},
+    **{"nodes": "node", "partners": "partner", "points": "", "normals": "normal"},
     **{"lengths": "length", "friction_lengths": "friction_length"},
 }
 """What the arrays of contact that do not change in time are called where a row is about one node."""

@@ -19,6 +19,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import VemcvxError
+from vemcvx.scene.jumps import Jumps, across
 from vemcvx.scene.supports import PARALLEL, Supports
 
 STILL = 16 * float(np.finfo(float).eps)
@@ -37,8 +38,8 @@ class Freedom:
     """whether it does not slide, and supports move it along the boundary"""
     leans: Bools
     """whether contact holds the normal, and supports all the rest"""
-    grips: Floats
-    """(k, dim) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
+    grips: sp.csr_matrix
+    """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
 
     @property
     def beside(self) -> Bools:
@@ -46,25 +47,26 @@ class Freedom:
         return ~self.slides & (self.opens | self.leans)
 
 
-def freedom(nodes: Ints, normals: Floats, supports: Supports, times: Sequence[float]) -> Freedom:
+def freedom(jumps: Jumps, normals: Floats, supports: Supports, times: Sequence[float]) -> Freedom:
     """How these rows are held; whether supports drag them is looked up at all of `times`, if there are any."""
     k, dim = normals.shape
-    tangents, across = tangential_rows(nodes, normals, supports.points), normal_rows(nodes, normals, supports.points)
+    tangents = jumps.matrix(across(normals), supports.points)
     slides = np.asarray(np.diff(on_free(tangents, supports).indptr).reshape(k, dim - 1).any(axis=1))
-    opens = np.diff(on_free(across, supports).indptr) > 0
+    opens = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
     held = np.flatnonzero(~slides)
     dragged = np.zeros(k, dtype=bool)
-    dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], nodes[held], supports, times)
-    return Freedom(slides, opens, dragged, *_grips(nodes, normals, supports))
+    dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times)
+    return Freedom(slides, opens, dragged, *_grips(jumps, normals, supports))
 
 
-def _dragged(tangents: sp.csr_matrix, nodes: Ints, supports: Supports, times: Sequence[float]) -> Bools:
+def _dragged(tangents: sp.csr_matrix, jumps: Jumps, supports: Supports, times: Sequence[float]) -> Bools:
     """Whether supports move each of these rows along its tangents between any two instants, (k,)."""
-    dragged = np.zeros(len(nodes), dtype=bool)
-    if len(nodes) == 0 or supports.still:
+    dragged = np.zeros(len(jumps), dtype=bool)
+    if len(jumps) == 0 or supports.still:
         return dragged
     if len(times) == 0:
-        return np.isin(nodes, np.concatenate([slot.support.nodes for slot in supports.rows if not slot.still]))
+        moved = np.concatenate([slot.support.nodes for slot in supports.rows if not slot.still])
+        return np.isin(jumps.nodes, moved) | np.isin(jumps.partners, moved)
     start = None
     for t in times:
         try:
@@ -73,26 +75,30 @@ def _dragged(tangents: sp.csr_matrix, nodes: Ints, supports: Supports, times: Se
             return ~dragged  # The step that needs the datum says what is wrong with it.
         start = at if start is None else start
         size = max(np.abs(at).max(), np.abs(start).max())
-        dragged |= (np.abs(at - start) > STILL * size).reshape(len(nodes), -1).any(axis=1)
+        dragged |= (np.abs(at - start) > STILL * size).reshape(len(jumps), -1).any(axis=1)
         if dragged.all():
             break
     return dragged
 
 
-def _grips(nodes: Ints, normals: Floats, supports: Supports) -> tuple[Bools, Floats]:
+def _grips(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
     """Of each row, whether it leans, and g."""
-    each, at = np.unique(nodes, return_inverse=True)
-    held, contact = supports.directions(each)
-    count = held.any(axis=2).sum(axis=1)
-    along = np.einsum("ikd,id->ik", held[at], normals)
-    same = np.linalg.norm(held[at] - along[:, :, None] * normals[:, None, :], axis=2) < PARALLEL
-    same &= held[at].any(axis=2)
-    mine = same & (contact[at] | (count[at] == 1)[:, None])
+    holding, points = supports.holding(jumps.nodes), supports.points
+    held, contact, count = holding.rows, holding.contact, holding.rows.any(axis=2).sum(axis=1)
+    row = jumps.over(holding.members, normals)
+    along = np.einsum("ikd,id->ik", held, row) / jumps.counts[:, None]
+    same = np.linalg.norm(held - along[:, :, None] * row[:, None, :], axis=2) < PARALLEL
+    same &= held.any(axis=2)
+    mine = same & (contact | (count == 1)[:, None])
     dual = np.linalg.pinv(held).transpose(0, 2, 1)
-    grips = np.einsum("ik,ik,ikd->id", mine.astype(float), along, dual[at])
+    grips = np.einsum("ik,ik,ikd->id", mine.astype(float), along, dual).reshape(*holding.members.shape, -1)
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
-    leans = (same & contact[at]).any(axis=1) & (contact.sum(axis=1) == 1)[at] & (count == normals.shape[1])[at]
-    return leans, grips
+    full = points.shape[1] * (holding.members >= 0).sum(axis=1)
+    leans = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1) & (count == full)
+    at, member = np.nonzero(grips.any(axis=2))
+    force = Jumps(holding.members[at, member], np.full(len(at), -1)).matrix(grips[at, member][:, None, :], points)
+    gather = sp.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(jumps), len(at)))
+    return leans, sp.csr_matrix(gather @ force)
 
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
@@ -105,29 +111,9 @@ def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     return B
 
 
-def normal_rows(nodes: Ints, normals: Floats, points: Floats) -> sp.csr_matrix:
-    """(k, n_u) the matrix of n . u(node), row by row."""
-    k, dim = normals.shape
-    columns = (nodes[:, None] * dim + np.arange(dim)).ravel()
-    return sp.csr_matrix((normals.ravel(), columns, np.arange(0, k * dim + 1, dim)), shape=(k, points.size))
-
-
-def tangential_rows(nodes: Ints, normals: Floats, points: Floats) -> sp.csr_matrix:
-    """(k * (dim - 1), n_u) orthonormal tangents of each row."""
-    k, dim = normals.shape
-    # The right singular vectors beyond the first span the plane across the normal.
-    tangents = _across(normals)
-    columns = np.repeat(nodes[:, None] * dim + np.arange(dim), dim - 1, axis=0)
-    indptr = np.arange(0, k * (dim - 1) * dim + 1, dim)
-    return sp.csr_matrix((tangents.reshape(-1), columns.ravel(), indptr), shape=(k * (dim - 1), points.size))
-
-
-def _across(normals: Floats) -> Floats:
-    """(k, dim - 1, dim) orthonormal vectors across each normal; exact where the normal is an axis."""
-    dim = normals.shape[1]
-    if dim == 2:
-        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    return np.linalg.svd(normals[:, None, :])[2][:, 1:, :]
+def normal_rows(jumps: Jumps, normals: Floats, points: Floats) -> sp.csr_matrix:
+    """(k, n_u) the matrix of n . jump, row by row."""
+    return jumps.matrix(normals[:, None, :], points)
 
 
 def _blocks(rows: Ints, block: int) -> Ints:

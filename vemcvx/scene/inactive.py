@@ -18,6 +18,7 @@ from vemcvx.arrays import Floats
 from vemcvx.effects import Contribution, Effect, Friction, Obstacle
 from vemcvx.errors import VemcvxError
 from vemcvx.scene.freedom import normal_rows, on_free
+from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms
 
@@ -75,7 +76,7 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
     if terms.dragged is not None:
         moving = moving | terms.dragged
     held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
-    rows = (normal_rows(o.nodes, o.normals, supports.points) for o in obstacles)
+    rows = (normal_rows(Jumps.of([o]), o.normals, supports.points) for o in obstacles)
     held += [o.subject for o, row in zip(obstacles, rows, strict=True) if on_free(row, supports).nnz == 0]
     return [f"{subject}: all its nodes are held otherwise" for subject in held]
 

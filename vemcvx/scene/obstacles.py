@@ -18,6 +18,7 @@ from vemcvx.errors import SceneError
 from vemcvx.program.limits import Limits
 from vemcvx.scene.edges import borne, lengths_of, united
 from vemcvx.scene.freedom import normal_rows, on_free
+from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import FrictionLaw, Terms, merged
 
@@ -28,7 +29,7 @@ class Obstacles:
 
     rows: sp.csr_matrix
     """(r, n_u) D^, unit normals"""
-    nodes: Ints
+    jumps: Jumps
     normals: Floats
     lengths: Floats
     """(r,) integrals of the nodal basis functions over the edges of each limit"""
@@ -39,6 +40,11 @@ class Obstacles:
     """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.edges`"""
     subjects: tuple[str, ...] = ()
     """whose they are, in words"""
+
+    @property
+    def nodes(self) -> Ints:
+        """(r,) the nodes that are stopped, against their partners if they have some."""
+        return self.jumps.nodes
 
 
 def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Supports) -> Obstacles:
@@ -55,18 +61,17 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
         flat = np.zeros((0, points.shape[1]))
         return Obstacles(
             rows=sp.csr_matrix((0, points.size)),
-            nodes=none.astype(np.int64),
+            jumps=Jumps.of(()),
             normals=flat,
             lengths=none,
             compliance=none,
             gap=lambda t: none,
             ends=ends,
         )
-    nodes = np.concatenate([o.nodes for o in obstacles])
-    normals = np.concatenate([o.normals for o in obstacles])
+    jumps, normals = Jumps.of(obstacles), np.concatenate([o.normals for o in obstacles])
     compliance = np.concatenate([o.compliance for o in obstacles])
-    first, limit = _limits(nodes, normals, compliance)
-    rows = normal_rows(nodes[first], normals[first], points)
+    first, limit = _limits(jumps, normals, compliance)
+    rows = normal_rows(jumps[first], normals[first], points)
     moves = np.flatnonzero(np.diff(on_free(rows, supports).indptr) > 0)
 
     def gap(t: float) -> Floats:
@@ -77,7 +82,7 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
     ends, kept = united(ends, limit)[moves], first[moves]
     return Obstacles(
         rows=sp.csr_matrix(rows[moves]),
-        nodes=nodes[kept],
+        jumps=jumps[kept],
         normals=normals[kept],
         lengths=lengths_of(ends),
         compliance=compliance[kept],
@@ -87,12 +92,12 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
     )
 
 
-def _limits(nodes: Ints, normals: Floats, compliance: Floats) -> tuple[Ints, Ints]:
+def _limits(jumps: Jumps, normals: Floats, compliance: Floats) -> tuple[Ints, Ints]:
     """The first row of every limit, in order, and the limit of every row."""
     rigid = np.flatnonzero(compliance == 0)
-    first, limit = np.arange(len(nodes)), np.arange(len(nodes))
+    first, limit = np.arange(len(jumps)), np.arange(len(jumps))
     if len(rigid):
-        leads, mine = merged(nodes[rigid], normals[rigid], signed=True)
+        leads, mine = merged(jumps[rigid], normals[rigid], signed=True)
         first[rigid] = rigid[leads][mine]
     first, limit = np.unique(first, return_inverse=True)
     return first, limit
@@ -113,7 +118,8 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
     """
     k, r = len(friction.nodes), len(obstacles.nodes)
     M = borne(ends, obstacles.ends)
-    free = np.diff(on_free(normal_rows(friction.nodes, friction.normals, supports.points), supports).indptr) > 0
+    normal = on_free(normal_rows(Jumps.of([friction]), friction.normals, supports.points), supports)
+    free = np.diff(normal.indptr) > 0
     bare = (np.diff(M.indptr) == 0) & (free | (r == 0))
     if bare.any():
         raise SceneError(

@@ -280,12 +280,15 @@ def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
-    """Nested dissection of the nodes, all unknowns of a node together."""
-    dim = points.shape[1]
+    """Nested dissection of the sites, all unknowns of a site together."""
+    dim, sites = points.shape[1], supports.sites
     n = len(points)
     graph = sp.csr_matrix((np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr), shape=(A.shape[0], n))[
         ::dim
     ]
-    rank = np.empty(n, dtype=np.int64)
-    rank[nested_dissection(graph, points)] = np.arange(n)
-    return np.argsort(rank[supports.nodes], kind="stable")
+    if sites.count < n:
+        joined = sp.csr_matrix((np.ones(n, dtype=np.int8), (np.arange(n), sites.of_node)))
+        graph, points = sp.csr_matrix(joined.T @ graph @ joined), points[sites.first]
+    rank = np.empty(sites.count, dtype=np.int64)
+    rank[nested_dissection(graph, points)] = np.arange(sites.count)
+    return np.argsort(rank[supports.owner], kind="stable")

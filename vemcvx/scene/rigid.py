@@ -55,9 +55,10 @@ def loose_motions(
     free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
     fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R
-    joined = sp.csr_matrix((np.ones(len(piece)), (piece, node)))
+    site = supports.sites.of_node
+    joined = sp.csr_matrix((np.ones(len(piece)), (piece, site[node])))
     if springs is not None:
-        joined = joined @ (sp.eye_array(joined.shape[1]) + _nodes_coupled(springs, dim))
+        joined = joined @ (sp.eye_array(joined.shape[1]) + _coupled(springs, site, dim))
     parts, label = connected_components(joined @ joined.T, directed=False)
     fields_of, names = [], []
     motions: list[tuple[str, list[int], Floats]] = []
@@ -130,12 +131,11 @@ def _unfelt(springs: sp.csr_matrix, fields: Floats) -> Floats:
     return np.linalg.qr(free / size[:, None])[0]
 
 
-def _nodes_coupled(springs: sp.csr_matrix, dim: int) -> sp.csr_matrix:
-    """(n_nodes, n_nodes) which nodes springs join, as ones."""
-    entries = springs.tocoo()
-    n = springs.shape[0] // dim
+def _coupled(springs: sp.csr_matrix, site: Ints, dim: int) -> sp.csr_matrix:
+    """(sites, sites) which sites springs join, as ones."""
+    entries, n = springs.tocoo(), site.max() + 1
     ones = np.ones(entries.nnz)
-    return sp.csr_matrix((ones, (entries.row // dim, entries.col // dim)), shape=(n, n))
+    return sp.csr_matrix((ones, (site[entries.row // dim], site[entries.col // dim])), shape=(n, n))
 
 
 def _pieces(space: Space) -> tuple[Ints, Ints]:
@@ -197,7 +197,7 @@ def _motion(mode: Floats, hinges: list[int]) -> str:
     if hinges:
         return "a motion about hinges"
     if len(mode) > 3:
-        return "a motion of pieces that springs join"
+        return "a motion of pieces that are joined"
     x, y, turn = np.round(mode / np.linalg.norm(mode), 6)
     if abs(turn) > 0.9:
         return "a rotation"

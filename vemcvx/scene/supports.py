@@ -3,7 +3,8 @@
 At each node the prescribed directions are orthonormalised in a fixed order (Gram-Schmidt): what is
 prescribed first, then the normals of bilateral contact, then those that friction and obstacles refer to; the axes fill
 the frame up. The first two kinds are held, the rest are the free unknowns y. A frame so chosen makes every
-friction term touch its own unknowns alone, and sticking exactly representable: y_i = 0.
+friction term touch its own unknowns alone, and sticking exactly representable: y_i = 0. Nodes that contact between
+bodies joins have a frame together, of jumps and what is orthogonal to them: see :mod:`vemcvx.scene.jumps`.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.errors import SceneError
+from vemcvx.scene.jumps import Jumps, Sites, across
 
 Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
@@ -32,9 +33,10 @@ class Supports:
     """The free unknowns of a body, and the motion of the held ones."""
 
     P: sp.csr_matrix
-    """(n_u, n) orthonormal columns, one a free unknown, ordered by node."""
-    nodes: Ints
-    """(n,) the node of each free unknown."""
+    """(n_u, n) orthonormal columns, one a free unknown, ordered by site."""
+    sites: Sites
+    owner: Ints
+    """(n,) the site of each free unknown."""
     columns: Ints | None
     """(n,) positions in u when P merely selects (all frames are along the axes), else None."""
     rows: tuple[_Slot, ...]
@@ -47,21 +49,23 @@ class Supports:
         """Whether every held value is zero at all times."""
         return all(slot.still for slot in self.rows)
 
-    def directions(self, nodes: Ints) -> tuple[Floats, NDArray[np.bool_]]:
-        """What holds each of k different nodes: directions (k, dim, dim), zeros last, and which are contact's."""
-        dim = self.points.shape[1]
-        place = np.full(len(self.points), -1)
-        place[nodes] = np.arange(len(nodes))
-        held, contact = np.zeros((len(nodes), dim, dim)), np.zeros((len(nodes), dim), dtype=bool)
-        filled = np.zeros(len(nodes), dtype=np.int64)
+    def holding(self, nodes: Ints) -> Holding:
+        """What holds the sites of k nodes."""
+        sites, dim = self.sites.of_node[nodes], self.points.shape[1]
+        members = self.sites.members(sites)
+        size = members.shape[1] * dim
+        each, place = np.unique(sites, return_inverse=True)
+        held, contact = np.zeros((len(each), size, size)), np.zeros((len(each), size), dtype=bool)
+        filled = np.zeros(len(each), dtype=np.int64)
         for slot in self.rows:
-            at = place[slot.support.nodes[slot.chosen]]
-            new = (at >= 0) & (slot.length > 0)
-            at = at[new]
-            held[at, filled[at]] = slot.support.directions[slot.chosen[new]]
+            mine = np.searchsorted(each, slot.sites)
+            new = (mine < len(each)) & (slot.length > 0)
+            new[new] = each[mine[new]] == slot.sites[new]
+            at = mine[new]
+            held[at, filled[at], : slot.rows.shape[1]] = slot.rows[new]
             contact[at, filled[at]] = slot.support.contact
             filled[at] += 1
-        return held, contact
+        return Holding(members, held[place], contact[place])
 
     def places(self, nodes: Ints) -> Callable[[int], str]:
         """Where the i-th of these nodes is, in words."""
@@ -92,111 +96,177 @@ class Supports:
 
 
 @dataclass(frozen=True)
+class Holding:
+    """What holds k sites, whose largest has D / dim nodes; what smaller ones have less is zero."""
+
+    members: Ints
+    """(k, D / dim) the nodes of the site; -1 where it has none left"""
+    rows: Floats
+    """(k, D, D) the held directions over the values of these nodes, zeros last"""
+    contact: Bools
+    """(k, D) which of them are contact's"""
+
+
+@dataclass(frozen=True)
 class _Slot:
-    """The k-th constraint of every node that has one: a triangular system node by node."""
+    """The k-th constraint of every site that has one: a triangular system site by site."""
 
     support: Support
     chosen: Ints
     """rows of `support` that fall into this slot"""
+    sites: Ints
+    """(m,) their sites"""
+    members: Ints
+    """(m, k) the nodes of these"""
+    rows: Floats
+    """(m, k dim) what each row reads of the values of these"""
     unit: Floats
-    """(m, dim) the orthonormal direction this row adds; zero where it is dependent on earlier ones"""
+    """(m, k dim) the orthonormal direction it adds; zero where it is dependent on earlier ones"""
     length: Floats
-    """(m,) what remains of the direction after projection"""
+    """(m,) what remains of the row after projection"""
 
     @property
     def still(self) -> bool:
         return self.support.value is None
 
     def add(self, motion: Floats, t: float) -> None:
-        nodes = self.support.nodes[self.chosen]
-        if self.still and not motion[nodes].any():
+        now = motion[self.members]
+        if self.still and not now.any():
             return
-        wanted = np.zeros(len(nodes)) if self.support.value is None else self.support.value(t)[self.chosen]
-        present = np.einsum("ij,ij->i", self.support.directions[self.chosen], motion[nodes])
+        wanted = np.zeros(len(self.chosen)) if self.support.value is None else self.support.value(t)[self.chosen]
+        present = np.einsum("ij,ij->i", self.rows, now.reshape(self.rows.shape))
         missing = wanted - present
         new = self.length > 0
         scale = max(np.abs(wanted).max(initial=0.0), np.abs(present).max(initial=0.0))
         wrong = ~new & (np.abs(missing) > PARALLEL * scale)
         if wrong.any() and not self.support.contact:
             row = int(np.argmax(wrong * np.abs(missing)))
+            nodes, directions = self.support.nodes[self.chosen], self.support.directions[self.chosen]
             raise SceneError(
                 f"{self.support.subject}: node {nodes[row]} at {self.support.points[self.chosen][row]} is to move by "
-                f"{wanted[row]:.6g} along {self.support.directions[self.chosen][row]} at t = {t:.6g}, but other "
-                f"supports already move it by {present[row]:.6g}. Prescribe each direction of a node once."
+                f"{wanted[row]:.6g} along {directions[row]} at t = {t:.6g}, but other supports already move it by "
+                f"{present[row]:.6g}. Prescribe each direction of a node once."
             )
-        motion[nodes[new]] += (missing[new] / self.length[new])[:, None] * self.unit[new]
+        step = (missing[new] / self.length[new])[:, None] * self.unit[new]
+        motion[self.members[new]] += step.reshape(now[new].shape)
 
 
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
-    """Choose the frame of every node and split it into held and free directions.
+    """Choose the frame of every site and split it into held and free directions.
 
     Parameters
     ----------
     supports, normals
-        In canonical order; contact yields to prescribed displacements. Of the second, the normals become axes.
+        In canonical order; contact yields to prescribed displacements. Of the second, the normals become axes, and
+        the tangents of jumps.
     points : (n_nodes, dim) array
     """
-    dim = points.shape[1]
-    frame = np.zeros((len(points), dim, dim))
-    filled = np.zeros(len(points), dtype=np.int64)
+    ordered = sorted(supports, key=lambda s: s.contact)
+    sites = Sites.joined_by(Jumps.of([*supports, *normals]), len(points))
+    frames = [_frames(sites, members, ordered, normals, points) for members in sites.sizes]
+    return _free(sites, frames, points)
+
+
+@dataclass(frozen=True)
+class _Frames:
+    """The frames of all sites of one size."""
+
+    members: Ints
+    """(s, k)"""
+    axes: Floats
+    """(s, k dim, k dim)"""
+    held: Ints
+    """(s,) how many of the axes are held, the first ones"""
+    slots: list[_Slot]
+
+
+def _frames(
+    sites: Sites, members: Ints, supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats
+) -> _Frames:
+    size = members.shape[1] * points.shape[1]
+    frame, filled = np.zeros((len(members), size, size)), np.zeros(len(members), dtype=np.int64)
+    number = sites.of_node[members[:, 0]]
+    place = np.full(len(points), -1)
+    place[number] = np.arange(len(members))
     slots: list[_Slot] = []
-    for support in sorted(supports, key=lambda s: s.contact):
-        for chosen in _layers(support.nodes):
-            unit, length = _append(frame, filled, support.nodes[chosen], support.directions[chosen])
-            slots.append(_Slot(support, chosen, unit, length))
+    for support in supports:
+        jumps = Jumps.of([support])
+        where = place[sites.of_node[jumps.nodes]]
+        for chosen in _layers(where):
+            site = where[chosen]
+            rows = jumps[chosen].over(members[site], support.directions[chosen])
+            unit, length = _append(frame, filled, site, rows)
+            slots.append(_Slot(support, chosen, number[site], members[site], rows, unit, length))
     held = filled.copy()
     for surface in normals:
-        for chosen in _layers(surface.nodes):
-            _append(frame, filled, surface.nodes[chosen], surface.normals[chosen])
+        jumps = Jumps.of([surface])
+        where = place[sites.of_node[jumps.nodes]]
+        for chosen in _layers(where):
+            site = where[chosen]
+            _append(frame, filled, site, jumps[chosen].over(members[site], surface.normals[chosen]))
+            if members.shape[1] > 1:
+                for tangents in across(surface.normals[chosen]).swapaxes(0, 1):
+                    _append(frame, filled, site, jumps[chosen].over(members[site], tangents))
     _fill_with_axes(frame, filled)
-    return _free(frame, held, slots, points)
+    return _Frames(members, frame, held, slots)
 
 
-def _layers(nodes: Ints) -> list[Ints]:
-    """Split rows so that no node occurs twice in a part; the order of rows is kept within a node."""
-    order = np.argsort(nodes, kind="stable")
-    ranked = nodes[order]
-    start = np.concatenate([[True], ranked[1:] != ranked[:-1]]) if len(nodes) else np.zeros(0, dtype=bool)
-    rank = np.arange(len(nodes)) - np.maximum.accumulate(np.where(start, np.arange(len(nodes)), 0))
+def _layers(place: Ints) -> list[Ints]:
+    """Split rows whose place is not -1 so that no place occurs twice in a part; their order within a place is kept."""
+    order = np.argsort(place, kind="stable")
+    order = order[np.searchsorted(place[order], 0) :]
+    ranked = place[order]
+    start = np.concatenate([[True], ranked[1:] != ranked[:-1]]) if len(order) else np.zeros(0, dtype=bool)
+    rank = np.arange(len(order)) - np.maximum.accumulate(np.where(start, np.arange(len(order)), 0))
     return [order[rank == k] for k in range(rank.max(initial=-1) + 1)]
 
 
-def _append(frame: Floats, filled: Ints, nodes: Ints, directions: Floats) -> tuple[Floats, Floats]:
-    """One Gram-Schmidt step at each of `nodes` (distinct); returns the new unit vectors and remainders."""
-    rest = directions - np.einsum("nki,nkj,nj->ni", frame[nodes], frame[nodes], directions)
+def _append(frame: Floats, filled: Ints, sites: Ints, rows: Floats) -> tuple[Floats, Floats]:
+    """One Gram-Schmidt step at each of `sites` (distinct); returns the new unit vectors and remainders."""
+    rest = rows - np.einsum("nki,nkj,nj->ni", frame[sites], frame[sites], rows)
     length = np.linalg.norm(rest, axis=1)
     length[length <= PARALLEL] = 0.0
     new = length > 0
     unit = np.zeros_like(rest)
     unit[new] = rest[new] / length[new, None]
-    frame[nodes[new], filled[nodes[new]]] = unit[new]
-    filled[nodes[new]] += 1
+    frame[sites[new], filled[sites[new]]] = unit[new]
+    filled[sites[new]] += 1
     return unit, length
 
 
 def _fill_with_axes(frame: Floats, filled: Ints) -> None:
     """Complete every frame by the axes least represented in it, so that axis-aligned frames stay exact."""
-    dim = frame.shape[1]
+    size = frame.shape[1]
     empty = filled == 0
-    frame[empty] = np.eye(dim)
-    filled[empty] = dim
-    for _ in range(dim - 1):
-        nodes = np.flatnonzero(filled < dim)
-        if len(nodes) == 0:
+    frame[empty] = np.eye(size)
+    filled[empty] = size
+    for _ in range(size - 1):
+        sites = np.flatnonzero(filled < size)
+        if len(sites) == 0:
             return
-        least = np.argmin(np.einsum("nki,nki->ni", frame[nodes], frame[nodes]), axis=1)
-        _append(frame, filled, nodes, np.eye(dim)[least])
+        least = np.argmin(np.einsum("nki,nki->ni", frame[sites], frame[sites]), axis=1)
+        _append(frame, filled, sites, np.eye(size)[least])
 
 
-def _free(frame: Floats, held: Ints, slots: list[_Slot], points: Floats) -> Supports:
-    n_nodes, dim = points.shape
-    node, k = np.nonzero(np.arange(dim)[None, :] >= held[:, None])
-    directions = frame[node, k]
-    along_axes = (np.abs(directions).max(axis=1) == 1.0) & (directions.sum(axis=1) == 1.0)
-    columns = node * dim + np.argmax(directions, axis=1) if along_axes.all() else None
-    rows = (node[:, None] * dim + np.arange(dim)).ravel()
-    P = sp.coo_matrix(
-        (directions.ravel(), (rows, np.repeat(np.arange(len(node)), dim))), shape=(n_nodes * dim, len(node))
-    ).tocsr()
+def _free(sites: Sites, frames: Sequence[_Frames], points: Floats) -> Supports:
+    dim, owner, rows, data, place = points.shape[1], [], [], [], []
+    for frame in frames:
+        site, k = np.nonzero(np.arange(frame.axes.shape[1])[None, :] >= frame.held[:, None])
+        owner.append(sites.of_node[frame.members[site, 0]])
+        at = (frame.members[site][:, :, None] * dim + np.arange(dim)).reshape(len(site), -1)
+        axes = frame.axes[site, k]
+        rows.append(at.ravel())
+        data.append(axes.ravel())
+        along_axes = (np.abs(axes).max(axis=1, initial=0.0) == 1.0) & (axes.sum(axis=1) == 1.0)
+        place.append(np.where(along_axes, at[np.arange(len(at)), np.argmax(axes, axis=1)], -1))
+    counts = [np.full(len(site), len(at) // max(len(site), 1)) for site, at in zip(owner, rows, strict=True)]
+    by_site = np.argsort(np.concatenate(owner), kind="stable")
+    column = np.empty(len(by_site), dtype=np.int64)
+    column[by_site] = np.arange(len(by_site))
+    entries = np.concatenate(rows), np.repeat(column, np.concatenate(counts))
+    P = sp.coo_matrix((np.concatenate(data), entries), shape=(points.size, len(by_site))).tocsr()
     P.eliminate_zeros()
-    return Supports(P, node, columns, tuple(slots), points)
+    columns = np.concatenate(place)[by_site]
+    slots = tuple(slot for frame in frames for slot in frame.slots)
+    chosen = columns if (columns >= 0).all() else None
+    return Supports(P, sites, np.concatenate(owner)[by_site], chosen, slots, points)

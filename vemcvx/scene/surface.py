@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle
 from vemcvx.scene.edges import lengths_of, owned, united
 from vemcvx.scene.freedom import freedom
+from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms, merged
 
@@ -19,14 +21,19 @@ from vemcvx.scene.terms import Terms, merged
 class Surface:
     """The nodes of contact that are not held otherwise; at a corner, all that follows is of both sides together."""
 
-    nodes: Ints
-    """(m,)"""
+    jumps: Jumps
+    """(m,) those of one node ordered by partner"""
     normals: Floats
     """(m, dim) outward, averaged by length at corners"""
     lengths: Floats
     """(m,) int phi_i over the edges of contact"""
-    grips: Floats
-    """(m, dim) with what supports and bilateral contact exert on a node, R, contact presses with the force -g . R"""
+    grips: sp.csr_matrix
+    """(m, n_u) with what supports and bilateral contact exert on nodes, R, contact presses with the force -g . R"""
+
+    @property
+    def nodes(self) -> Ints:
+        """(m,) the nodes; contact presses on their partners the other way."""
+        return self.jumps.nodes
 
 
 def contact_surface(
@@ -41,17 +48,18 @@ def contact_surface(
     """
     dim = supports.points.shape[1]
     if not surfaces:
-        return Surface(np.zeros(0, dtype=np.int64), np.zeros((0, dim)), np.zeros(0), np.zeros((0, dim)))
-    nodes = np.concatenate([s.nodes for s in surfaces])
-    normals = np.concatenate([s.normals for s in surfaces])
-    first, row = merged(nodes, normals)
-    held = freedom(nodes[first], normals[first], supports, times)
-    rubs = held.dragged & np.isin(nodes[first], terms.nodes[terms.acting :])
+        return Surface(Jumps.of(()), np.zeros((0, dim)), np.zeros(0), sp.csr_matrix((0, supports.points.size)))
+    jumps, normals = Jumps.of(surfaces), np.concatenate([s.normals for s in surfaces])
+    first, row = merged(jumps, normals)
+    held = freedom(jumps[first], normals[first], supports, times)
+    rubs = held.dragged & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
     kept = np.flatnonzero(held.slides | held.beside | rubs)
     lengths = lengths_of(united(owned(surfaces)[0], row))[kept]
-    free, place = np.unique(nodes[first][kept], return_inverse=True)
-    normal, length, grips = np.zeros((len(free), dim)), np.zeros(len(free)), np.zeros((len(free), dim))
-    np.add.at(normal, place, lengths[:, None] * normals[first][kept])
+    at, there = jumps[first][kept], normals[first][kept]
+    lead, place = at.distinct
+    normal, length = np.zeros((len(lead), dim)), np.zeros(len(lead))
+    np.add.at(normal, place, lengths[:, None] * there)
     np.add.at(length, place, lengths)
-    np.add.at(grips, place, held.grips[kept])
-    return Surface(free, normal / np.linalg.norm(normal, axis=1)[:, None], length, grips)
+    gather = sp.csr_matrix((np.ones(len(place)), (place, np.arange(len(place)))), shape=(len(lead), len(place)))
+    grips = sp.csr_matrix(gather @ held.grips[kept])
+    return Surface(at[lead], normal / np.linalg.norm(normal, axis=1)[:, None], length, grips)

@@ -20,7 +20,8 @@ from vemcvx.effects import Friction
 from vemcvx.errors import SceneWarning
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
-from vemcvx.scene.freedom import freedom, normal_rows, on_free, tangential_rows
+from vemcvx.scene.freedom import freedom, normal_rows, on_free
+from vemcvx.scene.jumps import Jumps, across
 from vemcvx.scene.supports import PARALLEL, Supports
 
 
@@ -30,7 +31,9 @@ class Terms:
 
     rows: sp.csr_matrix
     """(m * (dim - 1), n_u) B^, orthonormal tangents"""
-    nodes: Ints
+    jumps: Jumps
+    tangents: Floats
+    """(m, dim - 1, dim)"""
     lengths: Floats
     """(m,) integrals of the nodal basis functions over the edges with friction: of all parts that meet in a term"""
     weights: Callable[[float], Floats]
@@ -49,6 +52,11 @@ class Terms:
     """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.edges`"""
     names: Ints | None = None
     """(e, 2) of each end its node, and the other node of its edge"""
+
+    @property
+    def nodes(self) -> Ints:
+        """(m,) the nodes on which friction acts; on their partners it acts the other way."""
+        return self.jumps.nodes
 
 
 @dataclass(frozen=True)
@@ -70,12 +78,17 @@ def friction_terms(
     """
     points = supports.points
     if not frictions:
-        none, nodes = np.zeros(0), np.zeros(0, dtype=np.int64)
-        return Terms(rows=sp.csr_matrix((0, points.size)), nodes=nodes, lengths=none, weights=lambda t: none)
-    nodes = np.concatenate([f.nodes for f in frictions])
-    normals = np.concatenate([f.normals for f in frictions])
-    first, term = merged(nodes, normals)
-    held = freedom(nodes[first], normals[first], supports, times)
+        none, dim = np.zeros(0), points.shape[1]
+        return Terms(
+            rows=sp.csr_matrix((0, points.size)),
+            jumps=Jumps.of(()),
+            tangents=np.zeros((0, dim - 1, dim)),
+            lengths=none,
+            weights=lambda t: none,
+        )
+    jumps, normals = Jumps.of(frictions), np.concatenate([f.normals for f in frictions])
+    first, term = merged(jumps, normals)
+    held = freedom(jumps[first], normals[first], supports, times)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero(held.beside | held.dragged)])
     gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))[kept]
@@ -83,11 +96,12 @@ def friction_terms(
 
     along = np.einsum("ij,ij->i", normals, normals[first][term])
     sums = _Sums(frictions, gather, np.sign(along))
-    rows = tangential_rows(nodes[first][kept], normals[first][kept], points)
+    tangents = across(normals[first][kept])
     laws = [f for f in frictions if f.law is not None]
     return Terms(
-        rows=rows,
-        nodes=nodes[first][kept],
+        rows=jumps[first][kept].matrix(tangents, points),
+        jumps=jumps[first][kept],
+        tangents=tangents,
         lengths=lengths_of(ends),
         weights=sums.weights,
         pressed=sums.weights_under if laws else None,
@@ -182,7 +196,7 @@ def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, sto
     for friction in frictions:
         if friction.law is not None:
             continue
-        normal = on_free(normal_rows(friction.nodes, friction.normals, supports.points), supports)
+        normal = on_free(normal_rows(Jumps.of([friction]), friction.normals, supports.points), supports)
         free = (np.diff(normal.indptr) > 0) & ~np.isin(friction.nodes, stopped)
         if free.any():
             warnings.warn(
@@ -193,16 +207,16 @@ def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, sto
             )
 
 
-def merged(nodes: Ints, normals: Floats, signed: bool = False) -> tuple[Ints, Ints]:
-    """Rows of one node with one normal (up to sign) are one term: its first row, and the term of every row."""
-    term = np.full(len(nodes), -1)
+def merged(jumps: Jumps, normals: Floats, signed: bool = False) -> tuple[Ints, Ints]:
+    """Rows of one jump with one normal (up to sign) are one term: its first row, and the term of every row."""
+    pairs, term = jumps.distinct[1], np.full(len(jumps), -1)
     first: list[Ints] = []
     while (term < 0).any():
         left = np.flatnonzero(term < 0)
-        lead = left[np.unique(nodes[left], return_index=True)[1]]
-        leader = np.full(nodes.max() + 1, -1)
-        leader[nodes[lead]] = np.arange(len(lead))
-        mine = leader[nodes[left]]
+        lead = left[np.unique(pairs[left], return_index=True)[1]]
+        leader = np.full(pairs.max() + 1, -1)
+        leader[pairs[lead]] = np.arange(len(lead))
+        mine = leader[pairs[left]]
         reference = normals[lead[mine]]
         along = np.einsum("ij,ij->i", normals[left], reference)
         apart = np.linalg.norm(normals[left] - along[:, None] * reference, axis=1)

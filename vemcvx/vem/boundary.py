@@ -36,7 +36,7 @@ class EdgeEnds:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryRows:
-    """One row a node and distinct normal of a part of the boundary, ordered by node."""
+    """One row a node, distinct normal and partner of a part of the boundary, ordered by node."""
 
     nodes: Ints
     """(k,)"""
@@ -50,6 +50,8 @@ class BoundaryRows:
     """(k, q) by which g(points) gives int g phi_i ds over the edges of each row, exact for g of degree 6 on edges"""
     ends: EdgeEnds
     """what each row stands for"""
+    partners: Ints
+    """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
 
     @property
     def tangents(self) -> Floats:
@@ -65,6 +67,8 @@ class BoundaryPart:
     """(m, 2) each as it runs in its counter-clockwise cell, once"""
     points: Floats
     """(n_nodes, 2) the points of the whole mesh"""
+    across: Ints | None = None
+    """(m, 2) the nodes of other bodies that an interface joins to those of each edge; -1 for an edge of no interface"""
 
     @cached_property
     def chords(self) -> Floats:
@@ -121,6 +125,8 @@ class BoundaryPart:
         k = row.max(initial=-1) + 1
         nodes = np.empty(k, dtype=np.int64)
         nodes[row] = self.edges.ravel()[order]
+        partners = np.empty(k, dtype=np.int64)
+        partners[row] = self._partners[order]
         half = 0.5 * self.lengths[edge]
         normals = np.zeros((k, 2))
         np.add.at(normals, row, half[:, None] * self.normals[edge])
@@ -137,20 +143,27 @@ class BoundaryPart:
             points=read_only(points.reshape(-1, 2)),
             matrix=matrix,
             ends=EdgeEnds(read_only(row), read_only(self.edges[edge, 1 - side]), read_only(half)),
+            partners=read_only(partners),
         )
 
+    @property
+    def _partners(self) -> Ints:
+        """Of the ends of all edges."""
+        return np.full(2 * len(self.edges), -1) if self.across is None else self.across.ravel()
+
     def _grouped(self) -> tuple[Ints, Ints]:
-        """Ends of edges (2 * edge + side) ordered by node, and the row of each: ends with one normal share one."""
+        """Ends of edges (2 * edge + side) ordered by node, and the row of each: one normal and partner, one row."""
         ends = self.edges.ravel()
         length = np.repeat(self.lengths, 2)
         order = np.argsort(ends, kind="stable")
         ends, normal = ends[order], np.repeat(self.normals, 2, axis=0)[order]
+        partners = self._partners[order]
         noise = ROUNDED * np.abs(self.points).max() / length[order]
         leader = np.full(len(ends), -1)
         while (waiting := np.flatnonzero(leader < 0)).size:
             first = np.searchsorted(ends[waiting], ends[waiting])
             ahead = waiting[first]
             apart = np.linalg.norm(normal[waiting] - normal[ahead], axis=1)
-            joins = apart <= SAME_NORMAL + noise[waiting] + noise[ahead]
+            joins = (apart <= SAME_NORMAL + noise[waiting] + noise[ahead]) & (partners[waiting] == partners[ahead])
             leader[waiting[joins]] = ahead[joins]
         return order, np.unique(leader, return_inverse=True)[1]

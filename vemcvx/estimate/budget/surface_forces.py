@@ -49,8 +49,7 @@ def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     total = _loads(posed, edges, now.t)
     terms, obstacles = posed.terms, posed.obstacles
     if len(terms.nodes):
-        tangents = terms.rows.data.reshape(len(terms.nodes), -1, 2)
-        traction = -np.einsum("mb,mbd->md", now.lam, tangents) / terms.lengths[:, None]
+        traction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
         total += _spread(edges, terms.nodes, normals_of(terms), traction)
     if obstacles is not None and len(obstacles.nodes):
         traction = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
@@ -62,7 +61,7 @@ def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
 
 def normals_of(terms: Terms) -> Floats:
     """The normals (m, 2) of norm terms, of either sign."""
-    return right_of(terms.rows.data.reshape(len(terms.nodes), -1, 2)[:, 0])
+    return right_of(terms.tangents[:, 0])
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:

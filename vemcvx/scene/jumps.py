@@ -1,0 +1,162 @@
+"""What rows of contact read: the displacement of a node, or its jump to a node of another body at the same place.
+
+Against an obstacle a row reads n . u(i), between bodies n . (u(i) - u(j)) with n the outward normal of the first body;
+likewise along tangents. Nodes that rows join, directly or by way of others, make a *site*: the frames that say which
+directions are held and which are free are chosen for a site as a whole (:mod:`vemcvx.scene.supports`). Elsewhere every
+node is a site of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from vemcvx.arrays import Floats, Ints
+from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """The nodes (m,) of rows, and their partners (m,) in other bodies; -1 where a row reads its node alone."""
+
+    nodes: Ints
+    partners: Ints
+
+    @classmethod
+    def of(cls, parts: Sequence[Friction | Obstacle | ContactSurface | Support]) -> Jumps:
+        """Those of all rows, one part after the other."""
+        none = np.zeros(0, dtype=np.int64)
+        alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
+        return cls(np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone]))
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def __getitem__(self, rows: Ints | slice) -> Jumps:
+        return Jumps(self.nodes[rows], self.partners[rows])
+
+    @property
+    def counts(self) -> Ints:
+        """(m,) how many nodes each row reads: 1 or 2."""
+        return 1 + (self.partners >= 0)
+
+    @property
+    def distinct(self) -> tuple[Ints, Ints]:
+        """The first row of each pair of node and partner, ordered by node, and the pair of each row (m,)."""
+        _, first, pair = np.unique(self._numbers(self._largest), return_index=True, return_inverse=True)
+        return first, pair
+
+    def find(self, jumps: Jumps) -> Ints:
+        """The row of each of these jumps, where no two rows are one; -1 where there is none."""
+        largest = max(self._largest, jumps._largest)
+        known = self._numbers(largest)
+        order = np.argsort(known)
+        place = np.searchsorted(known[order], wanted := jumps._numbers(largest))
+        found = np.append(order, -1)[place]
+        return np.where((found >= 0) & (known[found] == wanted), found, -1) if len(self) else found
+
+    @property
+    def _largest(self) -> int:
+        return int(max(self.nodes.max(initial=0), self.partners.max(initial=0)))
+
+    def _numbers(self, largest: int) -> Ints:
+        """(m,) one number for each pair, ordered by node."""
+        number: Ints = self.nodes * (largest + 2) + self.partners + 1
+        return number
+
+    def over(self, members: Ints, directions: Floats) -> Floats:
+        """(m, k * dim) what d . jump, with d (m, dim), reads of the values of k nodes (m, k), the row's among them."""
+        own, other = members == self.nodes[:, None], (members == self.partners[:, None]) & (members >= 0)
+        read: Floats = (own.astype(float) - other)[:, :, None] * directions[:, None, :] + 0.0
+        return read.reshape(len(self), -1)
+
+    def matrix(self, directions: Floats, points: Floats) -> sp.csr_matrix:
+        """(m * q, n_u) the matrix of d . jump, for q directions (m, q, dim) a row."""
+        m, q = directions.shape[:2]
+        own = _at_nodes(self.nodes, directions, points)
+        joined = np.flatnonzero(self.partners >= 0)
+        if len(joined) == 0:
+            return own
+        other = _at_nodes(self.partners[joined], directions[joined], points)
+        rows = (joined[:, None] * q + np.arange(q)).ravel()
+        place = sp.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(m * q, len(rows)))
+        return sp.csr_matrix(own - place @ other)
+
+
+def _at_nodes(nodes: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:
+    m, q, dim = directions.shape
+    columns = np.repeat(nodes[:, None] * dim + np.arange(dim), q, axis=0)
+    indptr = np.arange(0, m * q * dim + 1, dim)
+    return sp.csr_matrix((directions.ravel(), columns.ravel(), indptr), shape=(m * q, points.size))
+
+
+@dataclass(frozen=True)
+class Sites:
+    """The sites of a mesh: sets of nodes whose frames are chosen together.
+
+    Attributes
+    ----------
+    of_node : (n_nodes,) int
+        The site of every node, numbered by their first nodes.
+    sizes : tuple of (s, k) int arrays
+        The nodes of all sites of k nodes, for every k that occurs, ascending.
+    """
+
+    of_node: Ints
+    sizes: tuple[Ints, ...]
+
+    @property
+    def count(self) -> int:
+        """How many sites there are."""
+        return sum(map(len, self.sizes))
+
+    @property
+    def first(self) -> Ints:
+        """(count,) the first node of each."""
+        return np.unique(self.of_node, return_index=True)[1]
+
+    def members(self, sites: Ints) -> Ints:
+        """(q, k) the nodes of some sites, k of the largest of these; -1 where a site has none left."""
+        size = np.zeros(len(self.of_node), dtype=np.int64)
+        row = np.zeros_like(size)
+        for members in self.sizes:
+            number = self.of_node[members[:, 0]]
+            size[number], row[number] = members.shape[1], np.arange(len(members))
+        found = np.full((len(sites), int(size[sites].max(initial=1))), -1)
+        for members in self.sizes:
+            mine = np.flatnonzero(size[sites] == members.shape[1])
+            if len(mine):
+                found[mine, : members.shape[1]] = members[row[sites[mine]]]
+        return found
+
+    @classmethod
+    def joined_by(cls, jumps: Jumps, n_nodes: int) -> Sites:
+        """The sites of nodes that rows join."""
+        pairs = jumps[np.flatnonzero(jumps.partners >= 0)]
+        if len(pairs) == 0:
+            every = np.arange(n_nodes)
+            return cls(every, (every[:, None],))
+        ones = np.ones(len(pairs))
+        graph = sp.csr_matrix((ones, (pairs.nodes, pairs.partners)), shape=(n_nodes, n_nodes))
+        label = connected_components(graph, directed=False)[1]
+        first = np.unique(label, return_index=True)[1]
+        rank = np.empty(len(first), dtype=np.int64)
+        rank[np.argsort(first, kind="stable")] = np.arange(len(first))
+        of_node = rank[label]
+        order, count = np.argsort(of_node, kind="stable"), np.bincount(of_node)
+        start = np.cumsum(count) - count
+        sizes = tuple(order[start[count == k][:, None] + np.arange(k)] for k in np.unique(count))
+        return cls(of_node, sizes)
+
+
+def across(normals: Floats) -> Floats:
+    """(k, dim - 1, dim) orthonormal vectors across each normal; exact where the normal is an axis."""
+    dim = normals.shape[1]
+    if dim == 2:
+        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
+    # The right singular vectors beyond the first span the plane across the normal.
+    return np.linalg.svd(normals[:, None, :])[2][:, 1:, :]

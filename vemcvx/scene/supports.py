@@ -28,7 +28,7 @@ Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 PARALLEL = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Supports:
     """The free unknowns of a body, and the motion of the held ones."""
 
@@ -107,7 +107,7 @@ class Holding:
     """(k, D) which of them are contact's"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Slot:
     """The k-th constraint of every site that has one: a triangular system site by site."""
 
@@ -196,7 +196,17 @@ def _frames(
             site = where[chosen]
             rows = jumps[chosen].over(members[site], support.directions[chosen])
             unit, length = _append(frame, filled, site, rows)
-            slots.append(_Slot(support, chosen, number[site], members[site], rows, unit, length))
+            slots.append(
+                _Slot(
+                    support=support,
+                    chosen=chosen,
+                    sites=number[site],
+                    members=members[site],
+                    rows=rows,
+                    unit=unit,
+                    length=length,
+                )
+            )
     held = filled.copy()
     for surface in normals:
         jumps = Jumps.of([surface])
@@ -249,17 +259,18 @@ def _fill_with_axes(frame: Floats, filled: Ints) -> None:
 
 
 def _free(sites: Sites, frames: Sequence[_Frames], points: Floats) -> Supports:
-    dim, owner, rows, data, place = points.shape[1], [], [], [], []
+    dim, owner, counts, rows, data, place = points.shape[1], [], [], [], [], []
     for frame in frames:
-        site, k = np.nonzero(np.arange(frame.axes.shape[1])[None, :] >= frame.held[:, None])
+        size = frame.axes.shape[1]
+        site, k = np.nonzero(np.arange(size)[None, :] >= frame.held[:, None])
         owner.append(sites.of_node[frame.members[site, 0]])
-        at = (frame.members[site][:, :, None] * dim + np.arange(dim)).reshape(len(site), -1)
+        counts.append(np.full(len(site), size))
+        at = (frame.members[site][:, :, None] * dim + np.arange(dim)).reshape(len(site), size)
         axes = frame.axes[site, k]
         rows.append(at.ravel())
         data.append(axes.ravel())
-        along_axes = (np.abs(axes).max(axis=1, initial=0.0) == 1.0) & (axes.sum(axis=1) == 1.0)
+        along_axes = (np.abs(axes).max(axis=1) == 1.0) & (axes.sum(axis=1) == 1.0)
         place.append(np.where(along_axes, at[np.arange(len(at)), np.argmax(axes, axis=1)], -1))
-    counts = [np.full(len(site), len(at) // max(len(site), 1)) for site, at in zip(owner, rows, strict=True)]
     by_site = np.argsort(np.concatenate(owner), kind="stable")
     column = np.empty(len(by_site), dtype=np.int64)
     column[by_site] = np.arange(len(by_site))
@@ -267,6 +278,11 @@ def _free(sites: Sites, frames: Sequence[_Frames], points: Floats) -> Supports:
     P = sp.coo_matrix((np.concatenate(data), entries), shape=(points.size, len(by_site))).tocsr()
     P.eliminate_zeros()
     columns = np.concatenate(place)[by_site]
-    slots = tuple(slot for frame in frames for slot in frame.slots)
-    chosen = columns if (columns >= 0).all() else None
-    return Supports(P, sites, np.concatenate(owner)[by_site], chosen, slots, points)
+    return Supports(
+        P=P,
+        sites=sites,
+        owner=np.concatenate(owner)[by_site],
+        columns=columns if (columns >= 0).all() else None,
+        rows=tuple(slot for frame in frames for slot in frame.slots),
+        points=points,
+    )

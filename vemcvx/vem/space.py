@@ -99,4 +99,20 @@ class Space:
             if len(mesh.boundaries[name]) == 0:
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no edges; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
-        return BoundaryPart(read_only(edges), mesh.points)
+        return BoundaryPart(read_only(edges), mesh.points, self._across(edges))
+
+    def _across(self, edges: Ints) -> Ints | None:
+        """Of each edge (m, 2), as its first body runs along it, the nodes of the other body; -1 where it is alone."""
+        joints = self.mesh.interfaces.values()
+        if not joints:
+            return None
+        across = np.full(edges.shape, -1)
+        n = self.mesh.n_nodes
+        key = edges[:, 0] * n + edges[:, 1]
+        for joint in joints:
+            mine = joint.edges[:, 0] * n + joint.edges[:, 1]
+            order = np.argsort(mine)
+            place = np.minimum(np.searchsorted(mine[order], key), len(mine) - 1)
+            found = mine[order][place] == key
+            across[found] = joint.partners[order][place[found]]
+        return read_only(across)

@@ -1,0 +1,218 @@
+"""Contact between bodies: what passes through an interface of meshes that do not match, and what it does to both."""
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]
+JOINT = "lower|upper"
+TURN = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+SHEAR, PRESS = 0.3, 1.0
+
+pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
+
+
+def two_blocks(below, above, n=(2, 3), height=1.0):
+    lower = vx.meshes.FAMILIES[below](n[0], box=((0, 1), (0, 1)))
+    upper = vx.meshes.FAMILIES[above](n[1], box=((0, 1), (1, 1 + height)))
+    return vx.meshes.bodies({"lower": lower, "upper": upper})
+
+
+def turned(mesh, rotation):
+    interfaces = dict(mesh.interfaces)
+    return vx.PolygonMesh(mesh.points @ rotation.T, mesh.cells, interfaces=interfaces).with_boundary(
+        "outside", lambda x: ~np.isclose((x @ rotation)[:, 1], 1.0)
+    )
+
+
+def linear(gradient):
+    return lambda x, t: t * x @ gradient.T
+
+
+def conforming_to(shear, rotation):
+    """The gradient of a field with the pressure PRESS across the turned interface and some shear along it."""
+    gradient = np.array([[0.02, 0.04 * shear], [0.01 * shear, -0.12]])
+    return rotation @ gradient @ rotation.T
+
+
+CONTACTS = {
+    "bilateral": (vx.BilateralContact, None, 0.0),
+    "unilateral": (vx.UnilateralContact, None, 0.0),
+    "stuck": (vx.BilateralContact, vx.TrescaFriction(10.0, on=JOINT), 1.0),
+    "stuck by Coulomb": (vx.UnilateralContact, vx.CoulombFriction(0.6, on=JOINT), 1.0),
+}
+
+
+def assert_patch(mesh, kind, rotation=TURN):
+    contact, friction, shear = CONTACTS[kind]
+    mesh = turned(mesh, rotation)
+    gradient = conforming_to(shear, rotation)
+    effects = [vx.Elasticity(10.0, 0.3), vx.PrescribedDisplacement(linear(gradient), on="outside"), contact(on=JOINT)]
+    history = vx.simulate(vx.Scene(*effects, *([] if friction is None else [friction])), mesh, [0.0, 0.5, 1.0])
+    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
+    stress = history.stress(-1)
+    assert np.abs(stress - stress[0]).max() < 1e-11 * np.abs(stress).max() * mesh.n_nodes
+    across = rotation @ [0, 1]
+    sigma = np.array([[stress[0, 0], stress[0, 2]], [stress[0, 2], stress[0, 1]]])
+    assert history.contact.pressure[-1] == pytest.approx(-across @ sigma @ across, rel=1e-10)
+    traction = sigma @ across - (across @ sigma @ across) * across
+    inner = np.setdiff1d(history.contact.nodes, mesh.boundaries["outside"])
+    mine = np.isin(history.contact.nodes, inner)
+    assert history.contact.traction[-1][mine] == pytest.approx(np.tile(traction, (mine.sum(), 1)), abs=1e-10)
+
+
+@pytest.mark.parametrize("kind", CONTACTS)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_constant_stress_passes(family, kind):
+    other = FAMILIES[(FAMILIES.index(family) + 3) % len(FAMILIES)]
+    assert_patch(two_blocks(family, other, (3, 2)), kind)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", CONTACTS)
+@pytest.mark.parametrize("below", FAMILIES)
+@pytest.mark.parametrize("above", FAMILIES)
+def test_constant_stress_passes_between_all_families(below, above, kind):
+    for n in ((7, 5), (1, 13)):
+        assert_patch(two_blocks(below, above, n), kind)
+
+
+SOLVERS = {"Newton": vx.Newton(), "Clarabel": vx.Clarabel(), "OSQP": vx.OSQP()}
+YOUNG, POISSON, HEIGHTS, BOUND = (10.0, 30.0), 0.3, (1.0, 0.5), 1.0
+
+
+def sheared(mesh, move, contact=vx.BilateralContact, bound=BOUND):
+    """Two blocks in series, in simple shear: FORMULAS, two bodies."""
+    sides = [f"{body}.{side}" for body in ("lower", "upper") for side in ("left", "right")]
+    return vx.Scene(
+        vx.Elasticity(YOUNG[0], POISSON, on="lower"),
+        vx.Elasticity(YOUNG[1], POISSON, on="upper"),
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([move(t), 0.0], (len(x), 1)), on="upper.top"),
+        vx.PrescribedDisplacement(0.0, on=sides, direction=(0, 1)),
+        contact(on=JOINT),
+        vx.TrescaFriction(bound, on=JOINT),
+    )
+
+
+def move(t):
+    return 0.6 * np.sin(2 * np.pi * t)
+
+
+def in_series(times):
+    """Friction traction q and relative slip a at all instants: q_n = P((U_n - a_{n-1}) / C), radius g."""
+    flexibility = sum(height * 2 * (1 + POISSON) / young for young, height in zip(YOUNG, HEIGHTS, strict=True))
+    q, a = [0.0], [0.0]
+    for t in times[1:]:
+        q.append(np.clip((move(t) - a[-1]) / flexibility, -BOUND, BOUND))
+        a.append(move(t) - q[-1] * flexibility)
+    return np.array(q), np.array(a)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_two_blocks_in_series_are_exact(family):
+    times = np.linspace(0, 1.5, 19)
+    mesh = two_blocks(family, FAMILIES[FAMILIES.index(family) - 2], height=HEIGHTS[1])
+    contact = vx.simulate(sheared(mesh, move), mesh, times).contact
+    q, a = in_series(times)
+    assert np.abs(contact.traction[:, :, 0] - q[:, None]).max() < 1e-10
+    assert np.abs(contact.slip[:, :, 0] + a[:, None]).max() < 1e-10
+    wear = np.cumsum(BOUND * np.abs(np.diff(a, prepend=0.0)))
+    assert np.abs(contact.wear - wear[:, None]).max() < 1e-10
+
+
+def dragged_over(mesh):
+    """The upper block is pressed by its weight, and pulled; nothing but the lower one holds it."""
+
+    def pull(x, t):
+        return np.tile([0.25 * t, 0.0], (len(x), 1))
+
+    return vx.Scene(
+        vx.Elasticity(10.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.Pressure(lambda x, t: np.full(len(x), t), on="upper.top"),
+        vx.Traction(pull, on="upper.left"),
+        vx.UnilateralContact(on=JOINT),
+        vx.CoulombFriction(0.5, on=JOINT),
+    )
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_solvers_agree_on_a_block_that_lies_on_another(solver):
+    mesh = two_blocks("voronoi", "hexagons", (3, 4))
+    history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5), solver=SOLVERS[solver])
+    other = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5), solver=vx.Newton(accuracy=1e-10))
+    size = np.sqrt(2 * other.energy.max())
+    # What the projection sees is at most the energy norm.
+    distance = vx.measures.energy_distance(history, other).absolute
+    assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
+
+
+def test_action_is_reaction():
+    mesh = two_blocks("voronoi", "hexagons", (3, 4))
+    history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5))
+    contact = history.contact
+    assert (contact.partners >= 0).all()
+    forces = history.forces[-1]
+    # Nothing but contact and the load acts on the nodes of the interface.
+    loaded = mesh.points[contact.nodes][:, 0] > 1e-9
+    i, j = contact.nodes[loaded], contact.partners[loaded]
+    size = np.abs(forces).max()
+    assert np.abs(forces[i] + forces[j]).max() < 1e-12 * size * mesh.n_nodes
+    shown = (
+        contact.traction * contact.friction_lengths[:, None]
+        - (contact.pressure * contact.lengths)[:, :, None] * contact.normals
+    )
+    assert np.abs(forces[i] - shown[-1][loaded]).max() < 1e-12 * size * mesh.n_nodes
+
+
+def test_bonded_blocks_are_one_body():
+    mesh = two_blocks("voronoi", "hexagons", (3, 4))
+    place = np.arange(mesh.n_nodes)
+    pairs = mesh.interfaces[JOINT].pairs
+    place[pairs[:, 1]] = pairs[:, 0]
+    kept, number = np.unique(place, return_inverse=True)
+    whole = vx.PolygonMesh(mesh.points[kept], [number[cell] for cell in mesh.cells])
+
+    def supported(one):
+        return one.with_boundary("foot", lambda x: x[:, 1] < 1e-9).with_boundary("head", lambda x: x[:, 1] > 2 - 1e-9)
+
+    effects = vx.Elasticity(10.0, 0.3), vx.Clamp(on="foot"), vx.Traction(lambda x, t: t * x, on="head")
+    bonds = vx.BilateralContact(on=JOINT), vx.TrescaFriction(1e3, on=JOINT)
+    one = vx.simulate(vx.Scene(*effects), supported(whole), [0.0, 1.0])
+    two = vx.simulate(vx.Scene(*effects, *bonds), supported(mesh), [0.0, 1.0])
+    assert np.abs(two.displacement[-1] - one.displacement[-1][number]).max() < 1e-12
+
+
+def test_four_blocks_meet_at_a_point():
+    boxes = {f"{x}{y}": ((x, x + 1), (y, y + 1)) for x in (0, 1) for y in (0, 1)}
+    made = {
+        name: vx.meshes.FAMILIES[family](n, box=box)
+        for (name, box), family, n in zip(boxes.items(), FAMILIES, (2, 3, 1, 2, 2), strict=False)
+    }
+    mesh = vx.meshes.bodies(made)
+    assert len(mesh.interfaces) == 4
+    joints = list(mesh.interfaces)
+    mesh = mesh.with_boundary("outside", lambda x: (np.abs(x - 1) > 1 - 1e-9).any(axis=1))
+    gradient = np.array([[-0.1, 0.0], [0.0, -0.12]])
+    history = vx.simulate(
+        vx.Scene(
+            vx.Elasticity(10.0, 0.3),
+            vx.PrescribedDisplacement(linear(gradient), on="outside"),
+            vx.UnilateralContact(on=joints),
+            vx.CoulombFriction(0.3, on=joints),
+        ),
+        mesh,
+        [0.0, 1.0],
+    )
+    assert np.abs(history.displacement[-1] - mesh.points @ gradient.T).max() < 1e-11
+
+
+def test_partners_are_stored(tmp_path):
+    mesh = two_blocks("squares", "triangles")
+    history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 3))
+    history.write(tmp_path)
+    read = vx.read_history(tmp_path)
+    assert np.array_equal(read.contact.partners, history.contact.partners)
+    assert read.mesh.interfaces[JOINT].bodies == ("lower", "upper")

@@ -376,3 +376,59 @@ def test_interfaces_that_are_none_are_refused(change, said):
         PolygonMesh(mesh.points, mesh.cells, interfaces={"a|b": change(mesh.interfaces["a|b"])})
     with pytest.raises(vx.MeshError, match="in the same place"):
         PolygonMesh(mesh.points, mesh.cells)
+
+
+@pytest.mark.parametrize("family", ["squares", "voronoi", "triangles", "nonconvex"])
+def test_a_crack_inside_a_body(family):
+    """From the left side to the middle: one tip, where the node stays single; both lips have the same places."""
+    whole = FAMILIES[family](6, seed=1).with_boundary("half", lambda x: x[:, 0] < 0.5)
+    near = whole.centroids[:, 0] < 0.5
+    above = near & (whole.centroids[:, 1] > 0.5)
+    mesh = whole.cut("crack", {"upper lip": above, "lower lip": np.flatnonzero(near & ~above)})
+    found = mesh.interfaces["crack"]
+    assert found.bodies == ("upper lip", "lower lip")
+    np.testing.assert_array_equal(mesh.points[found.edges], mesh.points[found.partners])
+    same = np.unique(found.edges[found.edges == found.partners])
+    assert len(same) == 1
+    assert mesh.n_nodes == whole.n_nodes + len(np.unique(found.edges)) - 1
+    np.testing.assert_array_equal(mesh.points[: whole.n_nodes], whole.points)
+    np.testing.assert_array_equal(mesh.points[mesh.vertices], whole.points[whole.vertices])
+    for name in ("left", "half", "right"):
+        np.testing.assert_array_equal(mesh.points[mesh.boundaries[name]], whole.points[whole.boundaries[name]])
+    assert len(mesh.boundaries["boundary"]) == len(whole.boundaries["boundary"]) + 2 * len(found.edges)
+    PolygonMesh(mesh.points, mesh.cells, interfaces=mesh.interfaces)
+    finer = mesh.refine(mesh.centroids[:, 0] < 0.7)
+    PolygonMesh(finer.points, finer.cells, interfaces=finer.interfaces)
+    assert total(finer, "crack") == pytest.approx(total(mesh, "crack"), abs=1e-13)
+
+
+def test_a_cut_right_through_is_the_mesh_of_two_bodies():
+    mesh = squares(4)
+    right = mesh.centroids[:, 0] > 0.5
+    parted = mesh.cut("joint", {"left": ~right, "right": right})
+    joined = bodies({"left": squares((2, 4), ((0, 0.5), (0, 1))), "right": squares((2, 4), ((0.5, 1), (0, 1)))})
+    assert total(parted, "joint") == total(joined, "left|right") == 1.0
+    assert parted.n_nodes == joined.n_nodes
+    # Across the joint, where the nodes stay double, a second cut meets it: the four quarters share no node.
+    top = mesh.centroids[:, 1] > 0.5
+    quarters = parted.cut("west", {"a": ~right & top, "b": ~right & ~top}).cut(
+        "east", {"c": right & top, "d": right & ~top}
+    )
+    assert quarters.n_nodes == 4 * 9
+    PolygonMesh(quarters.points, quarters.cells, interfaces=quarters.interfaces)
+
+
+@pytest.mark.parametrize(
+    ("name", "sides", "said"),
+    [
+        ("left", {"a": [5], "b": [6]}, "there is a boundary 'left' already"),
+        ("crack", {"a": [5]}, "wanted are two sides of the crack"),
+        ("crack", {"a": [5], "b": [5, 6]}, "cell 5 is on both sides"),
+        ("crack", {"a": [0], "b": [15]}, "no edge is between the cells of 'a' and 'b'"),
+        ("crack", {"a": [5], "b": [6]}, r"the edge at \(0.5, 0.375\) has a tip at both ends"),
+        ("crack", {"a": [5], "b": [99]}, "cells of 'b' must be numbers of cells .0 to 15."),
+    ],
+)
+def test_cracks_that_are_none_are_refused(name, sides, said):
+    with pytest.raises(vx.MeshError, match=said):
+        squares(4).cut(name, sides)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -13,6 +14,7 @@ from vemcvx.meshes.checks.names import plotted_points, plotted_values
 from vemcvx.meshes.io.files import load, write
 from vemcvx.meshes.io.objects import from_object, to_object
 from vemcvx.meshes.local_refinement.refine import refinement
+from vemcvx.meshes.several_bodies.cracks import cut
 from vemcvx.meshes.tessellation import Tessellation
 
 if TYPE_CHECKING:
@@ -63,6 +65,27 @@ class PolygonMesh(Tessellation):
     def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> Self:
         """Return this mesh with cells split (numbers, or a bool each; None: all): :func:`vemcvx.meshes.refinement`."""
         return refinement(self, cells, balance=balance).mesh
+
+    def cut(self, name: str, sides: Mapping[str, ArrayLike]) -> Self:
+        """Return this mesh with a crack: the edges between two sets of its cells become an interface.
+
+        Nodes along the crack become double, the new ones last; a tip inside the mesh keeps its one node. Cells that are
+        on neither side are left alone, so that sets near the crack say how long it is.
+
+        Parameters
+        ----------
+        name : str
+            Name of the crack, as an interface and as a boundary (the edges of the first side).
+        sides : mapping of str to array_like
+            Names of the two sides -> their cells: numbers, or a bool each.
+
+        Raises
+        ------
+        MeshError
+            The sides have a cell in common or no edge between them, an edge would have a tip at both ends, or the name
+            is taken.
+        """
+        return cut(self, name, sides)
 
     def write(self, path: str | Path) -> None:
         """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit.

@@ -121,11 +121,11 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
     return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
 
 
-def check_marks(cells: ArrayLike | None, n_cells: int) -> Bools:
+def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
     """Which cells are meant, (n_cells,) bool, or MeshError."""
     if cells is None:
         return np.ones(n_cells, dtype=bool)
-    what = f"cells to refine must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
+    what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
     given = plain(cells)
     if given is None:
         raise MeshError(f"{what}; got {brief(cells)}, masked or rows of different lengths.")

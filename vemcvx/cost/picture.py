@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.cost.table import Row, answers, front, percent
+from vemcvx.plots.palette import SERIES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B")
 UNIFORM, ADAPTIVE = "o", "D"
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 
@@ -73,7 +73,7 @@ def _draw(ax: Axes, done: Sequence[Row], costs: Sequence[float], errors: Sequenc
 
 def _colours(done: Sequence[Row]) -> dict[str | None, str]:
     families = sorted({row.family for row in done}, key=str)
-    return {family: COLOURS[k % len(COLOURS)] for k, family in enumerate(families)}
+    return {family: SERIES[k % len(SERIES)] for k, family in enumerate(families)}
 
 
 def _error_axis(ax: Axes, errors: Sequence[float], resolved: float | None) -> None:

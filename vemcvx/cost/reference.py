@@ -12,19 +12,17 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import logging
 import os
-import threading
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.cost.run_point import Ran
+from vemcvx.cost.run_point import Ran, run_point
 from vemcvx.cost.settings import Ingredients, Point, Recipe
 from vemcvx.cost.table import of_its_kinds
 from vemcvx.errors import HistoryError, MeshError, SceneError
@@ -32,7 +30,6 @@ from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh
 from vemcvx.results.io.archive import read_archive, write_archive
 from vemcvx.simulation import simulate
 
@@ -45,8 +42,6 @@ ARCHIVE, ABOUT = "reference.npz", "reference.json"
 FILES = (ARCHIVE, ABOUT, f"new-{ARCHIVE}", f"new-{ABOUT}")
 """What is written of a reference."""
 SAME_AREA = 1e-9
-MEASURING = threading.Lock()
-"""Overlaps of meshes are kept and shared, and the log is quiet meanwhile: one error is measured at a time."""
 
 
 @dataclass(frozen=True)
@@ -184,28 +179,6 @@ def _write(folder: Path, history: History, reference: Reference) -> Reference:
     return reference
 
 
-@lru_cache(maxsize=1)
-def _fields(path: Path, stamp: int) -> tuple[Field, ...]:
-    """The fields at all instants; read once a process (`stamp` tells a file from the one before it)."""
-    history = read_archive(path)
-    times = history.times.tolist()
-    return tuple(Field(history.mesh, u, history.moduli, t) for u, t in zip(history.displacement, times, strict=True))
-
-
-@dataclass(frozen=True)
-class _Content:
-    """A mesh, equal to any other with the same points and cells."""
-
-    digest: str
-    mesh: PolygonMesh = field(compare=False, repr=False)
-
-
-@lru_cache(maxsize=4)
-def _known(content: _Content) -> PolygonMesh:
-    """The mesh of this content that was seen first: its overlaps with the reference are kept with it."""
-    return content.mesh
-
-
 def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
     """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
 
@@ -216,33 +189,34 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
     VemcvxError
         The reference is gone, or was damaged, or does not deform.
     """
-    with MEASURING:
-        return _errors(ran, folder, reference)
-
-
-def _errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
-    path = folder / ARCHIVE
-    fields = _fields(path, path.stat().st_mtime_ns)
-    parts = (ran.mesh.points, ran.mesh.offsets, ran.mesh.vertices)
-    mesh = _known(_Content(hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest(), ran.mesh))
+    fine = read_archive(folder / ARCHIVE)
     found = []
-    with _quiet():
-        for u, t in zip(ran.displacement, reference.instants, strict=True):
-            there = min(fields, key=lambda one: abs(one.time - t))
-            found.append(energy_distance(Field(mesh, u, ran.moduli, t), there, common=reference.common))
+    for u, t in zip(ran.displacement, reference.instants, strict=True):
+        row = int(np.argmin(np.abs(fine.times - t)))
+        there = Field(fine.mesh, fine.displacement[row], fine.moduli, float(fine.times[row]))
+        found.append(energy_distance(Field(ran.mesh, u, ran.moduli, t), there, common=reference.common))
     scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
     if scale == 0.0:
         raise HistoryError("the reference does not deform at any instant looked at: no relative error exists.")
     return max(one.absolute for one in found) / scale, found[-1].absolute / scale, apart
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """What would be logged at every instant of every point is said once, by the row."""
-    logger = logging.getLogger("vemcvx")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
+def measured_point(recipe: Recipe, point: Point, folder: Path, reference: Reference) -> dict[str, Any]:
+    """Run a point and measure its error: what the table says of it, column by column.
+
+    Raises
+    ------
+    VemcvxError
+        There is no such answer.
+    OSError
+        The reference cannot be used, which is no fault of the point.
+    """
+    ran = run_point(recipe, point, np.array(reference.instants))
     try:
-        yield
-    finally:
-        logger.setLevel(level)
+        error, error_end, apart = errors(ran, folder, reference)
+    except HistoryError as lost:
+        raise OSError(str(lost)) from lost
+    said = [ran.found["message"]] if ran.found["message"] else []
+    if apart > 0:
+        said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")
+    return {**ran.found, "error": error, "error_end": error_end, "message": "; ".join(said)}

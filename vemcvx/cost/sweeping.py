@@ -9,17 +9,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vemcvx.arrays import Floats
 from vemcvx.cost.alone import Crashed, Refused, alone
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.pool import Pool, pool
-from vemcvx.cost.reference import FILES, PART, Reference, build_reference, errors, read_reference
-from vemcvx.cost.run_point import run_point
+from vemcvx.cost.reference import FILES, PART, Reference, build_reference, measured_point, read_reference
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
 from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
-from vemcvx.errors import HistoryError, ProblemError, VemcvxError
+from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.owned_files import Owned, path_of
 
 JOURNAL = "journal.jsonl"
@@ -131,25 +128,16 @@ def finished_reference(*given: Any) -> tuple[Reference | None, str]:
 
 
 def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference: Reference) -> Row:
-    """Run a point in a process of its own, and measure its error in this one, which keeps the reference at hand."""
+    """Run a point, and measure its error, in a process of its own."""
     start = time.perf_counter()
-
-    def row(status: str, **found: Any) -> Row:
-        told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
-        return Row(**{**asdict(point), **told, **found})
-
     try:
-        ran = alone(run_point, recipe, point, np.array(reference.instants))
-        error, error_end, apart = errors(ran, folder, reference)
-    except (Crashed, MemoryError, OSError, HistoryError) as crash:
-        # A reference that cannot be read is no fault of the point.
-        return row(CRASHED, message=str(crash) or type(crash).__name__)
+        status, found = DONE, alone(measured_point, recipe, point, folder, reference)
+    except (Crashed, MemoryError, OSError) as crash:
+        status, found = CRASHED, {"message": str(crash) or type(crash).__name__}
     except (Refused, VemcvxError) as refusal:
-        return row(REFUSED, message=str(refusal))
-    said = [ran.found["message"]] if ran.found["message"] else []
-    if apart > 0:
-        said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")
-    return row(DONE, **{**ran.found, "error": error, "error_end": error_end, "message": "; ".join(said)})
+        status, found = REFUSED, {"message": str(refusal)}
+    told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
+    return Row(**{**asdict(point), **told, **found})
 
 
 def seconds_left(finished: Sequence[tuple[float, float]], waiting: Sequence[float], workers: int) -> float | None:

@@ -14,6 +14,7 @@ import os
 import shutil
 import sys
 from pathlib import Path
+from typing import Self
 
 from vemcvx.arrays import brief
 from vemcvx.errors import HistoryError
@@ -59,7 +60,7 @@ class Owned:
         self.names = [name for name in names if name == Path(name).name]
         self._write()
 
-    def __enter__(self) -> Owned:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

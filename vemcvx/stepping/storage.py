@@ -76,7 +76,7 @@ class Memory:
         return None
 
 
-class Folder:
+class Folder(Owned):
     """Rows in files; to be closed, or used by ``with``.
 
     Parameters
@@ -95,24 +95,14 @@ class Folder:
     lasting = True
 
     def __init__(self, path: str | Path, resumes: bool = True):
-        self._files, self._resumes = Owned(path_of(path, "stream")), resumes
-        self.path = self._files.path
-
-    def __enter__(self) -> Folder:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let others use the folder."""
-        self._files.close()
+        super().__init__(path_of(path, "stream"))
+        self._resumes = resumes
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
         """A new file of zeros; histories that still look at one of that name keep what they see."""
         if 0 in shape:
             return np.zeros(shape, dtype)
-        file = self._files.take(f"{name}.npy")
+        file = self.take(f"{name}.npy")
         try:
             file.unlink(missing_ok=True)
             made = np.lib.format.open_memmap(file, mode="w+", dtype=dtype, shape=shape)
@@ -135,17 +125,9 @@ class Folder:
         except Exception as error:  # damage shows as whatever numpy or the parser of headers stumbles over
             raise HistoryError(f"{file}: missing, cut short or damaged: {error}. Run without resume.") from error
 
-    def clear(self) -> None:
-        """Forget an earlier run."""
-        self._files.clear()
-
-    def remove(self) -> None:
-        """Take away what runs made, and close; arrays that are still mapped stay as they are."""
-        self._files.remove()
-
     def save(self, arrays: Arrays) -> None:
         """Write beside the old checkpoint, then move over it: at no moment is there none."""
-        kept, made = self._files.take(CHECKPOINT), self._files.take(f".{CHECKPOINT}")
+        kept, made = self.take(CHECKPOINT), self.take(f".{CHECKPOINT}")
         try:
             with open(made, "wb") as file:
                 SAVE(file, **arrays)
@@ -158,7 +140,7 @@ class Folder:
         file = self.path / CHECKPOINT
         if not (self._resumes and file.exists()):
             return None
-        self._files.take(CHECKPOINT)
+        self.take(CHECKPOINT)
         try:
             with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as kept:
                 return {name: kept[name] for name in kept.files}

@@ -65,11 +65,9 @@ class Condensation:
     def __init__(self, system: System, condense: bool = True, linear: LinearSolver | None = None):
         self.system = system
         n, norms = system.n, system.norms
-        B = sp.csr_matrix((0, n)) if norms is None else norms.B
-        block = 1 if norms is None else norms.block
+        B, D, block = system.B, system.D, 1 if norms is None else norms.block
         self.linear = choose_linear(n, linear)
-        limits = system.limits
-        D, compliance = (sp.csr_matrix((0, n)), np.zeros(0)) if limits is None else (limits.D, limits.compliances)
+        compliance = np.zeros(0) if system.limits is None else system.limits.compliances
         retained = system.retained
         anchor = _anchors(system, retained, self.linear)
         self.regular = system.K if anchor is None else sp.csr_matrix(system.K + sp.diags_array(anchor))

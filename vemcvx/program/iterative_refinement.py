@@ -139,5 +139,5 @@ def rounding(condensation: Condensation, size: Floats) -> float:
 
 def pulled(system: System, lam: Floats, p: Floats) -> Floats:
     """B'lam + D'p, the forces (n,) of norm terms and limits on all unknowns."""
-    held = np.zeros(system.n) if system.norms is None else system.norms.B.T @ lam.ravel()
-    return held if system.limits is None else held + system.limits.D.T @ p
+    held: Floats = system.B.T @ lam.ravel() + system.D.T @ p
+    return held

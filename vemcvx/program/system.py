@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -137,9 +138,7 @@ class System(ArrayRecord):
         if self.damping is not None and self.damping.C.shape != self.K.shape:
             raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
         if self.motion is not None:
-            rows = 0 if self.norms is None else self.norms.B.shape[0]
-            limits = 0 if self.limits is None else self.limits.count
-            object.__setattr__(self, "motion", self.motion.sized(self.n, rows, limits))
+            object.__setattr__(self, "motion", self.motion.sized(self.n, self.B.shape[0], self.D.shape[0]))
         if self.order is not None and not callable(self.order):
             object.__setattr__(self, "order", permutation(self.order, self.n))
         if self.near_kernel is not None:
@@ -163,9 +162,7 @@ class System(ArrayRecord):
         work = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
         if work.any():
             raise SceneError(f"System: K feels {kernel.names[int(np.argmax(work))]}, which is no motion of its kernel.")
-        B = sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
-        D = sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
-        if felt(sp.csr_matrix(sp.vstack([B, D])), N) < N.shape[1]:
+        if felt(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
             raise SceneError(
                 f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term and no limit: "
                 "nothing holds it. Add stiffness, norm terms or limits that do."
@@ -178,13 +175,25 @@ class System(ArrayRecord):
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
+    @cached_property
+    def B(self) -> sp.csr_matrix:
+        """(m * block, n) the rows of the norm terms."""
+        return sp.csr_matrix((0, self.n)) if self.norms is None else self.norms.B
+
+    @cached_property
+    def D(self) -> sp.csr_matrix:
+        """(r, n) the rows of the limits."""
+        return sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
+
+    @property
+    def follows_limits(self) -> bool:
+        """Whether weights of norm terms depend on the forces of the limits."""
+        return self.norms is not None and self.norms.law is not None
+
     @property
     def retained(self) -> Ints:
         """(m,) the unknowns that norm terms or limits read: all others are eliminated."""
-        matrices = [] if self.norms is None else [self.norms.B]
-        matrices += [] if self.limits is None else [self.limits.D]
-        read: list[Ints] = [A.indices[A.data != 0].astype(np.int64) for A in matrices]
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *read]))
+        return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
 
     def elimination_order(self) -> Ints | None:
         """(n,) the order of elimination, if there is one."""

@@ -66,7 +66,8 @@ class Adapted(Solver):
 
     def __repr__(self) -> str:
         """Its name, and those of its public attributes that are plain: they say the same in every process."""
-        plain = {name: value for name, value in _attributes(self._own).items() if isinstance(value, (int, float, str))}
+        public = {name: x for name, x in getattr(self._own, "__dict__", {}).items() if not name.startswith("_")}
+        plain = {name: value for name, value in public.items() if isinstance(value, (int, float, str))}
         settings = {**plain, "accuracy": self.accuracy}
         return f"{self.name}({', '.join(f'{name}={value!r}' for name, value in sorted(settings.items()))})"
 
@@ -140,10 +141,6 @@ def _features(raw: Any, name: str) -> frozenset[str]:
         there_are = ", ".join(map(repr, sorted(FEATURES)))
         raise SceneError(f"solver {name}: found accepts = {brief(raw)}; wanted a set of some of {there_are}.")
     return frozenset(raw)
-
-
-def _attributes(own: object) -> dict[str, Any]:
-    return {name: value for name, value in getattr(own, "__dict__", {}).items() if not name.startswith("_")}
 
 
 def _asks_for(own: Solves) -> list[str]:

@@ -124,12 +124,9 @@ class ThroughCvxpy(Solver):
         return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, operators: Operators) -> "_PreparedConic":
-        import cvxpy as cp
-
-        if self.solver not in cp.installed_solvers():
-            known = ", ".join(sorted(cp.installed_solvers()))
+        if self.solver not in installed():
             raise NotAccepted(
-                f"solver {self.solver!r}: cvxpy does not find it here; it finds {known}. "
+                f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(installed()))}. "
                 "Install it, or choose one of those."
             )
         return _PreparedConic(self, operators)

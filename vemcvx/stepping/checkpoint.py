@@ -50,7 +50,7 @@ def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike 
 def mark_of_data(system: System, t: float) -> int:
     """A number that stands for all that drives the system at an instant."""
     norms, dragged, damping = system.norms, system.dragged, system.damping
-    pressures = [p * np.ones(0 if system.limits is None else system.limits.count) for p in PRESSURES]
+    pressures = [p * np.ones(system.D.shape[0]) for p in PRESSURES]
     parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
         parts += [norms.tilt(t), norms.weights(t)]

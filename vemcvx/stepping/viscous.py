@@ -137,14 +137,12 @@ class ViscousSteps:
         system = self._run.system
         motion, moved = system.motion, self._damping.motion
         phi = residual(system.push(t), system.K, y, np.zeros(len(y)))
-        prescribed_slip = np.zeros(0 if system.norms is None else system.norms.B.shape[0])
+        prescribed_slip = np.zeros(system.B.shape[0])
         if motion is not None:
             prescribed_slip = motion.prescribed_slip(t) - motion.prescribed_slip(s)
         if moved is not None:
             phi -= (moved.dirichlet_force(t) - moved.dirichlet_force(s)) / k
-        remaining_gap = system.remaining_gap(t)
-        if system.limits is not None:
-            remaining_gap = remaining_gap - system.limits.D @ y
+        remaining_gap = system.remaining_gap(t) - system.D @ y
         bias = np.zeros_like(prescribed_slip) if system.norms is None else system.norms.tilt(t)
         # No two of these are alike, and a resumed run does not know those before it.
         pushed = in_range(run.condensation.reduce(phi, remembered=False), t)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.pages import MARK
 
@@ -130,7 +131,7 @@ def test_the_command_on_it_gives_the_same(paper, tmp_path):
 
 def test_what_users_write_is_escaped(tmp_path):
     (tmp_path / "hung&.py").write_text(LOOSE)
-    read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2))
+    read = Reader(reported(tmp_path / "out", tmp_path / "hung&.py", "--n", 3, "--steps", 2, "--probe", "0.25,0"))
     assert not {"script", "by", "side"} & set(read.tags)
     assert 'hung&: Hung <by> its top & "pulled" down.' in read.text
     assert "1 < 2 & 3" in read.text
@@ -139,6 +140,9 @@ def test_what_users_write_is_escaped(tmp_path):
     # Without contact there is nothing to say of it.
     assert "slip" not in read.text.split("Results")[1].split("Certificates")[0]
     assert read.tags.count("img") == 2
+    moved = vx.read_history(tmp_path / "out").probe([[0.25, 0.0]])[-1, 0]
+    for axis, value in zip("xy", moved, strict=True):
+        assert f"displacement along {axis}, at (0.25, 0) {value:.6g} length" in read.text
 
 
 def test_where_there_is_no_budget_it_says_why(tmp_path):

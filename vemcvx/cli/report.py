@@ -54,7 +54,7 @@ def write_report(problem: Problem, asked: RunOptions, history: History) -> Path:
     sections = {
         "What was simulated": _prose(problem.text) + _scene(problem, asked, history),
         "Pictures": "".join(_pictures(history)),
-        "Results": results(history),
+        "Results": results(history, asked.points),
         "Certificates": certificates(history),
         "Error budget": budget(history),
         "The run": _run(history),

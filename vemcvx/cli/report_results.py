@@ -38,8 +38,8 @@ PARTS = {
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
 
 
-def results(history: History) -> str:
-    """Energies and extremes of the last stored step, and reactions."""
+def results(history: History, points: Floats | None) -> str:
+    """Energies and extremes of the last stored step, displacements of points, and reactions."""
     run, t = history.trajectory, history.times[-1]
     rows = [
         ("stored energy", figure(run.energy[-1]), ENERGY),
@@ -60,7 +60,19 @@ def results(history: History) -> str:
         "<p>Reactions, forces on the body from supports, contact and friction. A node that boundaries share counts in "
         "each, and in <i>boundary</i>, all of them; those that are not named carry none.</p>"
     )
-    return f"{numbers(['quantity', 'value', 'unit'], rows)}<p>{units}{t:.6g}.</p>" + f"{reactions}{table}" * bool(held)
+    if points is not None:
+        rows += _moved(points, history.probe(points)[-1])
+    told = f"{numbers(['quantity', 'value', 'unit'], rows)}<p>{units}{t:.6g}.</p>"
+    return told + f"{reactions}{table}" * bool(held)
+
+
+def _moved(points: Floats, displacements: Floats) -> list[tuple[str, str, str]]:
+    """Displacements of points, component by component."""
+    return [
+        (f"displacement along {axis}, at {_place(point)}", figure(u[k]), LENGTH)
+        for point, u in zip(points, displacements, strict=True)
+        for k, axis in enumerate("xyz"[: len(u)])
+    ]
 
 
 def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
@@ -83,8 +95,11 @@ def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
 
 def _largest(name: str, values: Floats, places: Floats, unit: str) -> tuple[str, str, str]:
     k = int(np.argmax(values))
-    place = ", ".join(f"{x:.4g}" for x in places[k])
-    return f"largest {name}, at ({place})", figure(values[k]), unit
+    return f"largest {name}, at {_place(places[k])}", figure(values[k]), unit
+
+
+def _place(point: Floats) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
 
 
 def certificates(history: History) -> str:

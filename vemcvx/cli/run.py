@@ -106,8 +106,8 @@ def _refuse_early(asked: RunOptions, drawings: Path) -> None:
     """What could not be gone on with, written or drawn is not worth simulating for."""
     if asked.resume and not (asked.out and os.path.isfile(asked.out / ROWS / CHECKPOINT)):
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
-    if asked.points is not None and asked.out is None:
-        raise ProblemError("--probe: displacements of points are written to DIR of --out DIR; give one.")
+    if asked.points is not None and asked.out is None and not asked.report:
+        raise ProblemError("--probe: displacements of points are written to DIR of --out DIR, or told by --report.")
     if asked.plot or asked.report:
         from vemcvx.canvas import new_figure
         from vemcvx.cli.report import check_report

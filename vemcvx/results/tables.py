@@ -69,7 +69,7 @@ def _contact(history: Results) -> Columns:
         if sizes[0] == "S":
             columns |= _by_axis(name, values.reshape(-1, *values.shape[2:]))
         else:
-            columns |= _by_axis(ONE_EACH[name], np.tile(values, (steps, *[1] * (values.ndim - 1))))
+            columns |= _by_axis(ONE_EACH.get(name, name), np.tile(values, (steps, *[1] * (values.ndim - 1))))
     return columns
 
 

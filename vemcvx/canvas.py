@@ -79,13 +79,7 @@ def legend_below(ax: Axes) -> None:
 
 
 def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
-    """Return what writes figures as the frames of a film, `rate` of them a second: "pillow", or "ffmpeg".
-
-    Raises
-    ------
-    VemcvxError
-        It is not installed.
-    """
+    """Return what writes the frames of a film, `rate` a second: "pillow", or "ffmpeg"; VemcvxError without it."""
     from matplotlib.animation import writers
 
     if not writers.is_available(kind):

@@ -19,13 +19,7 @@ class MaterialLaw(Effect):
 
 
 def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
-    """The cells (n_cells,) where one of the cell data named by `on` is nonzero; None for the whole body.
-
-    Raises
-    ------
-    SceneError
-        There is no cell datum of that name, it is not one number a cell, or it is zero everywhere.
-    """
+    """The cells (n_cells,) where one of the cell data named by `on` is nonzero; None for the whole body."""
     if on is None:
         return None
     known = space.mesh.cell_data

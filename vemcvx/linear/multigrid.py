@@ -135,13 +135,7 @@ SUITED = "It suits compressible materials (poisson < 0.49) and cells of good sha
 
 
 def lowest_eigenvalue(K: sp.csr_matrix, cycle: LinearOperator[np.float64]) -> float:
-    """A bound from below on the eigenvalues of MK, see above.
-
-    Raises
-    ------
-    SceneError
-        K is not positive definite, or the cycle serves it too badly for a bound.
-    """
+    """A bound from below on the eigenvalues of MK, or SceneError if K is not positive definite or M serves it badly."""
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / MISSED)
     low = high = 1.0
     for k, (low, high) in enumerate(islice(_ritz_values(K, cycle), MOST_LANCZOS), start=1):

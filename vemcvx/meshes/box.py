@@ -109,13 +109,7 @@ def cell_counts(
 
 
 def squares_along(n: Count | None, box: Box, size: float | None) -> tuple[float, float]:
-    """How many squares fit along x and y, n of them across the shortest side, or of the given size; no whole numbers.
-
-    Raises
-    ------
-    MeshError
-        Neither or both are given, n is not a positive whole number, or the size not a positive one.
-    """
+    """How many squares, no whole numbers, fit along x and y: n across the shortest side, or of the given size."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"n must be given (cells across the shortest side) or size= (the width of a cell); got {both}.")

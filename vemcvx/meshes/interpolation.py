@@ -17,14 +17,7 @@ from vemcvx.meshes.tessellation import Tessellation
 
 
 def projected_values(mesh: Tessellation, cells: Ints, points: Floats) -> csr_array:
-    """The matrix (p, n_nodes) that takes nodal values to those of Pi at points.
-
-    Parameters
-    ----------
-    cells : (p,) array of int
-        The cell whose linear function is asked for at each point.
-    points : (p, 2) array
-    """
+    """The matrix (p, n_nodes) that takes nodal values to those of Pi at points (p, 2), each in its cell (p,)."""
     shape = (len(cells), mesh.n_nodes)
     if not len(cells):
         return csr_array(shape)

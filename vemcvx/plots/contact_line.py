@@ -24,22 +24,18 @@ ARC = "$s$"
 
 @dataclass(frozen=True)
 class ContactLine:
-    """Contact nodes in the order of the line.
-
-    Attributes
-    ----------
-    order : (m,) rows of the contact arrays
-    position : (m,) places on the line
-    limits : (m, 2) the part of the line that each node owns
-    tangents : (m, 2) unit vectors towards larger positions
-    symbol : what the line measures, as a symbol
-    """
+    """Contact nodes in the order of the line."""
 
     order: Ints
+    """(m,) rows of the contact arrays"""
     position: Floats
+    """(m,) places on the line"""
     limits: Floats
+    """(m, 2) the part of the line that each node owns"""
     tangents: Floats
+    """(m, 2) unit vectors towards larger positions"""
     symbol: str
+    """what the line measures"""
 
     @property
     def label(self) -> str:
@@ -77,13 +73,7 @@ def apart(history: Results, line: ContactLine) -> Bools:
 
 
 def contact_line(history: Results, picture: str) -> ContactLine:
-    """Lay out the contact nodes of a history.
-
-    Raises
-    ------
-    HistoryError
-        There is no contact to be drawn.
-    """
+    """The contact nodes of a history laid out, or HistoryError if there are none."""
     contact = history.contact
     if len(contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
@@ -135,6 +125,7 @@ def _walk(edges: Ints, history: Results) -> tuple[Ints, Floats]:
     order: list[int] = []
     arc: list[float] = []
     here, seen = 0.0, set()
+    room = 2.0 * history.mesh.h  # on the line between separate parts: two cells
     # Parts begin where nothing leads; what is left then are closed curves.
     for start in [n for n in row if n not in preceded] + list(row):
         node: int | None = start
@@ -143,11 +134,6 @@ def _walk(edges: Ints, history: Results) -> tuple[Ints, Floats]:
             order.append(row[node])
             arc.append(here)
             ahead = following.get(node)
-            here += float(np.linalg.norm(points[ahead] - points[node])) if ahead is not None else _gap(history)
+            here += float(np.linalg.norm(points[ahead] - points[node])) if ahead is not None else room
             node = ahead
     return np.array(order), np.array(arc)
-
-
-def _gap(history: Results) -> float:
-    """Room on the line between separate parts: two cells."""
-    return 2.0 * history.mesh.h

@@ -34,13 +34,7 @@ def rounded_down(wanted: float, largest: float) -> float:
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
-    """How far to magnify the displacements of all stored steps: as asked, or so that `nodes` stay in the picture.
-
-    Raises
-    ------
-    HistoryError
-        `magnify` is not a positive number.
-    """
+    """How far to magnify the displacements of all stored steps: as asked, or so that `nodes` stay in the picture."""
     if magnify is not None:
         return _positive(magnify)
     kept = slice(None) if nodes is None else nodes
@@ -75,13 +69,7 @@ def extent(history: Results, factor: float) -> Floats:
 
 
 def value_range(limits: ArrayLike | None, default: Iterable[float]) -> Range:
-    """The two ends of a range of values: as asked, or else the default.
-
-    Raises
-    ------
-    HistoryError
-        `limits` are not two growing numbers.
-    """
+    """The two ends of a range of values: as asked, or else the default; HistoryError if they are not two that grow."""
     if limits is None:
         low, high = default
         return float(low), float(high)

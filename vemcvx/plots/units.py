@@ -34,13 +34,7 @@ def instant(t: float, units: Units | None) -> str:
 
 
 def checked_units(units: Units | None) -> Units:
-    """Units as given, none for None.
-
-    Raises
-    ------
-    HistoryError
-        They are no mapping from known quantities to words.
-    """
+    """Units as given, none for None, or HistoryError if they are no mapping from known quantities to words."""
     if units is None:
         return {}
     known = ", ".join(map(repr, QUANTITIES))

@@ -28,13 +28,7 @@ ROUNDED = 16 * float(np.finfo(float).eps)
 
 
 def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
-    """One material for the whole body.
-
-    Raises
-    ------
-    SceneError
-        Cells have no material or several, or plane strain and plane stress are mixed.
-    """
+    """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
     if len(materials) == 1 and materials[0].cells is None:
         return materials[0]
     _check_cover(materials, mesh)

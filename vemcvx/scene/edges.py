@@ -17,14 +17,10 @@ from vemcvx.effects import ContactSurface, Friction, Obstacle
 
 
 def owned(parts: Sequence[Friction | Obstacle | ContactSurface]) -> tuple[sp.csr_matrix, Ints]:
-    """What the rows of all parts own, one after the other.
+    """What the rows of all parts own, one after the other: (rows, e) half the length of each end of an edge.
 
-    Returns
-    -------
-    ends : (rows, e) sparse matrix
-        Half the length of each end of an edge that a row owns.
-    names : (e, 2) array
-        Each end's own node, and the other node of its edge; -1 for all that a part without `ends` has at a node.
+    The names (e, 2) are each end's own node, and the other node of its edge; -1 for all that a part without `ends` has
+    at a node.
     """
     row, name, half, count = [], [], [], 0
     for part in parts:

@@ -48,13 +48,7 @@ class Obstacles:
 
 
 def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Supports) -> Obstacles:
-    """The limits of all obstacles where something can move towards them.
-
-    Parameters
-    ----------
-    ends : (rows, e) sparse matrix
-        What the rows of all obstacles own.
-    """
+    """The limits of all obstacles, whose rows own `ends`, where something can move towards them."""
     points = supports.points
     if not obstacles:
         none = np.zeros(0)
@@ -105,11 +99,6 @@ def _limits(jumps: Jumps, normals: Floats, compliance: Floats) -> tuple[Ints, In
 
 def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     """(rows of `friction`, r) which limits press on which rows, each with the share of its edges that rub there, too.
-
-    Parameters
-    ----------
-    ends : (rows of `friction`, e) sparse matrix
-        What they own.
 
     Raises
     ------

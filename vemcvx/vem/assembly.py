@@ -35,20 +35,10 @@ def assemble_cells(space: Space, local: Callable[[CellGroup], Floats]) -> sp.csr
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
-    """Add up blocks that couple the vertices of cells.
+    """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
-    Parameters
-    ----------
-    nodes : sequence of (c, n) arrays of int
-        Vertices of the cells, one array a number of vertices.
-    blocks : (pairs, 4) array
-        Row-major 2 x 2 blocks: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
-    n_nodes : int
-
-    Returns
-    -------
-    (2 n_nodes, 2 n_nodes) csr_matrix
-        Column indices sorted, no duplicates.
+    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `blocks` (pairs, 4) are row-major
+    2 x 2 blocks: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
     """
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])

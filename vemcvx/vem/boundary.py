@@ -103,13 +103,9 @@ class BoundaryPart:
         return read_only(totals(place.ravel(), half, len(self.nodes)))
 
     def gauss(self, count: int) -> tuple[Floats, Floats]:
-        """Gauss points of the edges.
+        """Gauss points (m, count, 2) of the edges, and their shares (m, 2, count).
 
-        Returns
-        -------
-        points : (m, count, 2) array
-        shares : (m, 2, count) array
-            Weight times length times basis function of the first and of the second end of each edge.
+        These are weight times length times basis function of the first and of the second end of each edge.
         """
         node, weight = np.polynomial.legendre.leggauss(count)
         s = 0.5 + 0.5 * node

@@ -56,31 +56,16 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
 
 
 def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:
-    """tau (n_cells,) of an isotropic material; zero on cells that another material fills.
-
-    Raises
-    ------
-    SceneError
-        `stabilisation` is neither "shear" nor "unit".
-    """
+    """tau (n_cells,) of an isotropic material; zero on cells that another material fills."""
     if stabilisation not in ("shear", "unit"):
         raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
     return 2.0 * mu if stabilisation == "shear" else np.sign(mu)
 
 
 def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Floats:
-    """The local matrices of cells with n vertices.
+    """The local matrices (c, n, n, 2, 2) of cells with n vertices (c, n, 2), relative to a point of the cell.
 
-    Parameters
-    ----------
-    corners : (c, n, 2) array
-        Vertices, counter-clockwise, relative to a point of the cell.
-    lam, mu, tau : (c,) arrays
-
-    Returns
-    -------
-    (c, n, n, 2, 2) array
-        Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+    Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
     """
     areas, g = area_gradients(corners)
     lam, mu = (lam / areas)[:, None, None], (mu / areas)[:, None, None]

@@ -28,19 +28,9 @@ from vemcvx.arrays import Floats
 
 
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
-    """Areas and the gradients G_i times the area.
+    """Areas |K| (c,) and |K| G_i (c, n, 2) of cells (c, n, 2), counter-clockwise, relative to a point of the cell.
 
-    Parameters
-    ----------
-    corners : (c, n, 2) array
-        Vertices of c cells, counter-clockwise, relative to a point of the cell.
-
-    Returns
-    -------
-    areas : (c,) array
-        |K| = sum_i x_i |K| (G_i)_x: the very sum that makes the gradient of x one.
-    gradients : (c, n, 2) array
-        |K| G_i.
+    |K| = sum_i x_i |K| (G_i)_x: the very sum that makes the gradient of x one.
     """
     chord = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
     gradients = np.empty_like(corners)

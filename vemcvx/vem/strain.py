@@ -11,18 +11,9 @@ from vemcvx.vem.space import Space
 
 
 def strains(space: Space, u: Floats) -> Floats:
-    """The mean strain of a virtual function on each cell, eps(Pi u), (3.13).
+    """The mean strain of a virtual function on each cell, eps(Pi u), (3.13): e_xx, e_yy and 2 e_xy, (n_cells, 3).
 
-    Parameters
-    ----------
-    space : Space
-    u : (n_nodes, 2) or (2 n_nodes,) array
-        Nodal displacements.
-
-    Returns
-    -------
-    (n_cells, 3) array
-        e_xx, e_yy and the engineering shear 2 e_xy.
+    u are nodal displacements, (n_nodes, 2) or (2 n_nodes,).
     """
     u = np.reshape(u, (-1, 2))
     result = np.empty((space.mesh.n_cells, 3))
@@ -40,17 +31,7 @@ def strains(space: Space, u: Floats) -> Floats:
 
 
 def rigid_modes(points: Floats) -> Floats:
-    """The infinitesimal rigid motions at the nodes.
-
-    Parameters
-    ----------
-    points : (n_nodes, 2) array
-
-    Returns
-    -------
-    (2 n_nodes, 3) array
-        Translations along x and y, and the rotation (-y, x) about the origin of `points`.
-    """
+    """The infinitesimal rigid motions (2 n_nodes, 3): translations along x and y, the rotation (-y, x) about (0, 0)."""
     modes = np.zeros((*points.shape, 3))
     modes[:, 0, 0] = 1.0
     modes[:, 1, 1] = 1.0

@@ -27,16 +27,7 @@ GREATLY = 4.0
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
-    """The cells whose squared indicators make up `theta` of the sum, or fewer if these reach the goal.
-
-    Parameters
-    ----------
-    squares : (n_cells,) array
-    goal : float
-        The sum that is wanted.
-    theta : float
-        In (0, 1).
-    """
+    """The cells whose squared indicators (n_cells,) make up `theta` of the sum, or fewer if that reaches the goal."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
     return largest(squares, min(theta, max(excess, 0.0)))
@@ -55,16 +46,7 @@ def largest(values: Floats, part: float) -> Bools:
 
 
 def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
-    """The instants of a run, more where its steps lose most.
-
-    Parameters
-    ----------
-    times : (N + 1,) array
-    finer : Finer
-        The run beside one in finer steps.
-    allowed : float
-        The energy error that is wanted.
-    """
+    """The instants (N + 1,) of a run, more where its steps lose most, if its energy error is beyond the one allowed."""
     error = float(finer.errors.max())
     lost = np.where(np.diff(times) > HAIR * (times[-1] - times[0]), finer.added, 0.0)
     if error <= allowed or not lost.any():

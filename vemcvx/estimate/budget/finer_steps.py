@@ -52,17 +52,7 @@ class Finer:
 
 
 def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course | None = None) -> Finer:
-    """Compare a run with one in finer steps.
-
-    Parameters
-    ----------
-    run : PreparedRun
-    times : (N + 1,) array
-    initial : (n,) array
-        The state at times[0].
-    known : Course, optional
-        Of the data, if it has been looked at.
-    """
+    """Compare a run from a state (n,) at times[0] with one in finer steps; `known` is what is known of its data."""
     known = course(run.system, times) if known is None else known
     if run.operators.count == 0 or len(times) == 1:
         none = np.zeros(len(times))

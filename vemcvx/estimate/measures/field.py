@@ -83,13 +83,7 @@ def field_of(run: Results | Field, step: int, subject: str) -> Field:
 
 
 def step_at(history: Results, time: float) -> int:
-    """The number of the stored step at an instant.
-
-    Raises
-    ------
-    HistoryError
-        No stored step is at that instant.
-    """
+    """The number of the stored step at an instant, or HistoryError."""
     time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])

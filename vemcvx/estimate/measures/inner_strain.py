@@ -49,13 +49,7 @@ def projected_strain(field: Field) -> InnerStrain:
 
 
 def virtual_strain(field: Field, subject: str) -> InnerStrain:
-    """Strains of the virtual function.
-
-    Raises
-    ------
-    MeshError
-        Some cell is neither a triangle nor a rectangle.
-    """
+    """Strains of the virtual function, or MeshError if some cell is neither a triangle nor a rectangle."""
     slope = np.zeros((field.mesh.n_cells, 2, 3))
     for group in field.space.groups:
         n = group.nodes.shape[1]

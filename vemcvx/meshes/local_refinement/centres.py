@@ -66,19 +66,10 @@ def _middles_of_quads(x: Floats) -> Floats:
 
 
 def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Centroids of the kernels of polygons, and how far they are from the lines of the sides.
+    """Centroids (c, 2) of the kernels of polygons, and how far they are from the lines of the sides, (c,).
 
-    Parameters
-    ----------
-    corners : (c, n, 2) float
-        Corners, counter-clockwise, all within 1 of the origin.
-
-    Returns
-    -------
-    points : (c, 2) float
-        The origin where the kernel is empty.
-    clear : (c,) float
-        Least signed distance, negative outside.
+    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin, which stands for an empty kernel. Distances
+    are the least signed ones, negative outside.
     """
     edge = np.roll(corners, -1, axis=1) - corners
     inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / np.hypot(edge[..., 0], edge[..., 1])[..., None]

@@ -15,17 +15,9 @@ from vemcvx.meshes.polygons.segments import cross
 
 
 def clip(subject: Floats, window: Floats) -> Floats:
-    """Intersections of convex polygons.
+    """Intersections (p, w, 2) of convex polygons (p, m, 2) and (p, n, 2), counter-clockwise.
 
-    Parameters
-    ----------
-    subject, window : (p, m, 2) and (p, n, 2) arrays
-        Vertices, counter-clockwise; repeated vertices do no harm.
-
-    Returns
-    -------
-    (p, w, 2) array
-        Vertices of the intersections, the last one repeated up to the common width; a point where there is none.
+    The last vertex is repeated up to the common width w, also in what is given; a point where they do not meet.
     """
     # Relative to a vertex of the window: differences of neighbouring coordinates are exact.
     origin = window[:, :1]

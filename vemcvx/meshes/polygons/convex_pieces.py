@@ -16,18 +16,7 @@ STRAIGHT = 1e-9
 
 
 def convex_pieces(corners: Floats) -> list[list[int]]:
-    """Cut one polygon into convex pieces.
-
-    Parameters
-    ----------
-    corners : (n, 2) float
-        Its corners, counter-clockwise.
-
-    Returns
-    -------
-    list of list of int
-        Numbers of the corners of each piece, counter-clockwise.
-    """
+    """The convex pieces of a polygon (n, 2), each by the numbers of its corners; all counter-clockwise."""
     x = [complex(*corner) for corner in corners.tolist()]
     ears = clip_ears(corners[None])[0].tolist()
     pieces = dict(enumerate(ears))

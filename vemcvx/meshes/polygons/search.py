@@ -24,13 +24,7 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
 
 def delaunay(points: Floats) -> Ints:
-    """Triangles (t, 3) of the Delaunay triangulation of points (n, 2).
-
-    Raises
-    ------
-    MeshError
-        The points are on one line but for rounding.
-    """
+    """Triangles (t, 3) of the Delaunay triangulation of points (n, 2), or MeshError if these are on one line."""
     from scipy.spatial import Delaunay, QhullError
 
     try:

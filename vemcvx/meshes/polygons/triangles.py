@@ -50,17 +50,9 @@ def places(corners: Floats, barycentric: Floats) -> Floats:
 
 
 def clip_ears(corners: Floats) -> Ints:
-    """Triangulate c polygons of n vertices.
+    """Triangles (c, n - 2, 3) of simple polygons (c, n, 2), vertices on straight sides included; counter-clockwise.
 
-    Parameters
-    ----------
-    corners : (c, n, 2) array
-        Vertices, counter-clockwise; they may lie on straight sides.
-
-    Returns
-    -------
-    (c, n - 2, 3) array of int
-        Vertices of the triangles, counter-clockwise. Their signed areas add up to the polygon's.
+    Their signed areas add up to the polygon's.
     """
     c, n, _ = corners.shape
     left = np.broadcast_to(np.arange(n), (c, n))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import LARGEST, is_real
+from vemcvx.arguments import LARGEST, is_real, part
 from vemcvx.arrays import Bools, Floats, Ints, brief
 from vemcvx.errors import SceneError
 from vemcvx.estimate.adapt.marking import cells_to_refine, split_steps
@@ -233,12 +233,8 @@ def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, th
 
 
 def _check(target: object, theta: object, most: object, progress: object) -> None:
-    if not (is_real(target) and 0 < target < 1):
-        raise SceneError(
-            f"adapt: found target = {brief(target)}; it is a relative error, between 0 and 1, such as 0.02."
-        )
-    if not (is_real(theta) and 0 < theta < 1):
-        raise SceneError(f"adapt: found theta = {brief(theta)}; it is a part, between 0 and 1, such as 0.6.")
+    part(target, "adapt", "target", "a relative error,", "0.02")
+    part(theta, "adapt", "theta", "a part,", "0.6")
     if not (is_real(most) and 1 <= most <= LARGEST):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):

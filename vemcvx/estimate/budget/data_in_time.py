@@ -126,9 +126,9 @@ def _bends(times: Floats, values: Floats, value: Callable[[float], Floats]) -> F
     turns = np.abs(np.diff(slopes, axis=0)).max(axis=1)
     # An interval's lines are those of its two neighbours; curvature is how these turn on their far sides.
     apart = np.abs(slopes[2:] - slopes[:-2]).max(axis=1)
-    far = np.maximum(np.append(0.0, turns[:-2]), np.append(turns[2:], 0.0)) if len(turns) > 2 else np.zeros(len(apart))
+    far = np.maximum(np.append(0.0, turns[:-2]), np.append(turns[2:], 0.0))
     width = np.diff(times)[1:-1]
-    bent = np.flatnonzero((apart * width > BENT) & (apart > SHARP * far[: len(apart)]))
+    bent = np.flatnonzero((apart * width > BENT) & (apart > SHARP * far))
     bent = bent[np.argsort(-(apart * width)[bent], kind="stable")[:MOST]]
     found = [_meeting(times[j + 1], times[j + 2], values[j : j + 4], times[j : j + 4], value) for j in bent]
     return np.array([t for t in found if t is not None])

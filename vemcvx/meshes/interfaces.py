@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import check_edges, check_name
 from vemcvx.meshes.polygons.segments import rounding
+from vemcvx.meshes.polygons.topology import smallest_linked
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +64,7 @@ def pairs_of(interfaces: Mapping[str, Interface]) -> Ints:
 
 
 def places_of(pairs: Ints, points: Floats) -> Ints:
-    """The place of each node, (n_nodes,): the smallest of the numbers of the nodes that are there.
-
-    Raises
-    ------
-    MeshError
-        Nodes of a pair are not in the same place.
-    """
+    """The place of each node, (n_nodes,): the smallest of the numbers of the nodes that are there, or MeshError."""
     if not len(pairs):
         return np.arange(len(points))
     one, other = points[pairs[:, 0]], points[pairs[:, 1]]
@@ -79,10 +72,7 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
     if len(apart):
         a, b = pairs[apart[0]]
         raise MeshError(f"nodes {a} and {b} are partners at an interface, but at {points[a]} and {points[b]}.")
-    links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    label = connected_components(links, directed=False)[1]
-    first: Ints = np.unique(label, return_index=True)[1]
-    return first[label]
+    return smallest_linked(pairs, len(points))
 
 
 def on_boundary(

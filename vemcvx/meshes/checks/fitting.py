@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.segments import TOLERANCE, beside, cross, crossing, overlapping_boxes, rounding
+from vemcvx.meshes.polygons.topology import smallest_linked
 
 # A slit below this part of the edges beside it is a mistake (single precision, printed digits), not a geometry.
 NARROW = 1e-6
@@ -109,9 +108,7 @@ def _one_edge_a_chain(ends: Ints) -> Ints:
     starts, counts = np.unique(ends[:, 0], return_counts=True)
     simple = counts[np.searchsorted(starts, ends[:, 1])] == 1
     follower = order[np.searchsorted(ends[order, 0], ends[simple, 1])]
-    links = (np.ones(len(follower)), (np.flatnonzero(simple), follower))
-    _, chain = connected_components(csr_array(links, shape=(len(ends), len(ends))), directed=False)
-    return np.unique(chain, return_index=True)[1]
+    return np.unique(smallest_linked(np.column_stack([np.flatnonzero(simple), follower]), len(ends)))
 
 
 def _winding_inside(points: Floats, ends: Ints, probes: Ints) -> Ints:

@@ -9,13 +9,19 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.search import close_pairs, nearest
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import areas_and_centroids
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner, next_vertex, offsets_of
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    directed_edges,
+    next_corner,
+    next_vertex,
+    offsets_of,
+    smallest_linked,
+)
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9
@@ -28,12 +34,7 @@ def merge_coincident(points: Floats, offsets: Ints, vertices: Ints, size: Floats
     """
     for side in (np.zeros(2), size):
         points = np.where(np.abs(points - side) < ROUND_OFF, side, points)
-    pairs = close_pairs(points, ROUND_OFF)
-    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    _, label = connected_components(graph, directed=False)
-    first = np.full(label.max() + 1, len(points))
-    np.minimum.at(first, label, np.arange(len(points)))
-    return _renumbered(points, offsets, first[label][vertices])
+    return _renumbered(points, offsets, smallest_linked(close_pairs(points, ROUND_OFF), len(points))[vertices])
 
 
 def collapse_short_edges(

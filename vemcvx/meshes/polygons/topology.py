@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Ints
 
@@ -125,3 +127,11 @@ def neighbours(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
     first = shared.first[shared.counts == 2]
     cells = cell_of_corner(offsets)
     return np.column_stack([cells[shared.corners[first]], cells[shared.corners[first + 1]]])
+
+
+def smallest_linked(pairs: Ints, count: int) -> Ints:
+    """Of each number below `count` the smallest that pairs (m, 2) link it to, directly or over others; (count,)."""
+    links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    label = connected_components(links, directed=False)[1]
+    first: Ints = np.unique(label, return_index=True)[1]
+    return first[label]

@@ -11,13 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.search import close_pairs
 from vemcvx.meshes.polygons.segments import beside, overlapping_boxes, rounding
+from vemcvx.meshes.polygons.topology import smallest_linked
 from vemcvx.meshes.several_bodies.side_by_side import SideBySide
 
 
@@ -59,12 +58,9 @@ def _same_places(bodies: SideBySide, nodes: Ints, tolerance: float) -> Ints:
     """For each node the first of those in its place; MeshError if a body has two of them."""
     pairs = nodes[close_pairs(bodies.points[nodes], tolerance)]
     pairs = pairs[bodies.body[pairs[:, 0]] != bodies.body[pairs[:, 1]]]
-    n = len(bodies.points)
-    links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    label = connected_components(links, directed=False)[1]
-    first: Ints = np.unique(label, return_index=True)[1]
+    place = smallest_linked(pairs, len(bodies.points))
     together = np.unique(pairs)
-    key = label[together] * len(bodies.names) + bodies.body[together]
+    key = place[together] * len(bodies.names) + bodies.body[together]
     _, index, counts = np.unique(key, return_index=True, return_counts=True)
     if (counts > 1).any():
         node = together[index[counts > 1][0]]
@@ -72,7 +68,7 @@ def _same_places(bodies: SideBySide, nodes: Ints, tolerance: float) -> Ints:
             f"bodies: two nodes of {bodies.names[bodies.body[node]]!r} near {_at(bodies.points[node])} would come to "
             f"one place: the tolerance {tolerance:.3g} must be well below the edges. Give a smaller tolerance=."
         )
-    return first[label]
+    return place
 
 
 def _near_edges(

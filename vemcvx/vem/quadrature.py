@@ -28,18 +28,8 @@ MARGIN = 1e-6
 FLAT = 1e-14
 
 
-def cell_quadrature(group: CellGroup) -> tuple[Floats, Floats, Ints]:
-    """Points and weights on the cells of a group.
-
-    Returns
-    -------
-    points : (q, 2) array
-        Inside the cells.
-    weights : (q,) array
-        They add up to the areas.
-    owner : (q,) array of int
-        The cell of each point, as a position in the group.
-    """
+def cell_quadrature(group: CellGroup) -> Rule:
+    """Points (q, 2) inside the cells of a group, weights that add up to the areas, and positions in the group, (q,)."""
     corners = group.corners
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:

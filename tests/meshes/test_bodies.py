@@ -432,3 +432,14 @@ def test_a_cut_right_through_is_the_mesh_of_two_bodies():
 def test_cracks_that_are_none_are_refused(name, sides, said):
     with pytest.raises(vx.MeshError, match=said):
         squares(4).cut(name, sides)
+
+
+def test_parts_of_the_boundary_are_chosen_beside_interfaces():
+    mesh = bodies({"a": squares(2), "b": squares(2, NEXT_DOOR)})
+    seen = []
+    named = mesh.with_boundary("all", lambda x: seen.append(x) or x[:, 0] < 9.0)
+    assert not (seen[0][:, 0] == 1.0).any()
+    assert len(named.boundaries["all"]) == len(mesh.boundaries["boundary"]) - 2 * len(mesh.interfaces["a|b"].edges)
+    for rename in (mesh.with_boundary, lambda name, _: mesh.with_boundaries({name: mesh.boundaries["a.left"]})):
+        with pytest.raises(vx.MeshError, match=r"'a\|b' is an interface of this mesh; choose another name"):
+            rename("a|b", lambda x: x[:, 0] < 9.0)

@@ -153,6 +153,7 @@ CALLED = [
     (vx.measures.convergence_table, {"h": [1.0, 0.5], "errors": [1.0, 0.5], "name": "h"},
      {"h": {"an array"}, "errors": {"an array"}, "name": NAMES | {"no words"}}),
     (MESH.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
+    (vx.meshes.squares(2).cut, {"name": "a", "sides": {"b": [0, 1], "c": [2, 3]}}, {"name": NAMES}),
     (MESH.with_cell_data, {"name": "a", "values": [1.0]}, {"name": NAMES}),
 ]  # fmt: skip
 PLACES = {

@@ -85,14 +85,15 @@ def on_boundary(
     for name, interface in interfaces.items():
         new = [interface.edges, interface.partners]
         edges, partners = new if node_map is None else [node_map[ends] for ends in new]
-        for side in (edges, partners[:, ::-1]):
-            wrong = np.flatnonzero(~np.isin(side[:, 0] * n_nodes + side[:, 1], keys))
+        for side in (partners[:, ::-1], edges):
+            wanted = side[:, 0] * n_nodes + side[:, 1]
+            place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
+            wrong = np.flatnonzero(keys[place] != wanted)
             if len(wrong):
                 raise MeshError(
                     f"interface {name!r}: {tuple(side[wrong[0]].tolist())} is not an edge of the boundary. The edges "
                     "of the first body run counter-clockwise about it; partners are the nodes of the second one there."
                 )
-        place = np.searchsorted(keys, edges[:, 0] * n_nodes + edges[:, 1], sorter=order)
-        along = np.argsort(order[place])
+        along = np.argsort(place)
         found[name] = replace(interface, edges=read_only(edges[along]), partners=read_only(partners[along]))
     return found

@@ -7,7 +7,7 @@ lie on a straight line between its neighbours (a hanging node of the cell next d
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only
-from vemcvx.errors import MeshWarning
+from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.checks.mesh import checked
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
@@ -180,14 +180,19 @@ class Tessellation:
         name : str
             Its name; a part of that name is replaced, and parts may overlap.
         predicate : callable
-            Takes the midpoints (m, 2) of all boundary edges, returns which belong: bool (m,).
+            Takes the midpoints (m, 2) of all boundary edges, interfaces left out, returns which belong: bool (m,).
 
         Raises
         ------
         MeshError
-            The name is reserved or no string, the answer is not (m,) bool, or it selects nothing.
+            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
         """
-        edges = choose_edges(name, predicate, self.points, self._boundary)
+        inner = [side for found in self.interfaces.values() for side in (found.edges, found.partners)]
+        free = np.ones(len(self._boundary), dtype=bool)
+        if inner:
+            free[topology.positions(np.concatenate(inner), self._boundary, self.n_nodes)] = False
+        edges = choose_edges(name, predicate, self.points, self._boundary[free])
+        self._check_free([name])
         return self._replace(_named={**self._named, name: read_only(edges)})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
@@ -196,10 +201,16 @@ class Tessellation:
         Raises
         ------
         MeshError
-            A name is reserved, or an edge is not on the boundary.
+            A name is reserved or that of an interface, or an edge is not on the boundary.
         """
+        self._check_free(boundaries)
         added = check_boundaries(boundaries, self._boundary, self.n_nodes, None)
         return self._replace(_named={**self._named, **added})
+
+    def _check_free(self, names: Iterable[str]) -> None:
+        taken = [name for name in names if name in self.interfaces] if isinstance(names, Iterable) else []
+        if taken:
+            raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""

@@ -10,41 +10,19 @@ from typing import Annotated
 
 import typer
 
+from vemcvx.cli import completion
 from vemcvx.cli.learn import doctor, lesson, problems
+from vemcvx.cli.options import Accuracy, File, Linear, Mesh, N, Settings, Solver
 from vemcvx.cli.reported import NOT_CERTIFIED, reported
 from vemcvx.errors import ProblemError
 from vemcvx.version import __version__
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Quasistatic frictional contact on polygonal meshes, posed as certified convex programs.",
     epilog="Exit codes: 0 done, 2 invalid input, 3 not certified.",
 )
-
-File = Annotated[
-    str,
-    typer.Argument(
-        metavar="FILE",
-        help="A problem file: Python with scene(**parameters), mesh(n), times(steps); or a name that `problems` lists.",
-    ),
-]
-Mesh = Annotated[
-    str | None,
-    typer.Option(help="Family of meshes: squares ...; or a mesh file that has its boundaries. (default: its own)"),
-]
-Accuracy = Annotated[
-    float | None, typer.Option(help="Certified relative energy error of a step. (default: the solver's own)")
-]
-Linear = Annotated[
-    str | None, typer.Option(help="superlu, pardiso or multigrid. (default: by size and what is installed)")
-]
-N = Annotated[int, typer.Option("--n", min=1, help="Cells across the shortest side.")]
-Settings = Annotated[
-    list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")
-]
-
 
 @app.command()
 def run(
@@ -57,9 +35,7 @@ def run(
     steps: Annotated[
         int | None, typer.Option(min=1, help="Steps of backward Euler. (default: 64; 8, with --target)")
     ] = None,
-    solver: Annotated[
-        str, typer.Option(help="newton, clarabel, osqp, direct, what cvxpy finds: scs, highs ...; FILE.py:CLASS.")
-    ] = "newton",
+    solver: Solver = "newton",
     accuracy: Accuracy = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the history there, for ParaView and scripts.")
@@ -129,7 +105,12 @@ def compare(
     n: N = 16,
     steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 8,
     solvers: Annotated[
-        str, typer.Option(metavar="A,B,...", help="By name, in any case; FILE.py:CLASS; all: what there is.")
+        str,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=completion.solvers,
+            help="By name, in any case; FILE.py:CLASS; all: what there is.",
+        ),
     ] = "newton,clarabel,osqp,direct",
     accuracy: Accuracy = None,
     options: Annotated[
@@ -185,7 +166,7 @@ def export(
     mesh: Mesh = None,
     n: N = 16,
     of: Annotated[int, typer.Option(min=1, help="Steps of backward Euler that the run has.")] = 64,
-    solver: Annotated[str, typer.Option(help="Whose certified answers say the optimum, as of run.")] = "newton",
+    solver: Solver = "newton",
     accuracy: Accuracy = None,
     condense: Annotated[bool, typer.Option(help="Programs on the contact unknowns, or on all.")] = True,
     linear: Linear = None,
@@ -235,7 +216,12 @@ def collection(
 def cost(
     file: File,
     mesh: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Families of meshes. (default: squares,triangles,voronoi)")
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=completion.families,
+            help="Families of meshes. (default: squares,triangles,voronoi)",
+        ),
     ] = None,
     n: Annotated[
         str, typer.Option("--n", metavar="N,N,...", help="Cells across the shortest side.")
@@ -243,7 +229,11 @@ def cost(
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32",
     solver: Annotated[
         str | None,
-        typer.Option(metavar="A,B,...", help="Solvers. (default: newton, and clarabel and osqp at a few points)"),
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=completion.solvers,
+            help="Solvers. (default: newton, and clarabel and osqp at a few points)",
+        ),
     ] = None,
     accuracy: Annotated[
         str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from vemcvx.cli import completion
 from vemcvx.cli.reported import reported
 
 
@@ -21,7 +22,12 @@ def problems() -> None:
 
 
 def lesson(
-    number: Annotated[int | None, typer.Argument(metavar="[N]", help="Which one; without it they are listed.")] = None,
+    number: Annotated[
+        int | None,
+        typer.Argument(
+            metavar="[N]", autocompletion=completion.lessons, help="Which one; without it they are listed."
+        ),
+    ] = None,
 ) -> None:
     """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""
     with reported():

@@ -1,4 +1,4 @@
-"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, J. Opt. Soc. Am. 11, 1925).
+"""A strip of two metals, heated: it bends (Timoshenko, Analysis of bi-metal thermostats, 1925).
 
 Half of a strip of length 2 L, x = 0 being its middle, of two layers of heights h1 (below) and h2, Young's moduli E1, E2
 and expansions alpha1, alpha2, is heated by theta. Sections stay plane and bear neither force nor moment:

@@ -19,12 +19,13 @@ from pages import assert_drawn_within_the_page
 from scenes import paper_scene, small
 from typer.testing import CliRunner
 
+import feng_han_huang
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.alone import alone
 from vemcvx.cost.journal import append, read_journal
-from vemcvx.cost.reference import Reference, build_reference, errors, read_reference
+from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference
 from vemcvx.cost.run_point import run_point
 from vemcvx.cost.settings import Grid, common_instants
 from vemcvx.cost.sweeping import finished_row, seconds_left
@@ -137,6 +138,23 @@ def test_it_says_what_to_use_and_how_certain_the_reference_is(killed):
     assert f"costs {float(cheapest['seconds']):.2g} s, error" in done.output
     pytest.importorskip("matplotlib")
     assert (folder / "cost.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_who_says_n_gets_these_meshes_and_no_finer_ones(tmp_path, monkeypatch):
+    """Nothing is adapted, and the reference is as fine as the errors of these runs need: a quarter of the smallest."""
+    stay_at_home(monkeypatch)
+    asked = ("--mesh", "squares", "--n", "2,4", "--steps", "2", "--solver", "newton", "--workers", "1")
+    done = cost(PROBLEM, *asked, "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    found = rows(tmp_path)
+    assert sorted((row["n"], row["steps"], row["target"]) for row in found) == [("2", "2", ""), ("4", "2", "")]
+    finest = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(4), feng_han_huang.times(2))
+    told = json.loads((tmp_path / "reference.json").read_text())
+    # It is rounded to two digits.
+    assert told["goal"] == pytest.approx(PART * vx.error_budget(finest).largest["total"], rel=0.05)
+    assert told["estimated"] <= told["goal"]
+    assert min(float(row["error"]) for row in found) <= 0.5
+    assert "for 50 %: use squares n = " in done.output
 
 
 def test_a_finer_reference_moves_errors_by_no_more_than_its_own(tmp_path):

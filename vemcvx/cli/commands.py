@@ -14,6 +14,7 @@ from vemcvx.cli import completion
 from vemcvx.cli.learn import doctor, lesson, problems
 from vemcvx.cli.options import Accuracy, File, Linear, Mesh, N, Settings, Solver
 from vemcvx.cli.reported import NOT_CERTIFIED, reported
+from vemcvx.cli.said import say
 from vemcvx.errors import ProblemError
 from vemcvx.version import __version__
 
@@ -85,7 +86,7 @@ def run(
             probes=tuple(probes),
             report=report,
         )
-        typer.echo(simulate_problem(read_problem(file), asked))
+        say(simulate_problem(read_problem(file), asked))
 
 
 @app.command()
@@ -161,7 +162,7 @@ def compare(
 def export(
     file: File,
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Which steps; 1 is the first.")],
-    form: Annotated[str, typer.Option("--format", metavar="npz|mtx|cbf|qps|mps|hdf5", help="Of the files.")] = "npz",
+    form: Annotated[str, typer.Option("--format", help="Of the files: npz, mtx, cbf, qps, mps or hdf5.")] = "npz",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None,
     mesh: Mesh = None,
     n: N = 16,
@@ -191,7 +192,7 @@ def export(
             settings=tuple(settings),
             linear=linear,
         )
-        typer.echo(export_programs(read_problem(file), asked, steps, form))
+        say(export_programs(read_problem(file), asked, steps, form))
 
 
 @app.command()
@@ -209,7 +210,7 @@ def collection(
         from vemcvx.cli.progress import progress_bar
 
         with progress_bar("reading", TimeRemainingColumn()) as shown:
-            typer.echo(write_collection(out, form, told=shown))
+            say(write_collection(out, form, told=shown))
 
 
 @app.command()
@@ -224,8 +225,9 @@ def cost(
         ),
     ] = None,
     n: Annotated[
-        str, typer.Option("--n", metavar="N,N,...", help="Cells across the shortest side.")
-    ] = "8,16,32,64,128",
+        str | None,
+        typer.Option("--n", metavar="N,N,...", help="Cells across the shortest side. (default: 8,16,32,64,128)"),
+    ] = None,
     steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32",
     solver: Annotated[
         str | None,
@@ -240,8 +242,12 @@ def cost(
     ] = None,
     adaptive: Annotated[bool, typer.Option(help="Adaptive runs beside the uniform ones.")] = True,
     target: Annotated[
-        str, typer.Option(metavar="X,X,...", help="Relative errors to aim at, and to give advice for.")
-    ] = "0.05,0.02,0.01",
+        str | None,
+        typer.Option(
+            metavar="X,X,...",
+            help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01; none, with --n)",
+        ),
+    ] = None,
     workers: Annotated[int, typer.Option(help="Processes at once.")] = 2,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="A dask.distributed scheduler, whose workers are taken.")
@@ -273,7 +279,7 @@ def cost(
         found = cost_of_accuracy(
             problem, grid, out, tuple(settings), workers=workers, scheduler=scheduler, fresh=not resume
         )
-        typer.echo(found)
+        say(found)
 
 
 app.command()(problems)

@@ -14,7 +14,7 @@ from vemcvx.cli.solver_names import named_solver
 from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
-from vemcvx.cost.table import REFUSED, answers, table
+from vemcvx.cost.table import REFUSED, answers, table, within_reach
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES
 from vemcvx.owned_files import Owned
@@ -22,6 +22,7 @@ from vemcvx.stepping.time_loop import checked_times
 from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")
+USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
 TABLE, PICTURE = "cost.csv", "cost.png"
 DPI = 160
 
@@ -83,7 +84,7 @@ def cost_of_accuracy(
 
         found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=told)
     lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
-    lines += advice(found.rows, grid.targets)
+    lines += advice(found.rows, grid.targets or within_reach(found.rows))
     return "\n".join([*lines, "", _written(found, grid, folder, problem)])
 
 
@@ -98,21 +99,24 @@ def grid_typed(
     problem: Problem,
     *,
     families: str | None,
-    ns: str,
+    ns: str | None,
     steps: str,
     solvers: str | None,
     accuracies: str | None,
-    targets: str,
+    targets: str | None,
     adaptive: bool,
 ) -> Grid:
     """What is swept, as the command line says it; None where it says nothing."""
+    # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
+    if ns is None and targets is None:
+        targets = USUAL_TARGETS
     grid = Grid(
         families=_families(problem, families),
-        ns=_whole("--n", ns),
+        ns=_whole("--n", USUAL_N if ns is None else ns),
         steps=_whole("--steps", steps),
         solvers=None if solvers is None else _split("--solver", solvers),
         accuracies=None if accuracies is None else _shares("--accuracy", accuracies),
-        targets=tuple(sorted(_shares("--target", targets), reverse=True)),
+        targets=() if targets is None else tuple(sorted(_shares("--target", targets), reverse=True)),
         adaptive=adaptive,
     )
     for solver in grid.solvers or ():

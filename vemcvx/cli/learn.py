@@ -10,6 +10,7 @@ import typer
 
 from vemcvx.cli import completion
 from vemcvx.cli.reported import reported
+from vemcvx.cli.said import say
 
 
 def problems() -> None:
@@ -18,7 +19,7 @@ def problems() -> None:
         from vemcvx.cli.supplied import problem_files, problems_folder
 
         _print_table((name, file.sentence) for name, file in problem_files().items())
-        typer.echo(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
+        say(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
 
 
 def lesson(
@@ -35,11 +36,11 @@ def lesson(
 
         if number is None:
             _print_table((str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items())
-            typer.echo("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
+            say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
         for path in copy_lesson(number, Path()):
-            typer.echo(f"{path}")
-        typer.echo("Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python.")
+            say(f"{path}")
+        say("Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python.")
 
 
 def doctor() -> None:
@@ -51,7 +52,7 @@ def doctor() -> None:
         for found in findings():
             _print_table([(f"{found.subject:14}", found.words)])
             ill += [] if found.well else [found.subject]
-        typer.echo(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
+        say(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
         if ill:
             raise typer.Exit(1)
 

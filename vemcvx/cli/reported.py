@@ -13,6 +13,7 @@ from contextlib import contextmanager
 
 import typer
 
+from vemcvx.cli.said import say
 from vemcvx.errors import NotCertified, VemcvxError
 
 INVALID, NOT_CERTIFIED = 2, 3
@@ -27,21 +28,21 @@ def reported() -> Iterator[None]:
     """Turn errors into a line and an exit code, and warnings into a line."""
 
     def warn(message: Warning | str, *_: object, **__: object) -> None:
-        typer.echo(f"vemcvx: warning: {message}", err=True)
+        say(f"vemcvx: warning: {message}", err=True)
 
     try:
         with warnings.catch_warnings(), _ended_in_order():
             warnings.showwarning = warn
             yield
     except VemcvxError as error:
-        typer.echo(f"vemcvx: {error}", err=True)
+        say(f"vemcvx: {error}", err=True)
         raise typer.Exit(NOT_CERTIFIED if isinstance(error, NotCertified) else INVALID) from error
     except MemoryError as error:
         words = "take a coarser mesh (--n), fewer steps (--steps), or store fewer (--store)"
-        typer.echo(f"vemcvx: not enough memory: {error or 'none is left'}; {words}.", err=True)
+        say(f"vemcvx: not enough memory: {error or 'none is left'}; {words}.", err=True)
         raise typer.Exit(INVALID) from error
     except SystemExit as error:
-        typer.echo(f"vemcvx: the problem's own code ended the program by SystemExit({error.code!r}).", err=True)
+        say(f"vemcvx: the problem's own code ended the program by SystemExit({error.code!r}).", err=True)
         raise typer.Exit(INVALID) from error
     except Ended as error:
         raise typer.Exit(128 + error.args[0]) from error

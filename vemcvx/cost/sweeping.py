@@ -7,13 +7,21 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from vemcvx.arrays import Floats
 from vemcvx.cost.alone import Crashed, Refused, alone
 from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.pool import Pool, pool
-from vemcvx.cost.reference import FILES, PART, Reference, build_reference, measured_point, read_reference
+from vemcvx.cost.reference import (
+    FILES,
+    PART,
+    Reference,
+    build_reference,
+    estimated_error,
+    measured_point,
+    read_reference,
+)
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
 from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
 from vemcvx.errors import ProblemError, VemcvxError
@@ -23,6 +31,7 @@ JOURNAL = "journal.jsonl"
 
 log = logging.getLogger("vemcvx")
 
+Answer = TypeVar("Answer")
 Told = Callable[[str, int, int, float | None], None]
 
 
@@ -107,22 +116,26 @@ def sweep(
 def _reference(
     recipe: Recipe, grid: Grid, instants: Floats, folder: Path, fresh: bool, run: Pool, told: Told
 ) -> Reference:
-    goal, there = PART * min(grid.targets), None if fresh else read_reference(folder)
+    told("reference", 0, 1, None)
+    smallest = min(grid.targets) if grid.targets else _computed(run, estimated_error, recipe, grid.finest)
+    goal, there = PART * smallest, None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    told("reference", 0, 1, None)
-    task = (recipe, grid.coarsest, grid.finest, instants, goal, folder)
-    made: Reference | None
-    (made, why), *_ = run.results(finished_reference, [task])
-    if made is None:
+    return _computed(run, build_reference, recipe, grid.coarsest, grid.finest, instants, goal, folder)
+
+
+def _computed(run: Pool, function: Callable[..., Answer], *given: Any) -> Answer:
+    (found, why), *_ = run.results(answered, [(function, *given)])
+    if found is None:
         raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
-    return made
+    answer: Answer = found
+    return answer
 
 
-def finished_reference(*given: Any) -> tuple[Reference | None, str]:
-    """The reference, computed in a process of its own, or why there is none."""
+def answered(function: Callable[..., Answer], *given: Any) -> tuple[Answer | None, str]:
+    """What a function gives in a process of its own, or why there is nothing."""
     try:
-        return alone(build_reference, *given), ""
+        return alone(function, *given), ""
     except (Refused, Crashed) as error:
         return None, str(error)
 

@@ -167,6 +167,12 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     return kept
 
 
+def within_reach(rows: Sequence[Row]) -> list[float]:
+    """The two smallest of the levels 50 %, 20 %, 10 % ... that a run is as good as."""
+    levels = [share * 10.0**-k for k in range(1, 9) for share in (5.0, 2.0, 1.0)]
+    return [level for level in levels if any(one.error <= level for one in answers(rows))][-2:]
+
+
 def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
     """One line a level."""
     found = answers(rows)

@@ -1,0 +1,61 @@
+"""What commands say on a terminal is broken between words, and in pipes not at all."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from test_cli_supplied import call
+
+from vemcvx.cli import said
+
+SMALL = ("feng_han_huang", "--n", "4")
+COMMANDS = {
+    "run": ("run", *SMALL, "--steps", "2", "--out", "results/of/a/run/by/its/name"),
+    "show": ("show", *SMALL),
+    "compare": ("compare", *SMALL, "--steps", "2", "--solvers", "newton,clarabel,direct"),
+    "export": ("export", *SMALL, "--steps", "1", "--of", "2"),
+    "problems": ("problems",),
+    "lesson": ("lesson",),
+    "an error": ("run", "nothing"),
+    "a warning": ("run", "cattaneo_mindlin", "--n", "4", "--steps", "2", "--mesh", "triangles"),
+    **{f"{name} --help": (name, "--help") for name in ("run", "show", "compare", "export", "collection", "cost")},
+}
+TERMINAL = SimpleNamespace(isatty=lambda: True)
+
+
+def words(text):
+    """Those without digits, which differ from run to run, and without the frames of help."""
+    return {word for word in text.split() if word.isascii() and not any(map(str.isdigit, word)) and word != "-"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_nothing_is_broken_inside_a_word(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "400")
+    whole = words(call(*COMMANDS[name])[1])
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(said, "sys", SimpleNamespace(stdout=TERMINAL, stderr=TERMINAL))
+    shown = call(*COMMANDS[name])[1]
+    assert max(map(len, shown.splitlines())) <= 80
+    assert words(shown) <= whole
+
+
+def test_lines_go_on_in_their_column():
+    assert said.broken("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
+    assert said.broken("  one two three", 10) == "  one two\n  three"
+    assert said.broken("one two three\n\nfour", 8) == "one two\nthree\n\nfour"
+
+
+def test_words_longer_than_the_line_stay_whole():
+    path = "/a/very-long/path"
+    assert said.broken(f"files  {path} and", 16) == f"files  {path}\n       and"
+
+
+def test_pipes_get_whole_lines(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "40")
+    lines = call(*COMMANDS["run"])[1].splitlines()
+    assert lines[0] == "feng_han_huang: A block pulled over a rough obstacle: Section 4 of Feng, Han and Huang."
+    assert sum(line.startswith("files") for line in lines) == 1
+    assert lines[-1].endswith("history.npz")

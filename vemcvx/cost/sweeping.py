@@ -117,14 +117,15 @@ def _reference(
     recipe: Recipe, grid: Grid, instants: Floats, folder: Path, fresh: bool, run: Pool, told: Told
 ) -> Reference:
     told("reference", 0, 1, None)
-    smallest = min(grid.targets) if grid.targets else _computed(run, estimated_error, recipe, grid.finest)
+    smallest = min(grid.targets) if grid.targets else _computed(run, estimated_error, (recipe, grid.finest))
     goal, there = PART * smallest, None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    return _computed(run, build_reference, recipe, grid.coarsest, grid.finest, instants, goal, folder)
+    task = (recipe, grid.coarsest, grid.finest, instants, goal, folder)
+    return _computed(run, build_reference, task)
 
 
-def _computed(run: Pool, function: Callable[..., Answer], *given: Any) -> Answer:
+def _computed(run: Pool, function: Callable[..., Answer], given: tuple[Any, ...]) -> Answer:
     (found, why), *_ = run.results(answered, [(function, *given)])
     if found is None:
         raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")

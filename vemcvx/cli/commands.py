@@ -43,7 +43,7 @@ def run(
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw it: into DIR, or results/<problem>.")] = False,
     report: Annotated[
-        bool, typer.Option("--report", help="Write a page of results into the same; none where the run is refused.")
+        bool, typer.Option("--report", help="Write report.html there, too; a run that is refused writes none.")
     ] = False,
     store: Annotated[str, typer.Option(metavar="all|last|N", help="Steps to keep: all, the last, every N-th.")] = "all",
     condense: Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")] = True,
@@ -55,7 +55,7 @@ def run(
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
     ] = None,
     probes: Annotated[
-        list[str], typer.Option("--probe", metavar="X,Y", help="A point whose displacements DIR gets; may be repeated.")
+        list[str], typer.Option("--probe", metavar="X,Y", help="A point to tell the displacements of; may be repeated.")
     ] = [],  # noqa: B006 - typer wants a list and never changes it
     settings: Settings = [],  # noqa: B006 - as above
 ) -> None:

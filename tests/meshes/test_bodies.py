@@ -212,6 +212,7 @@ def test_four_blocks_may_meet_in_a_point():
     mesh = bodies({name: squares(k + 2, ((x, x + 1), (y, y + 1))) for k, (name, (x, y)) in enumerate(corners.items())})
     assert_matched(mesh)
     assert set(mesh.interfaces) == {"a|b", "a|c", "b|d", "c|d"}
+    assert repr(mesh).endswith("boundaries: a.left, a.bottom, b.right, b.bottom, 8 more, boundary)")
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -443,3 +444,26 @@ def test_parts_of_the_boundary_are_chosen_beside_interfaces():
     for rename in (mesh.with_boundary, lambda name, _: mesh.with_boundaries({name: mesh.boundaries["a.left"]})):
         with pytest.raises(vx.MeshError, match=r"'a\|b' is an interface of this mesh; choose another name"):
             rename("a|b", lambda x: x[:, 0] < 9.0)
+
+
+@pytest.mark.parametrize(("family", "seed"), [("voronoi", 1), ("hexagons", 2), ("nonconvex", 3), ("triangles", 6)])
+def test_parts_of_one_mesh_fit_together_again(family, seed):
+    """Polygonal interfaces: parts nearest to random points, each refined by itself, shifted less than the tolerance."""
+    random = np.random.default_rng(seed)
+    whole = FAMILIES[family](6, seed=seed)
+    part = np.argmin(np.linalg.norm(whole.centroids[:, None] - random.random((4, 2)), axis=2), axis=1)
+    parts = {}
+    for number in np.unique(part):
+        nodes, vertices = np.unique(
+            np.concatenate([whole.cells[c] for c in np.flatnonzero(part == number)]), return_inverse=True
+        )
+        counts = np.diff(whole.offsets)[part == number]
+        points = whole.points[nodes] + 1e-11 * random.normal(size=2)
+        mesh = PolygonMesh(points, np.split(vertices, np.cumsum(counts)[:-1]))
+        parts[f"part {number}"] = mesh.refine(random.random(mesh.n_cells) < 0.4)
+    mesh = bodies(parts)
+    assert_matched(mesh)
+    inner = sum(total(mesh, name) for name in mesh.interfaces)
+    around = sum(lengths(part, part.boundaries["boundary"]).sum() for part in parts.values())
+    assert len(parts) == 4
+    assert inner == pytest.approx((around - 4.0) / 2.0, abs=1e-9)

@@ -101,7 +101,8 @@ class Tessellation:
         self._fill(**state, cell_data=MappingProxyType(data), _named=named, interfaces=interfaces)
 
     def __repr__(self) -> str:
-        names = ", ".join(self.boundaries)
+        known = list(self.boundaries)
+        names = ", ".join(known if len(known) < 10 else [*known[:4], f"{len(known) - 5} more", known[-1]])
         return (
             f"{type(self).__name__}({self.n_cells} cells, {self.n_nodes} nodes, h = {self.h:.4g}, boundaries: {names})"
         )

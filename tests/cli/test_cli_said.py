@@ -59,3 +59,13 @@ def test_pipes_get_whole_lines(tmp_path, monkeypatch):
     assert lines[0] == "feng_han_huang: A block pulled over a rough obstacle: Section 4 of Feng, Han and Huang."
     assert sum(line.startswith("files") for line in lines) == 1
     assert "history.npz" in lines[-1]
+
+
+def test_an_interrupt_ends_in_one_sentence(tmp_path):
+    file = tmp_path / "stopped.py"
+    body = "os.kill(os.getpid(), signal.SIGINT)\n    time.sleep(60)"
+    file.write_text(f"import os, signal, time\n\ndef scene():\n    {body}\n\nmesh = times = scene\n")
+    code, shown = call("run", str(file))
+    assert code == 130
+    assert shown.count("\n") == 1
+    assert shown.startswith("vemcvx: interrupted; `run --resume DIR` goes on")

@@ -44,6 +44,10 @@ def reported() -> Iterator[None]:
     except SystemExit as error:
         say(f"vemcvx: the problem's own code ended the program by SystemExit({error.code!r}).", err=True)
         raise typer.Exit(INVALID) from error
+    except KeyboardInterrupt as stop:
+        kept = "`run --resume DIR` goes on with what --out DIR has kept, `cost` with the runs it has finished"
+        say(f"vemcvx: interrupted; {kept}.", err=True)
+        raise typer.Exit(128 + signal.SIGINT) from stop
     except Ended as error:
         raise typer.Exit(128 + error.args[0]) from error
 

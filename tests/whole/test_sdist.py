@@ -1,0 +1,67 @@
+"""The source distribution has all that its tests need, and runs them; the citation is that of this version."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+import vemcvx as vx
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = "vemcvx", "problems", "tests", ".ci"
+FILES = "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "pyproject.toml"
+PART = "tests/vem/test_patch.py", "tests/whole/test_structure.py", "tests/cli/test_cli_supplied.py"
+
+
+@pytest.fixture(scope="module")
+def unpacked(tmp_path_factory):
+    pytest.importorskip("hatchling")
+    folder = tmp_path_factory.mktemp("sdist")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as packed:
+        packed.extractall(folder, filter="data")
+    return folder / f"vemcvx-{vx.__version__}"
+
+
+@pytest.mark.slow
+def test_everything_is_in_it(unpacked):
+    here = {path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.is_file()}
+    wanted = {path for path in here if "__pycache__" not in path.parts}
+    assert wanted <= {path.relative_to(unpacked) for path in unpacked.rglob("*")}
+    for name in FILES:
+        assert (unpacked / name).read_bytes() == (ROOT / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_it_runs_its_tests(unpacked):
+    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *PART]
+    done = subprocess.run(command, cwd=unpacked, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    where = [sys.executable, "-c", "import vemcvx; print(vemcvx.__file__)"]
+    found = subprocess.run(where, cwd=unpacked, env=environment, capture_output=True, text=True, check=True).stdout
+    assert found.startswith(str(unpacked))
+
+
+def test_the_citation_is_of_this_version():
+    told = dict(re.findall(r'^([a-z-]+): "?([^"\n]+)"?$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
+    assert told["version"] == vx.__version__
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", told["date-released"])
+
+
+@pytest.mark.slow
+def test_the_citation_makes_an_entry_for_bibtex():
+    cffconvert = pytest.importorskip("cffconvert")
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    citation = cffconvert.Citation(text)
+    citation.validate()
+    entry = citation.as_bibtex()
+    for field in ("author = {", "title = {vemcvx", "year = {"):
+        assert field in entry

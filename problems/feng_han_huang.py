@@ -26,9 +26,14 @@ from vemcvx.plots.palette import SLIP, STICK
 SMALL = {"n": 16, "steps": 32}
 
 
-def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, press=0.01):
+def course(t):
+    """The load in time, as part of that at t = 1."""
+    return t
+
+
+def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, press=0.01, course=course):
     def pull(x, t):
-        return np.column_stack([push * (1.25 - x[:, 1]) * t, np.full(len(x), -press * t)])
+        return np.column_stack([push * (1.25 - x[:, 1]), np.full(len(x), -press)]) * course(t)
 
     return vx.Scene(
         vx.Elasticity(young=young, poisson=poisson),

@@ -31,12 +31,20 @@ def share(instants):
     return s
 
 
-def scene(bound=0.05):
+def course(t):
+    """The pull in time, as part of the largest: it is there from the start."""
+    return np.ones_like(t)
+
+
+def scene(bound=0.05, course=course):
+    def pull(x, t):
+        return np.tile([PULL * course(t), 0.0], (len(x), 1))
+
     return vx.Scene(
         vx.Elasticity(young=YOUNG, poisson=POISSON),
         vx.Viscosity(shear=TAU * MU, volume=TAU * LAM),
         vx.Symmetry(on="left"),
-        vx.Traction((PULL, 0.0), on="right"),
+        vx.Traction(pull, on="right"),
         vx.BilateralContact(on="bottom"),
         vx.TrescaFriction(bound, on="bottom"),
     )

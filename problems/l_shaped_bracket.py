@@ -20,9 +20,14 @@ EXPONENT = 0.5444837 - 1.0
 """Of the stress, from Williams' equation."""
 
 
-def scene(pull=2.0, bound=1.2):
+def course(t):
+    """The pull in time, as part of that at t = 1."""
+    return t
+
+
+def scene(pull=2.0, bound=1.2, course=course):
     def force(x, t):
-        return np.tile([pull * t, -0.25 * pull * t], (len(x), 1))
+        return np.tile([pull * course(t), -0.25 * pull * course(t)], (len(x), 1))
 
     return vx.Scene(
         vx.Elasticity(young=200.0, poisson=0.3),

@@ -48,6 +48,7 @@ HEAVY = {
     "pyvista": {"meshes/io/pyvista_grid.py"},
     "distributed": {"cost/pool.py"},
     "pandas": {"results/tables.py"},
+    "marimo": {"cli/live_page.py"},
 }
 
 

@@ -1,4 +1,4 @@
-"""The command line: `vemcvx run`, `show`, `compare`, `export`, `cost`; `collection`; `problems`, `lesson`, `doctor`."""
+"""The command line: `vemcvx run`, `show`, `compare`, `export`, `cost`, `collection`, and others on what came along."""
 
 from vemcvx.cli.commands import app, main
 

@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from vemcvx.cli import completion
-from vemcvx.cli.learn import doctor, lesson, problems
+from vemcvx.cli import completion, learn
 from vemcvx.cli.options import Accuracy, File, Linear, Mesh, N, Settings, Solver
 from vemcvx.cli.reported import NOT_CERTIFIED, reported
 from vemcvx.cli.said import say
@@ -282,9 +281,10 @@ def cost(
         say(found)
 
 
-app.command()(problems)
-app.command()(lesson)
-app.command()(doctor)
+app.command()(learn.problems)
+app.command()(learn.lesson)
+app.command()(learn.app)
+app.command()(learn.doctor)
 
 
 def _version(wanted: bool) -> None:

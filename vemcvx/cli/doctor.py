@@ -27,7 +27,7 @@ from vemcvx.version import __version__
 NEEDED = "numpy", "scipy", "cvxpy", "clarabel", "osqp", "meshio", "threadpoolctl", "typer", "rich"
 EXTRAS = {
     **{"matplotlib": "plot", "py-mkl-pardiso": "mkl", "pyamg": "multigrid"},
-    **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view"},
+    **{"distributed": "cluster", "pandas": "pandas", "pyvista": "view", "marimo": "app"},
 }
 CLOSED_FORM = 1e-10
 """Relative error in displacements that no arithmetic in double precision makes on a patch test of this size."""

@@ -1,4 +1,4 @@
-"""`vemcvx problems`, `lesson` and `doctor`: what came with the package, and whether it works here."""
+"""`vemcvx problems`, `lesson`, `app` and `doctor`: what came with the package, and whether it works here."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 from vemcvx.cli import completion
 from vemcvx.cli.reported import reported
 from vemcvx.cli.said import say
+from vemcvx.errors import ProblemError
 
 
 def problems() -> None:
@@ -41,6 +42,33 @@ def lesson(
         for path in copy_lesson(number, Path()):
             say(f"{path}")
         say("Open it as a notebook in VS Code, Jupyter (jupytext) or marimo, or run it by python.")
+
+
+def app(
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Where it listens, on this machine. (default: a free one)")
+    ] = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    check: Annotated[bool, typer.Option("--check", help="Run it without a browser, and say whether it works.")] = False,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a page that needs no Python.")] = None,
+) -> None:
+    """Open a live page: change scene, mesh, friction, load and solver, and see what sticks and slips (extra app)."""
+    with reported():
+        from vemcvx.cli import live_page
+        from vemcvx.cli.compare_files import check_writable
+
+        if check and html is not None:
+            raise ProblemError("app: found --check and --html; give one of them.")
+        if html is not None:
+            check_writable(html, "--html")
+            say(live_page.write(html))
+        elif check:
+            say(live_page.check())
+        else:
+            try:
+                live_page.serve(port, browser)
+            except KeyboardInterrupt:
+                say("The page has ended.")
 
 
 def doctor() -> None:

@@ -1,0 +1,251 @@
+"""The live page: all of its cells run, it shows what a simulation gives, and it works in a real browser."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from test_cli_supplied import call
+
+import vemcvx as vx
+from vemcvx.cli import live_page
+from vemcvx.cli.problem_file import read_problem
+
+pytest.importorskip("marimo", reason="the live page needs marimo")
+pytest.importorskip("matplotlib", reason="the live page needs matplotlib")
+PNG = b"\x89PNG\r\n"
+
+
+@pytest.fixture(scope="module")
+def ran():
+    """The app, run once with the values that its controls begin with."""
+    return live_page._run()
+
+
+@pytest.fixture
+def runs_once(ran, monkeypatch):
+    monkeypatch.setattr(live_page, "_run", lambda: ran)
+
+
+def test_the_page_begins_with_a_cycle_of_the_papers_block(ran):
+    """The same by hand: 0, 1, -1, 1 at thirds of the time."""
+    app, _, found = ran
+    problem = read_problem("feng_han_huang")
+    scene = problem.module.scene(course=lambda t: np.interp(t, [0, 1 / 3, 2 / 3, 1], [0, 1, -1, 1]))
+    history = vx.simulate(scene, vx.meshes.voronoi(16), np.linspace(0, 1, app.STEPS + 1))
+    # Instants of the two courses differ by rounding.
+    assert np.abs(found["history"].displacement - history.displacement).max() < 1e-12
+    stuck = history.contact.sticking[-1]
+    told = {name: value for name, value, _ in found["numbers"]}
+    assert list(told) == ["sticking", "lost to friction", "gap", "certified error", "seconds"]
+    assert told["sticking"] == f"{stuck.sum()} of {len(stuck)}"
+    assert float(told["lost to friction"]) == pytest.approx(history.dissipated[-1], rel=5e-3)  # three digits
+    assert float(told["certified error"]) < history.trajectory.accuracy
+    assert found["png"].startswith(PNG)
+
+
+def test_other_steps_have_other_pictures_and_numbers(ran):
+    app, _, found = ran
+    history, course = found["history"], app.course_of("a cycle", found["problem"])
+    assert app.picture(history, 15, course) != found["png"]
+    assert app.numbers_of(history, 15)[0] != app.numbers_of(history, 30)[0]
+    # Where the load turns back everything sticks.
+    everything = len(history.contact.nodes)
+    assert app.numbers_of(history, app.STEPS // 3 + 1)[0][1] == f"{everything} of {everything}"
+
+
+def test_every_scene_takes_every_path_and_mesh_on_the_page(ran):
+    app = ran[0]
+    for name, count in app.SCENES.values():
+        problem = read_problem(name)
+        assert {"bound", "course"} <= set(inspect.signature(problem.module.scene).parameters)
+        assert count > 2
+        families = app.FAMILIES if problem.family in app.FAMILIES else [problem.family]
+        counts = [problem.mesh(4, family).n_cells for family in families]
+        assert len(set(counts)) > 1 or families == ["l_shape"]
+    for path, turns in app.PATHS.items():
+        course = app.course_of(path, problem)
+        ends = np.linspace(0, 1, len(turns)) if turns else [0.0, 1.0]
+        assert course(np.array(ends)) == pytest.approx(turns or (0, 1))
+        # No turn lies between two instants, where steps would miss it.
+        instants = app.STEPS * np.array(ends)
+        assert instants == pytest.approx(instants.round(), abs=1e-12)
+
+
+@pytest.mark.parametrize(("solver", "accuracy", "word"), [("Newton", 1e-8, "asked"), ("Clarabel", 1e-14, "missed")])
+def test_an_accuracy_that_is_missed_is_shown(ran, solver, accuracy, word, monkeypatch):
+    """Clarabel stops at gaps of 1e-12 at best."""
+    app = ran[0]
+    monkeypatch.setitem(app.SOLVERS, solver, lambda: getattr(vx, solver)(accuracy=accuracy))
+    problem = read_problem("kelvin_voigt_creep")
+    history = app.solved(problem, problem.mesh(2), 0.05, "there and back", solver)
+    assert app.numbers_of(history, 1)[3][1:] == (
+        f"{history.certificate.max():.0e}",
+        f"relative, of any step; {word}: {accuracy:.0e}",
+    )
+
+
+@pytest.mark.usefixtures("runs_once")
+def test_check_says_so_in_a_line():
+    code, said = call("app", "--check")
+    assert code == 0, said
+    line = r"app: all (\d+) cells run, in \S+ s; 30 steps are certified to (\S+)\.\n"
+    cells, worst = re.fullmatch(line, said).groups()
+    assert int(cells) > 5
+    assert float(worst) < 1e-8
+
+
+@pytest.mark.usefixtures("runs_once")
+def test_a_page_without_python_needs_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.setattr(live_page, "FRAMES", 2)
+    code, said = call("app", "--html", str(tmp_path / "page.html"))
+    assert (code, said) == (0, f"{tmp_path / 'page.html'}: 2 of 30 steps\n")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert text.count("<section") == text.count('src="data:image/png;base64,') == 2
+    assert text.count("<section hidden>") == 1
+    assert "A block pulled over a rough obstacle" in text
+    assert "bound 4.0, path a cycle, solver Newton" in text
+    assert not re.search(r"(src|href)=.?(http|/)", text)
+
+
+def test_without_marimo_it_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(live_page.importlib.util, "find_spec", lambda name: None)
+    code, said = call("app", "--check")
+    assert code == 2
+    assert said == "vemcvx: app: the live page needs marimo, which is not installed: pip install 'vemcvx[app]'\n"
+
+
+def test_a_cell_that_fails_is_named(tmp_path, monkeypatch):
+    file = tmp_path / "broken.py"
+    file.write_text("import marimo\napp = marimo.App()\n\n@app.cell\ndef _():\n    1 / 0\n    return\n")
+    monkeypatch.setattr(live_page, "_path", lambda: file)
+    code, said = call("app", "--check")
+    assert code == 2
+    assert "running its cells failed" in said
+    assert "ZeroDivisionError" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--check", "--html", "x.html"), "app: found --check and --html; give one of them."),
+        (("--html", "nowhere/x.html"), "--html: nowhere/x.html cannot be written: its folder must exist"),
+        (("--port", "70000"), "Invalid value for '--port'"),
+        (("--post", "1"), "No such option"),
+    ],
+)
+def test_wrong_use_is_one_sentence(words, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, said = call("app", *words)
+    assert code == 2
+    assert sentence in said
+
+
+def test_a_port_that_is_taken_is_one_sentence():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, said = call("app", "--no-browser", "--port", str(port))
+    assert code == 2
+    assert said == f"vemcvx: --port: {port} cannot be had: Address already in use; take another.\n"
+
+
+@pytest.fixture
+def address(tmp_path):
+    """Where a server of the page answers, in a process of its own; it ends as Ctrl-C ends it."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "vemcvx", "app", "--no-browser", "--port", str(port)]
+    printed = tmp_path / "printed"
+    with printed.open("w") as out, subprocess.Popen(command, stdout=out, stderr=out) as server:
+        try:
+            deadline = time.monotonic() + 120
+            while not answers(port):
+                assert server.poll() is None, printed.read_text()
+                assert time.monotonic() < deadline, printed.read_text()
+                time.sleep(0.2)
+            yield f"http://127.0.0.1:{port}"
+            server.send_signal(signal.SIGINT)
+            assert server.wait(timeout=60) == 0
+        finally:
+            server.kill()
+    assert "The page has ended." in printed.read_text()
+    assert not answers(port)
+
+
+def answers(port):
+    with socket.socket() as asking:
+        return asking.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.fixture
+def browser(tmp_path):
+    webdriver = pytest.importorskip("selenium.webdriver", reason="the browser is driven by selenium")
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("there is no chromium or no chromedriver here")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    words = "headless no-sandbox disable-gpu disable-quic no-first-run disable-dev-shm-usage disable-sync"
+    more = "disable-background-networking disable-component-update window-size=1440,1000"
+    for word in (*words.split(), *more.split(), f"user-data-dir={tmp_path / 'chromium'}"):
+        options.add_argument(f"--{word}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driven = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield driven
+    driven.quit()
+
+
+NUMBERS = "return [...document.querySelectorAll('marimo-stat')].map(e => e.shadowRoot.textContent)"
+SLIDERS = "return [...document.querySelectorAll('marimo-slider')].map(e => e.shadowRoot)"
+PICTURE = "const i = document.querySelector('img[alt^=deformed]'); return i && i.naturalWidth > 900 ? i.src : null"
+
+
+@pytest.mark.slow
+def test_in_a_browser_sliders_change_numbers_and_picture(ran, address, browser):
+    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    def shown(after):
+        """The picture and the numbers, once both are others than before."""
+        waiting = WebDriverWait(browser, 120, poll_frequency=0.2)
+        picture = waiting.until(lambda b: (now := b.execute_script(PICTURE)) != after[0] and now)
+        numbers = waiting.until(lambda b: (now := b.execute_script(NUMBERS)) != after[1] and len(now) == 5 and now)
+        return picture, numbers
+
+    def expected(history, step):
+        """Sticking and loss; what follows is rounding, which may differ from process to process."""
+        return ["".join(number) for number in app.numbers_of(history, step)][:2]
+
+    app, _, found = ran
+    browser.get(address)
+    first = shown((None, []))
+    assert first[1][:2] == expected(found["history"], app.STEPS)
+    assert re.match(r"gap\d+e-\d+energy", first[1][2])
+    assert re.match(r"certified error\d+e-1\d", first[1][3])
+    assert re.fullmatch(r"seconds\d+\.\d\dmesh \S+, 30 steps \S+, picture \S+", first[1][4])
+    # The page has its controls twice, once for narrow windows.
+    sliders = [host.find_element("css selector", "[role=slider]") for host in browser.execute_script(SLIDERS)]
+    _, bound, step = [slider for slider in sliders if slider.is_displayed()]
+
+    step.send_keys(Keys.ARROW_LEFT)
+    second = shown(first)
+    assert second[1][:2] == expected(found["history"], app.STEPS - 1)
+
+    bound.send_keys(Keys.ARROW_LEFT)
+    third = shown(second)
+    weaker = app.solved(found["problem"], found["mesh"], 3.6, "a cycle", "Newton")
+    assert third[1][:2] == expected(weaker, app.STEPS - 1)
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+    asked = [json.loads(line["message"])["message"]["params"] for line in browser.get_log("performance")]
+    urls = [one["request"]["url"] for one in asked if one.get("documentURL") == f"{address}/" and "request" in one]
+    assert len(urls) > 10
+    assert [url for url in urls if not url.startswith((address, "data:", "blob:"))] == []

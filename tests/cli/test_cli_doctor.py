@@ -26,8 +26,8 @@ def test_all_is_well_here():
 
 
 def test_a_missing_package_is_named(monkeypatch):
-    known = doctor._version
-    monkeypatch.setattr(doctor, "_version", lambda name: None if name in ("osqp", "pyamg") else known(name))
+    known = doctor.version_of
+    monkeypatch.setattr(doctor, "version_of", lambda name: None if name in ("osqp", "pyamg") else known(name))
     code, said = call("doctor")
     assert code == 1
     assert "missing: install vemcvx anew" in said

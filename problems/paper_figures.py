@@ -24,7 +24,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import feng_han_huang as paper
 import vemcvx as vx
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.plots.palette import MARKERS, SERIES
 
 FAMILIES = ("squares", "voronoi", "hexagons", "nonconvex")
 """Fig. 1 shows four types; the text names squares and the polygons of Talischi and others, ours to choose are two."""
@@ -39,7 +40,7 @@ DPI = 110
 
 def figure_1(n: int = 8):
     """The four types of meshes."""
-    figure = new_figure(10.0, 3.1)
+    figure = new_figure(10.0, 2.9)
     for ax, family in zip(figure.subplots(1, 4), FAMILIES, strict=True):
         mesh = paper.mesh(n, family)
         mesh.plot(ax=ax, linewidth=0.7)
@@ -62,14 +63,14 @@ def figure_2(n: int = 24, steps: int = 64):
         ax.set_title(f"{family}, {run.mesh.n_cells} cells", fontsize="medium")
     rows[0].colorbar(cells, ax=panels, label="$u_1$ (mm)", shrink=0.85, pad=0.01)
     below = rows[1].subplots()
-    for (family, run), mark in zip(runs.items(), "osh^", strict=True):
+    for (family, run), mark, colour in zip(runs.items(), MARKERS, SERIES, strict=False):
         contact = run.contact
         order = np.argsort(contact.points[:, 0])
         x, slip = contact.points[order, 0], contact.slip[-1, order, 0]
-        below.plot(x, slip, mark + "-", ms=3.5, lw=0.8, label=family)
+        below.plot(x, slip, mark + "-", color=colour, mfc="none", ms=6, lw=0.8, label=family)
     below.set(xlabel="$x_1$ along the contact boundary (mm)", ylabel=r"$u_\tau$ at $t = 1$ (mm)", xlim=(-0.01, 1.01))
     below.axhline(0.0, color="0.6", lw=0.6)
-    below.grid(color="0.92", lw=0.6)
+    light_grid(below)
     below.legend(frameon=False)
     return figure, runs
 
@@ -152,8 +153,9 @@ def figure_3(found: dict[str, list[vx.measures.Measured]], sizes: Sequence[int])
     ax.annotate("order 1", (h[len(h) // 2], guide[len(h) // 2]), xytext=(6, -12), textcoords="offset points")
     ax.set(xlabel="$h = k$", ylabel="relative error in the energy norm at $t = 1$")
     ax.set_xticks(h, [f"1/{n}" for n in sizes])
-    ax.minorticks_off()
-    ax.grid(color="0.92", lw=0.6)
+    ax.xaxis.minorticks_off()
+    plain_logarithms(ax.yaxis)
+    light_grid(ax)
     ax.legend(frameon=False)
     return figure
 
@@ -220,8 +222,9 @@ def figure_4(rows: Sequence[tuple[int, int, int, int, int, float]]):
         xlabel="elements", ylabel="nodes", xlim=(0.5 * count[0], 1.5 * count[-1]), ylim=(0.5 * count[0], 4 * count[-1])
     )
     ax.set_xticks(count, [f"{n}" for n in count])
-    ax.minorticks_off()
-    ax.grid(color="0.92", lw=0.6)
+    ax.xaxis.minorticks_off()
+    plain_logarithms(ax.yaxis, (1.0,))
+    light_grid(ax)
     ax.legend(frameon=False)
     return figure
 

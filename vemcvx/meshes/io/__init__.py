@@ -1,1 +1,1 @@
-"""Mesh files, through meshio."""
+"""Meshes from and to files and the objects of other libraries."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import locale
 from contextlib import nullcontext
 
 import numpy as np
@@ -19,6 +20,14 @@ KINDS = {
     "in words.vtp": polydata.xml,
     "appended.vtp": lambda mesh: polydata.xml(mesh, appended=True),
 }
+
+
+@pytest.fixture(autouse=True)
+def locale_of_the_process():
+    """VTK's legacy files leave it at "C", in which Python reads no text but ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    yield
+    locale.setlocale(locale.LC_ALL, before)
 
 
 @pytest.mark.parametrize("family", ["voronoi", "hanging"])

@@ -149,7 +149,8 @@ def shows_its_own(history, posed, viscous):
     rest = (history.forces - contact_forces(history))[int(viscous) :]
     mesh = history.mesh
     corner = np.flatnonzero(np.abs(mesh.points).max(axis=1) < 1e-12)
-    held, own = posed.supports.directions(np.arange(mesh.n_nodes))
+    holding = posed.supports.holding(np.arange(mesh.n_nodes))
+    held, own = holding.rows, holding.contact
     # Of what holds a node the part of contact is in its pressure; the rest is along what else holds it.
     outer = held * ~own[:, :, None]
     free = ~outer.any(axis=(1, 2))

@@ -72,6 +72,10 @@ def dirichlet_force(x, t):
     return t * np.column_stack([3 + x[:, 0], 1 - x[:, 1], x[:, 0] * x[:, 1]])
 
 
+def belt(x, t):
+    return 0.1 * t * np.column_stack([2 + x[:, 0], 0 * x[:, 1]])
+
+
 def squeeze(x, t):
     return -dirichlet_force(x, t) - [t, 0.0, 0.0]
 
@@ -218,22 +222,57 @@ SAMPLES = {
     "TrescaFriction": Sample(
         vx.TrescaFriction(uneven, on="bottom"),
         (STEEL, HELD, SHAKEN, TOUCHING),
-        data={"bound": 1, "backward": 1},
-        others={"bound": 2.0, "on": "left", "quadrature": "integral", "backward": 1.0, "while_closed": UNPRESSED},
+        data={"bound": 1, "backward": 1, "ground": 2},
+        others={
+            "bound": 2.0,
+            "on": "left",
+            "quadrature": "integral",
+            "backward": 1.0,
+            "while_closed": UNPRESSED,
+            "ground": belt,
+        },
     ),
     "TrescaFriction, one way more than the other": Sample(
         vx.TrescaFriction(uneven, on="bottom", backward=1.0),
         (STEEL, HELD, SHAKEN, TOUCHING),
         (vx.TrescaFriction(uneven, on="bottom"),),
-        {"bound": 1, "backward": 1},
-        {"bound": 5.0, "on": "left", "quadrature": "integral", "backward": 2.0, "while_closed": UNPRESSED},
+        {"bound": 1, "backward": 1, "ground": 2},
+        {
+            "bound": 5.0,
+            "on": "left",
+            "quadrature": "integral",
+            "backward": 2.0,
+            "while_closed": UNPRESSED,
+            "ground": belt,
+        },
     ),
     "TrescaFriction, integral": Sample(
         vx.TrescaFriction(uneven, on="bottom", quadrature="integral"),
         (STEEL, HELD, SHAKEN, TOUCHING),
         (RUBBING,),
-        {"bound": 1, "backward": 1},
-        {"bound": 2.0, "on": "left", "quadrature": "nodes", "backward": 1.0, "while_closed": UNPRESSED},
+        {"bound": 1, "backward": 1, "ground": 2},
+        {"bound": 2.0, "on": "left", "quadrature": "nodes", "backward": 1.0, "while_closed": UNPRESSED, "ground": belt},
+    ),
+    "TrescaFriction on a belt": Sample(
+        vx.TrescaFriction(uneven, on="bottom", ground=belt),
+        (STEEL, HELD, PULLED, TOUCHING),
+        (vx.TrescaFriction(uneven, on="bottom"),),
+        {"bound": 1, "backward": 1, "ground": 2},
+        {
+            "bound": 5.0,
+            "on": "left",
+            "quadrature": "integral",
+            "backward": 0.1,
+            "while_closed": UNPRESSED,
+            "ground": slide,
+        },
+    ),
+    "CoulombFriction on a belt": Sample(
+        vx.CoulombFriction(grip, on="bottom", ground=belt),
+        (STEEL, HELD, PRESSED, vx.UnilateralContact(on=["bottom", "left"])),
+        (vx.CoulombFriction(grip, on="bottom"),),
+        {"coefficient": 1, "cap": 1, "ground": 2},
+        {"coefficient": 0.1, "on": "left", "cap": 0.1, "ground": slide},
     ),
     "UnilateralContact": Sample(
         vx.UnilateralContact(on="bottom", gap=apart),
@@ -256,8 +295,8 @@ SAMPLES = {
     "CoulombFriction": Sample(
         vx.CoulombFriction(grip, on="bottom", cap=uneven),
         (STEEL, HELD, PRESSED, PULLED, vx.UnilateralContact(on=["bottom", "left"])),
-        data={"coefficient": 1, "cap": 1},
-        others={"coefficient": 0.1, "on": "left", "cap": 0.1},
+        data={"coefficient": 1, "cap": 1, "ground": 2},
+        others={"coefficient": 0.1, "on": "left", "cap": 0.1, "ground": belt},
     ),
 }
 

@@ -20,6 +20,7 @@ import liner_in_housing as liner
 import plate_with_hole as hole
 import pretensioned_tendon as tendon
 import rough_layer as layer
+import strip_on_a_belt as belt
 import vemcvx as vx
 
 FLOOR = 1e-7
@@ -135,6 +136,27 @@ def test_a_liner_leans_on_its_housing_from_the_closing_pressure_on():
     assert (np.array(errors[1]) < (np.pi / 40) ** 2).all()
     assert (np.divide(*errors) > 3.0).all()
     assert (np.divide(*errors) < 5.0).all()
+
+
+def test_a_belt_pulls_a_strip_by_the_force_of_a_rod():
+    """The rod's error is O(H / l): .6 % of the largest force was measured; where all of it slips the force is exact."""
+    history, contact = small("strip_on_a_belt"), small("strip_on_a_belt").contact
+    most, fifth = belt.BOUND * belt.LENGTH, history.steps // 5
+    found, exact = -history.reaction("left")[:, 0], belt.hold(history.times)
+    assert np.abs(found - exact).max() < most / belt.LENGTH * belt.HEIGHT / 4
+    slides = ~contact.sticking.any(axis=1)
+    assert slides[[fifth, 3 * fifth, 5 * fifth]].all()
+    assert np.abs(found - exact)[slides].max() < FLOOR * most
+    # The second time the belt comes to its end the strip is as it was the first time.
+    assert np.abs(history.displacement[5 * fifth] - history.displacement[fifth]).max() < FLOOR * belt.AMPLITUDE
+    work = most * (2 / 3 * belt.FULL + belt.AMPLITUDE - belt.FULL)
+    assert history.dissipated[fifth] == pytest.approx(work - most * belt.FULL / 3, rel=1e-2)
+    # Slips are relative to the belt, which carries what is beyond their length along.
+    k, x = 3, contact.points[:, 0]
+    run = belt.run(history.times[k])
+    assert np.abs(contact.slip[k, :, 0] - belt.displacement(x, run) + run).max() < belt.AMPLITUDE / belt.LENGTH / 4
+    assert np.array_equal(contact.sticking[k], x > x[~contact.sticking[k]].max())
+    assert x[contact.sticking[k]].min() == pytest.approx(np.sqrt(run / belt.FULL) * belt.LENGTH, abs=belt.HEIGHT)
 
 
 def test_a_silo_hangs_on_its_walls():

@@ -3,8 +3,9 @@
 ``draw(seed)`` is a scene on a small mesh with its instants, solver and way of running; equal seeds give equal scenes.
 Materials of every kind and unit, all supports, bodies that only friction and contact hold, contact on one, two or
 three sides, in parts that meet inside a side and at corners, one- and two-sided, soft, with gaps that move, friction
-of Tresca (both ways, one way), Coulomb (capped) and none; loads of all kinds whose courses reverse, hold, vanish and
-hardly change; dashpots; condensed or not, all solvers, both linear solvers; starts from zero, settled, in equilibrium,
+of Tresca (both ways, one way), Coulomb (capped) and none, on ground that stands still or moves; loads of all kinds
+whose courses reverse, hold, vanish and hardly change; dashpots; condensed or not, all solvers, both linear solvers;
+starts from zero, settled, in equilibrium,
 from a given state, and runs that are interrupted and gone on with.
 """
 
@@ -67,6 +68,7 @@ class _Draw:
 
     def __init__(self, seed):
         self.rng = np.random.default_rng([seed, 20])
+        self.belts = np.random.default_rng([seed, 42])  # Of their own, so that scenes without are what they were.
         self.kinds = set()
         self.length = self._ten(-3, 3)
         self.young = self._ten(-3, 10)
@@ -235,7 +237,7 @@ class _Draw:
         if back is not None:
             self.kinds.add("one way")
         rule = self.one("nodes", "nodes", "integral")
-        return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, backward=back)
+        return vx.TrescaFriction(self.bound(), on=side, quadrature=rule, backward=back, ground=self.ground())
 
     def coulomb(self, side):
         self.kinds.add("Coulomb")
@@ -245,7 +247,19 @@ class _Draw:
             cap = self.young * self.strain * self._ten(-1, 0)
         mu = self.rng.uniform(0.05, 0.6)
         f = self.field(mu, 0.5, 1.0)
-        return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap)
+        return vx.CoulombFriction(
+            mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground()
+        )
+
+    def ground(self):
+        """Ground that stands still, or runs by what strains move and by up to a thousand times more."""
+        if self.belts.random() > 0.12:
+            return None
+        self.kinds.add("belt")
+        far = self.length * self.strain * 10 ** self.belts.uniform(-1, 3)
+        way, spin = self.belts.uniform(-1, 1, 2), self.belts.uniform(-1, 1) / self.length
+        course = _Course(self.times, self.belts.uniform(-1, 1, len(self.times)))
+        return lambda x, t: far * course(t) * (way + spin * np.column_stack([-x[:, 1], x[:, 0]]))
 
     def gap(self):
         move = self.length * self.strain
@@ -340,8 +354,8 @@ def draw(seed):
 
     Kinds that are told (``Drawn.kinds``): "bilateral", "unilateral", "soft", "Coulomb", "capped", "one way", "free",
     "kernel", "viscous", "heat", "prestress", "orthotropic", "two materials", "contrast", "incompressible", "thin",
-    "turned", "parts", "corner", "gap moves", "extreme loads", "clarabel", "osqp", "multigrid", "full", and the kind of
-    support.
+    "turned", "parts", "corner", "gap moves", "belt", "extreme loads", "clarabel", "osqp", "multigrid", "full", and the
+    kind of support.
     """
     d = _Draw(seed)
     mesh = d.mesh()

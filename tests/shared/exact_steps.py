@@ -204,6 +204,9 @@ class Steps:
         motion = system.motion
         still = settled or motion is None
         drags = [np.zeros_like(tilt)] * 2 if still else [motion.prescribed_slip(s), motion.prescribed_slip(t)]
+        ground = None if settled or norms is None else norms.ground
+        if ground is not None:
+            drags = [drag - ground(x) for drag, x in zip(drags, (s, t), strict=True)]
         reaches = [np.zeros(0) if limits is None else limits.remaining_gap(t)] * 1
         a = _unit(load, before, drags[0] - drags[1], guess[0], power)
         y = fixed(np.ldexp(before, -power - a))

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, brief
 from vemcvx.effects import data
+from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, elastic_matrix, softest_shear
 
 
@@ -83,8 +84,55 @@ class Support:
 
 
 @dataclass(frozen=True)
+class Ground:
+    """The displacement of what a body rubs on, (q, dim) at points: what of it is along the boundary counts."""
+
+    subject: str
+    points: Floats
+    """(q, dim)"""
+    value: data.Datum
+
+    @classmethod
+    def of(cls, value: data.Datum | None, subject: str, points: Floats, partners: Ints) -> Ground | None:
+        """The ground of a friction effect; None if it stands still.
+
+        Raises
+        ------
+        SceneError
+            It is a constant, which moves nothing, or another body is there.
+        """
+        if value is None:
+            return None
+        if (partners >= 0).any():
+            raise SceneError(
+                f"{subject}: found ground= on an interface, where the body rubs on another one; prescribe how that "
+                "moves instead."
+            )
+        ground = cls(f"{subject}: ground", points, value)
+        if not callable(value):
+            ground.vector(0.0)
+            raise SceneError(
+                f"{ground.subject}: found {brief(value)}; it is the displacement of the ground, and a constant moves "
+                "nothing. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
+            )
+        return ground
+
+    def at(self, x: Floats, t: float) -> Floats:
+        """The datum (k, dim) at points x (k, dim) and the instant `t`."""
+        return data.vector(self.value, x, t, self.subject)
+
+    def vector(self, t: float) -> Floats:
+        """The displacements (q, dim) at the instant `t`."""
+        return self.at(self.points, t)
+
+    def given(self, edges: Ints) -> Given:
+        """The datum as a function of place: where the body sticks to the ground, it is to move like it."""
+        return Given(self.subject, "displacement", self.at, edges)
+
+
+@dataclass(frozen=True)
 class Friction:
-    """Terms w_i(t) |(I - n n') (u - u_prev)(node_i)|: one row a node and distinct normal."""
+    """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
 
     subject: str
     nodes: Ints
@@ -105,6 +153,8 @@ class Friction:
     """whether to warn if it rubs where one-sided contact is open"""
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
+    ground: Ground | None = None
+    """what it rubs on, if that moves"""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given, Ground
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.vem import Space
@@ -41,11 +41,14 @@ class CoulombFriction(Effect):
     cap : number or callable f(x, t) -> (m,), optional
         Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
         of a material that yields (after Orowan).
+    ground : callable f(x, t) -> (m, 2) or (2,), optional
+        How far the obstacle has moved, if it slides under the body: as of TrescaFriction.
     """
 
     coefficient: data.Datum
     on: str | Sequence[str]
     cap: data.Datum | None = None
+    ground: data.Datum | None = None
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"CoulombFriction on {where(self.on)}"
@@ -72,6 +75,7 @@ class CoulombFriction(Effect):
             return np.where(mu * forces < cap * rows.lengths, mu, 0.0)
 
         none = np.zeros(len(rows.nodes))
+        ground = Ground.of(self.ground, subject, points, rows.partners)
         friction = Friction(
             subject=subject,
             nodes=rows.nodes,
@@ -82,13 +86,19 @@ class CoulombFriction(Effect):
             ends=rows.ends,
             slope=slope,
             partners=rows.partners,
+            ground=ground,
         )
         return Contribution(
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
-            given=(Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else (),
+            given=(
+                *((Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else ()),
+                *(() if ground is None else (ground.given(part.edges),)),
+            ),
         )
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)},"
-        return f"CoulombFriction: |friction| <= {amount(self.coefficient)} times the pressure{cap} on {where(self.on)}"
+        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
+        bound = f"{amount(self.coefficient)} times the pressure{cap}"
+        return f"CoulombFriction: |friction| <= {bound} on {where(self.on)}{moved}"

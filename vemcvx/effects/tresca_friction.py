@@ -26,7 +26,7 @@ import numpy as np
 from vemcvx.arguments import choice, flag
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given, Ground
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
@@ -113,6 +113,10 @@ class TrescaFriction(Effect):
         True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
         CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
         `backward`. False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
+    ground : callable f(x, t) -> (m, 2) or (2,), optional
+        How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
+        length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how
+        it changes in time, along the boundary; an obstacle that moves along the normal is a `gap` that changes.
     """
 
     bound: data.Datum
@@ -120,6 +124,7 @@ class TrescaFriction(Effect):
     quadrature: str = "nodes"
     backward: data.Datum | None = None
     while_closed: bool | None = None
+    ground: data.Datum | None = None
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"TrescaFriction on {where(self.on)}"
@@ -140,6 +145,7 @@ class TrescaFriction(Effect):
             points=points,
             quadrature=self.quadrature,
         )
+        ground = Ground.of(self.ground, subject, points, rows.partners)
         friction = Friction(
             subject=subject,
             nodes=rows.nodes,
@@ -150,6 +156,7 @@ class TrescaFriction(Effect):
             ends=rows.ends,
             in_the_air=self.while_closed is None,
             partners=rows.partners,
+            ground=ground,
         )
         if closed:
             none = np.zeros(len(rows.nodes))
@@ -161,10 +168,14 @@ class TrescaFriction(Effect):
         return Contribution(
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
-            given=(Given(subject, "bound", given, part.edges),) if varies(self.bound, self.backward) else (),
+            given=(
+                *((Given(subject, "bound", given, part.edges),) if varies(self.bound, self.backward) else ()),
+                *(() if ground is None else (ground.given(part.edges),)),
+            ),
         )
 
     def describe(self) -> str:
         back = "" if self.backward is None else f" forward, {amount(self.backward)} backward,"
         closed = " where it is closed" if self.while_closed else ""
-        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}"
+        moved = "" if self.ground is None else f", ground moved by {amount(self.ground)}"
+        return f"TrescaFriction: |friction| <= {amount(self.bound)}{back} on {where(self.on)}{closed}{moved}"

@@ -1,4 +1,4 @@
-"""Norm terms: w_i |B_i y| of the seminorm j, with the law of their weights and their bias."""
+"""Norm terms: w_i |B_i y| of the seminorm j, with the law of their weights, their bias, and the ground they rub on."""
 
 from __future__ import annotations
 
@@ -42,6 +42,9 @@ class Norms(ArrayRecord):
     slope : callable (t, p) -> (m, r), optional
         The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
         are then solved whole, and their certificates are bounds instead of estimates.
+    ground : callable t -> (m * block,), optional
+        How far what they rub on has moved: slips are those relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|,
+        and it does work.
     """
 
     B: sp.csr_matrix
@@ -51,6 +54,7 @@ class Norms(ArrayRecord):
     law: Callable[[float, Floats], ArrayLike] | None = None
     bias: ArrayLike | Callable[[float], ArrayLike] | None = None
     slope: Callable[[float, Floats], MatrixLike] | None = None
+    ground: Callable[[float], ArrayLike] | None = None
 
     if TYPE_CHECKING:  # B is given as any matrix
 
@@ -63,6 +67,7 @@ class Norms(ArrayRecord):
             law: Callable[[float, Floats], ArrayLike] | None = None,
             bias: ArrayLike | Callable[[float], ArrayLike] | None = None,
             slope: Callable[[float, Floats], MatrixLike] | None = None,
+            ground: Callable[[float], ArrayLike] | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -77,6 +82,7 @@ class Norms(ArrayRecord):
         function(self.places, "Norms: found places", "a function of i that says where term i acts")
         function(self.law, "Norms: found law", "a function of (t, p) that gives weights")
         function(self.slope, "Norms: found slope", "a function of (t, p) that gives the law's derivative")
+        function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
         if not callable(self.w):
             object.__setattr__(self, "w", self._checked(self.w))
 
@@ -116,11 +122,9 @@ class Norms(ArrayRecord):
         SceneError
             It is ill-shaped, not finite, or larger than the weights: one direction would be paid for.
         """
-        rows = self.B.shape[0]
         if self.bias is None:
-            return np.zeros(rows)
-        wanted = f"({rows},) forces, one a row of B"
-        c = finite(shaped(at_instant(self.bias, t, "Norms: bias"), "Norms: bias", wanted, (rows,)), "Norms: bias")
+            return np.zeros(self.B.shape[0])
+        c = self._rows(self.bias, t, "Norms: bias", "forces")
         over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + ROUNDED)
         if (over > 0).any():
             worst = int(np.argmax(over))
@@ -129,6 +133,14 @@ class Norms(ArrayRecord):
                 "paid for slip. Both directions need bounds >= 0."
             )
         return c
+
+    def moved(self, t: float) -> Floats:
+        """How far the ground has moved at the instant `t`, (m * block,); zero if it stands still."""
+        return np.zeros(self.B.shape[0]) if self.ground is None else self._rows(self.ground, t, "Norms: ground", "ways")
+
+    def _rows(self, value: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str, what: str) -> Floats:
+        rows, raw = self.B.shape[0], at_instant(value, t, subject)
+        return finite(shaped(raw, subject, f"({rows},) {what}, one a row of B", (rows,)), subject)
 
     def _checked(self, raw: ArrayLike) -> Floats:
         wanted = f"a weight, or ({self.count},) of them, one a term"
@@ -144,7 +156,7 @@ class DraggedTerms:
     """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
 
     position: Callable[[float], Floats]
-    """t -> (q * block,), c"""
+    """t -> (q * block,), c: of the supports, less that of the ground"""
     weights: Callable[[float, Floats], Floats]
     """(t, p) -> (q,), under the forces p (r,) of the limits"""
     count: int

@@ -175,6 +175,11 @@ class System(ArrayRecord):
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
+    def prescribed_slip(self, t: float) -> Floats:
+        """What of the norm terms' argument (m * block,) no unknown brings: of the supports, less that of the ground."""
+        given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
+        return given if self.norms is None or self.norms.ground is None else given - self.norms.moved(t)
+
     @cached_property
     def B(self) -> sp.csr_matrix:
         """(m * block, n) the rows of the norm terms."""

@@ -1,10 +1,11 @@
 """The contact boundary over time, from what a march leaves.
 
-Slips are tangential parts of nodal displacements, (I - n n') u. All forces are over int phi_i of their own edges, those
-of contact or those with friction, and at corners both sides count, forces and edges: tractions are minus the
-multipliers; pressures are the forces p_j of one-sided contact, and where contact holds a node in both ways, its part of
-R = A u - f + B'lam + D'p, what then is left to supports and contact (:mod:`vemcvx.scene.freedom`); wear is friction
-work, the sum over all steps of w_i |s_i|: the depth worn off is in proportion to it (Archard 1953).
+Slips are tangential parts of nodal displacements, (I - n n') u, less that of the ground. All forces are over int phi_i
+of their own edges, those of contact or those with friction, and at corners both sides count, forces and edges:
+tractions are minus the multipliers; pressures are the forces p_j of one-sided contact, and where contact holds a node
+in both ways, its part of R = A u - f + B'lam + D'p, what then is left to supports and contact
+(:mod:`vemcvx.scene.freedom`); wear is friction work, the sum over all steps of w_i |s_i|: the depth worn off is in
+proportion to it (Archard 1953).
 
 A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
 by which active sets are chosen, which tells a small pressure from a small distance whatever the units.
@@ -44,7 +45,8 @@ class Contact(ArrayRecord):
     points, normals : (m, dim)
         Places and outward normals (averaged by length at corners).
     slip : (S, m, dim)
-        Tangential displacement, relative to the partner.
+        Tangential displacement, relative to the partner; where the ground moves, relative to it since the initial
+        instant (where parts meet, to the mean of their grounds).
     traction : (S, m, dim)
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
     bound, backward : (S, m)
@@ -119,7 +121,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     normals, at = surface.normals, surface.jumps.find(terms.jumps)
     length = totals(at, terms.lengths, m)
     pull = summed_columns(np.einsum("smb,mbd->smd", trajectory.multipliers, terms.tangents), at, m)
-    jump = _jump(u, surface.jumps)
+    jump = _jump(u, surface.jumps) - _ground(posed, trajectory, at, length)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
     return Contact(
@@ -146,6 +148,17 @@ def _jump(u: Floats, jumps: Jumps) -> Floats:
     joined = np.flatnonzero(jumps.partners >= 0)
     read[:, joined] -= u[:, jumps.partners[joined]]
     return read
+
+
+def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
+    """How far the ground has moved along the boundary (S, m, dim), the mean by length where parts meet."""
+    terms = posed.terms
+    if terms.ground is None:
+        return 0.0
+    moved = np.array([terms.ground(float(t)) for t in trajectory.times[trajectory.stored]])
+    share = terms.lengths / length[at]
+    each = np.einsum("smb,mbd,m->smd", moved.reshape(len(moved), len(at), -1), terms.tangents, share)
+    return summed_columns(each, at, len(length))
 
 
 def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floats:

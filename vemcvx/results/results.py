@@ -68,8 +68,8 @@ class Results:
     def work(self) -> Floats:
         """(S,) sum of end-of-step forces and reactions times increments since the initial instant.
 
-        Obstacles whose gap changes work, too. What is left of it after `energy` and `dissipated` is never negative:
-        1/2 a^h(du, du) of every step, and pressures times the gaps that they closed.
+        Obstacles whose gap changes work, too, and ground that moves. What is left of it after `energy` and `dissipated`
+        is never negative: 1/2 a^h(du, du) of every step, and pressures times the gaps that they closed.
         """
         return self.trajectory.work[self.stored]
 

@@ -11,7 +11,7 @@ obstacle that moves) counts as contact, too. All else is the supports'.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +26,10 @@ STILL = 16 * float(np.finfo(float).eps)
 """Positions that differ by less, relative to the largest, are one: what rounding leaves of a datum drags nothing."""
 
 
+Moving = Callable[[float], Floats]
+"""Of t: displacements (k, dim) of what k rows rub on, or their components along the rows."""
+
+
 @dataclass(frozen=True)
 class Freedom:
     """How the rows of contact are held, (k,) each."""
@@ -35,7 +39,7 @@ class Freedom:
     opens: Bools
     """whether some free unknown moves it along the normal"""
     dragged: Bools
-    """whether it does not slide, and supports move it along the boundary"""
+    """whether it does not slide, and supports move it along the boundary, or the ground moves under it"""
     leans: Bools
     """whether contact holds the normal, and supports all the rest"""
     grips: sp.csr_matrix
@@ -47,30 +51,41 @@ class Freedom:
         return ~self.slides & (self.opens | self.leans)
 
 
-def freedom(jumps: Jumps, normals: Floats, supports: Supports, times: Sequence[float]) -> Freedom:
-    """How these rows are held; whether supports drag them is looked up at all of `times`, if there are any."""
+def freedom(
+    jumps: Jumps, normals: Floats, supports: Supports, times: Sequence[float], ground: Moving | None = None
+) -> Freedom:
+    """How these rows are held; whether supports drag them is looked up at all of `times`, if there are any.
+
+    Where there is a `ground`, t -> (k, dim), it is their motion relative to it that counts.
+    """
     k, dim = normals.shape
     tangents = jumps.matrix(across(normals), supports.points)
     slides = np.asarray(np.diff(on_free(tangents, supports).indptr).reshape(k, dim - 1).any(axis=1))
     opens = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
     held = np.flatnonzero(~slides)
     dragged = np.zeros(k, dtype=bool)
-    dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times)
+    under = None if ground is None else (lambda t: along(across(normals[held]), ground(t)[held]))
+    dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times, under)
     return Freedom(slides, opens, dragged, *_grips(jumps, normals, supports))
 
 
-def _dragged(tangents: sp.csr_matrix, jumps: Jumps, supports: Supports, times: Sequence[float]) -> Bools:
+def _dragged(
+    tangents: sp.csr_matrix, jumps: Jumps, supports: Supports, times: Sequence[float], ground: Moving | None
+) -> Bools:
     """Whether supports move each of these rows along its tangents between any two instants, (k,)."""
     dragged = np.zeros(len(jumps), dtype=bool)
-    if len(jumps) == 0 or supports.still:
+    if len(jumps) == 0 or (supports.still and ground is None):
         return dragged
     if len(times) == 0:
+        if ground is not None:
+            return ~dragged
         moved = np.concatenate([slot.support.nodes for slot in supports.rows if not slot.still])
         return np.isin(jumps.nodes, moved) | np.isin(jumps.partners, moved)
     start = None
     for t in times:
         try:
             at = tangents @ supports.motion(float(t))
+            at = at if ground is None else at - ground(float(t))
         except VemcvxError:
             return ~dragged  # The step that needs the datum says what is wrong with it.
         start = at if start is None else start
@@ -86,12 +101,12 @@ def _grips(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp
     holding, points = supports.holding(jumps.nodes), supports.points
     held, contact, count = holding.rows, holding.contact, holding.rows.any(axis=2).sum(axis=1)
     row = jumps.over(holding.members, normals)
-    along = np.einsum("ikd,id->ik", held, row) / jumps.counts[:, None]
-    same = np.linalg.norm(held - along[:, :, None] * row[:, None, :], axis=2) < PARALLEL
+    cosine = np.einsum("ikd,id->ik", held, row) / jumps.counts[:, None]
+    same = np.linalg.norm(held - cosine[:, :, None] * row[:, None, :], axis=2) < PARALLEL
     same &= held.any(axis=2)
     mine = same & (contact | (count == 1)[:, None])
     dual = np.linalg.pinv(held).transpose(0, 2, 1)
-    grips = np.einsum("ik,ik,ikd->id", mine.astype(float), along, dual).reshape(*holding.members.shape, -1)
+    grips = np.einsum("ik,ik,ikd->id", mine.astype(float), cosine, dual).reshape(*holding.members.shape, -1)
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
     full = points.shape[1] * (holding.members >= 0).sum(axis=1)
     leans = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1) & (count == full)
@@ -114,6 +129,12 @@ def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 def normal_rows(jumps: Jumps, normals: Floats, points: Floats) -> sp.csr_matrix:
     """(k, n_u) the matrix of n . jump, row by row."""
     return jumps.matrix(normals[:, None, :], points)
+
+
+def along(tangents: Floats, vectors: Floats) -> Floats:
+    """(k * (dim - 1),) the components of vectors (k, dim) along the tangents (k, dim - 1, dim) of each row."""
+    components: Floats = np.einsum("kbd,kd->kb", tangents, vectors).ravel()
+    return components
 
 
 def _blocks(rows: Ints, block: int) -> Ints:

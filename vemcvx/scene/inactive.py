@@ -64,10 +64,22 @@ def without_inactive(effect: Effect, part: Contribution, times: Sequence[float],
         stiffness=strong(part.stiffness, "stiffness"),
         viscosity=strong(part.viscosity, "viscosity"),
         loads=alive(part.loads, lambda load: load.vector, "force"),
-        frictions=alive(part.frictions, _bound, "bound"),
+        frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
         eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),
         initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
     )
+
+
+def _grounded(friction: Friction, times: Sequence[float], said: Said) -> Friction:
+    """The friction, its ground left out if it is where it was at all of `times`."""
+    ground = friction.ground
+    if ground is None or len(times) == 0:
+        return friction
+    start = float(times[0])
+    if not _zero(lambda t: ground.vector(t) - ground.vector(start), times):
+        return friction
+    said.append(f"{ground.subject} stands still at all instants")
+    return replace(friction, ground=None)
 
 
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> Said:

@@ -44,7 +44,7 @@ def contact_surface(
 ) -> Surface:
     """The surface of contact, wherever something says so, rubs or stops; edges that several parts bring count once.
 
-    A node that supports drag belongs to it where it rubs, so where it has a term of `terms`.
+    A node that supports drag, or ground that moves, belongs to it where it rubs, so where it has a term of `terms`.
     """
     dim = supports.points.shape[1]
     if not surfaces:
@@ -52,7 +52,10 @@ def contact_surface(
     jumps, normals = Jumps.of(surfaces), np.concatenate([s.normals for s in surfaces])
     first, row = merged(jumps, normals)
     held = freedom(jumps[first], normals[first], supports, times)
-    rubs = held.dragged & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
+    drawn = np.zeros(len(first), dtype=bool)
+    moves = [np.full(len(s.nodes), isinstance(s, Friction) and s.ground is not None) for s in surfaces]
+    np.logical_or.at(drawn, row, np.concatenate(moves))
+    rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
     kept = np.flatnonzero(held.slides | held.beside | rubs)
     lengths = lengths_of(united(owned(surfaces)[0], row))[kept]
     at, there = jumps[first][kept], normals[first][kept]

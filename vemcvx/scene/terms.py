@@ -1,7 +1,8 @@
 """The norm terms of friction, over all nodal values, and what a System knows of them.
 
 A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
-weights add up and whose length is that of all their edges. Over u the matrix of the terms is B^ (orthonormal
+weights add up and whose length is that of all their edges; where they rub on grounds that move differently, each is a
+term of its own. Over u the matrix of the terms is B^ (orthonormal
 tangents); over the free unknowns it is B = B^ P. Terms that no free unknown can move come last: they rub where
 supports drag their nodes along, and are shown where contact presses them; held otherwise, they are dropped.
 """
@@ -11,16 +12,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import Friction
-from vemcvx.errors import SceneWarning
+from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
-from vemcvx.scene.freedom import freedom, normal_rows, on_free
+from vemcvx.scene.freedom import Moving, along, freedom, normal_rows, on_free
 from vemcvx.scene.jumps import Jumps, across
 from vemcvx.scene.supports import PARALLEL, Supports
 
@@ -52,6 +54,8 @@ class Terms:
     """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.edges`"""
     names: Ints | None = None
     """(e, 2) of each end its node, and the other node of its edge"""
+    ground: Callable[[float], Floats] | None = None
+    """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
 
     @property
     def nodes(self) -> Ints:
@@ -72,7 +76,7 @@ class FrictionLaw:
 def friction_terms(
     frictions: Sequence[Friction], owns: tuple[sp.csr_matrix, Ints], supports: Supports, times: Sequence[float] = ()
 ) -> Terms:
-    """The terms of all frictions where something can slip or is dragged; equal node and normal make one term.
+    """The terms of all frictions where something can slip or is dragged; equal node, normal and ground make one term.
 
     `owns` are the ends of edges that their rows own, numbered as those of obstacles are, and their names.
     """
@@ -87,16 +91,20 @@ def friction_terms(
             weights=lambda t: none,
         )
     jumps, normals = Jumps.of(frictions), np.concatenate([f.normals for f in frictions])
-    first, term = merged(jumps, normals)
-    held = freedom(jumps[first], normals[first], supports, times)
+    first, term = merged(jumps, normals, kinds=_grounds(frictions))
+    under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
+    held = freedom(jumps[first], normals[first], supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero(held.beside | held.dragged)])
     gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))[kept]
-    ends = united(owns[0], term)[kept]
+    ends = united(owns[0], term)
+    if under is not None:
+        _refuse_overlap(frictions, owns[0], ends)
+    ends = ends[kept]
 
-    along = np.einsum("ij,ij->i", normals, normals[first][term])
-    sums = _Sums(frictions, gather, np.sign(along))
+    sums = _Sums(frictions, gather, np.sign(np.einsum("ij,ij->i", normals, normals[first][term])))
     tangents = across(normals[first][kept])
+    moves = under is not None and len(kept) > 0
     laws = [f for f in frictions if f.law is not None]
     return Terms(
         rows=jumps[first][kept].matrix(tangents, points),
@@ -112,7 +120,40 @@ def friction_terms(
         dragged=held.dragged[kept],
         ends=ends,
         names=owns[1],
+        ground=_relative(tangents, partial(_moved, frictions, first[kept]), times) if moves else None,
     )
+
+
+def _grounds(frictions: Sequence[Friction]) -> Ints:
+    """Which ground each row of all frictions is on: the first friction that rubs on it."""
+    grounds = [None if f.ground is None else f.ground.value for f in frictions]
+    own = [next(k for k, other in enumerate(grounds) if other is ground) for ground in grounds]
+    return np.repeat(own, [len(f.nodes) for f in frictions])
+
+
+def _moved(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
+    """How far the ground of these rows, of all frictions one after the other, has moved, (k, dim)."""
+    each = [np.zeros(f.normals.shape) if f.ground is None else f.ground.vector(t) for f in frictions]
+    moved: Floats = np.concatenate(each)[rows]
+    return moved
+
+
+def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callable[[float], Floats]:
+    """The same along the tangents, and since the first instant: where a ground has begun counts for nothing."""
+    start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
+    return lambda t: along(tangents, moved(t)) - start
+
+
+def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
+    """Raise SceneError where two terms own an edge: they rub on it, and on grounds that move differently."""
+    twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
+    if len(twice):
+        owner = np.repeat(np.arange(len(frictions)), [len(f.nodes) for f in frictions])
+        one, other = np.unique(owner[owns[:, twice[:1]].nonzero()[0]])[:2]
+        raise SceneError(
+            f"{frictions[one].subject} and {frictions[other].subject}: they act on the same edges, but their grounds "
+            "move differently; give each ground its own part of the boundary, or both the same function."
+        )
 
 
 @dataclass(frozen=True)
@@ -155,7 +196,7 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
     m = terms.acting
     if m == 0:
         return None
-    under, bias = None if law is None else law.weights, terms.bias
+    under, bias, ground = None if law is None else law.weights, terms.bias, terms.ground
     slope = None if law is None else law.slope
     block = terms.rows.shape[0] // len(terms.nodes)
     return Norms(
@@ -166,6 +207,7 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
         law=None if under is None else lambda t, p: under(t, p)[:m],
         bias=None if bias is None else lambda t: bias(t)[: m * block],
         slope=None if slope is None else lambda t, p: slope(t, p)[:m],
+        ground=None if ground is None else lambda t: ground(t)[: m * block],
     )
 
 
@@ -174,10 +216,10 @@ def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> 
     m, q = terms.acting, len(terms.nodes) - terms.acting
     if q == 0:
         return None
-    block, bias = terms.rows.shape[0] // len(terms.nodes), terms.bias
+    block, bias, ground = terms.rows.shape[0] // len(terms.nodes), terms.bias, terms.ground
     rows = terms.rows[m * block :]
     return DraggedTerms(
-        lambda t: rows @ supports.motion(t),
+        lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
         lambda t, p: (terms.weights(t) if law is None else law.weights(t, p))[m:],
         q,
         block,
@@ -207,8 +249,8 @@ def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, sto
             )
 
 
-def merged(jumps: Jumps, normals: Floats, signed: bool = False) -> tuple[Ints, Ints]:
-    """Rows of one jump with one normal (up to sign) are one term: its first row, and the term of every row."""
+def merged(jumps: Jumps, normals: Floats, signed: bool = False, kinds: Ints | None = None) -> tuple[Ints, Ints]:
+    """Rows of one jump, kind and normal (up to sign) are one term: its first row, and the term of every row."""
     pairs, term = jumps.distinct[1], np.full(len(jumps), -1)
     first: list[Ints] = []
     while (term < 0).any():
@@ -218,9 +260,11 @@ def merged(jumps: Jumps, normals: Floats, signed: bool = False) -> tuple[Ints, I
         leader[pairs[lead]] = np.arange(len(lead))
         mine = leader[pairs[left]]
         reference = normals[lead[mine]]
-        along = np.einsum("ij,ij->i", normals[left], reference)
-        apart = np.linalg.norm(normals[left] - along[:, None] * reference, axis=1)
-        same = (apart < PARALLEL) & ((along > 0) | (not signed))
+        cosine = np.einsum("ij,ij->i", normals[left], reference)
+        apart = np.linalg.norm(normals[left] - cosine[:, None] * reference, axis=1)
+        same = (apart < PARALLEL) & ((cosine > 0) | (not signed))
+        if kinds is not None:
+            same &= kinds[left] == kinds[lead[mine]]
         term[left[same]] = mine[same] + sum(map(len, first))
         first.append(lead)
     return np.concatenate(first), term

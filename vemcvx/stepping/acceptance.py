@@ -12,7 +12,8 @@ it has to spend. (Proof: x'v <= |x|_{K^{-1}} |v|_K, Cauchy and Schwarz, with equ
 an energy norm in every system of units, at most |x|_K, zero for x = 0 only; and for the same motion it does not depend
 on h, as x'x has one sum over the nodes and x'K^{-1}x two (while |x|_K grows like h^{-1/2}: supports that move tear at
 one layer of cells). A state whose norm and certified error are both at most accuracy times the largest size so far is
-zero at the accuracy asked.
+zero at the accuracy asked. A body that the ground carries along has no energy either: what the ground can cause counts
+likewise (:func:`drawn`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import NotCertified
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced
+from vemcvx.program.operators import Operators
 from vemcvx.solvers import Solver
 from vemcvx.stepping.ledger import StepData
 from vemcvx.stepping.state import PreparedRun, State
@@ -55,6 +57,19 @@ def caused_beside(
     """
     data = _caused_beside(condensation, now.pushed, norm, accuracy)
     return data, _caused_beside(condensation, now.force, norm, accuracy) if norm <= ROUNDED * floor else 0.0
+
+
+def drawn(operators: Operators, ground: Floats | None, w: Floats) -> float:
+    """The size of what ground that moves can cause.
+
+    That is the least energy norm with which some B_i v goes as far as the ground under it, |g_i| / f_i^{1/2} with f_i
+    the flexibility of the term; or if that is less, what all of friction can cause, sum_i w_i f_i^{1/2}.
+    """
+    if ground is None:
+        return 0.0
+    root = np.sqrt(operators.norm_flexibility)
+    far = np.linalg.norm(operators.blocks(ground), axis=1) / root
+    return float(min(far.max(initial=0.0), w @ root))
 
 
 def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:

@@ -53,7 +53,7 @@ def mark_of_data(system: System, t: float) -> int:
     pressures = [p * np.ones(system.D.shape[0]) for p in PRESSURES]
     parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
-        parts += [norms.tilt(t), norms.weights(t)]
+        parts += [norms.tilt(t), norms.weights(t), norms.moved(t)]
         parts += [] if norms.law is None else [norms.weights_under(t, p) for p in pressures]
     if dragged is not None:
         parts += [dragged.position(t), *(dragged.weights(t, p) for p in pressures)]

@@ -2,8 +2,9 @@
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
 work     = load_n . dy + a(u_n, du_D) + lam . dc + p . (dD^u_D - de)
-           (forces and reactions at the end of the step; this load is without the Dirichlet force; the last is of
-           supports that move towards limits, and of limits e that move themselves: obstacles push)
+           (forces and reactions at the end of the step; this load is without the Dirichlet force; c is the motion of
+           supports along norm terms, less that of the ground, which friction pulls along; the last is of supports that
+           move towards limits, and of limits e that move themselves: obstacles push)
 loss     = lam . s = sum_i w_i |s_i| + c_i . s_i, kept term by term, too: friction work, which wears what rubs
            (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
@@ -61,6 +62,8 @@ class StepData:
     """(m * block,) of the norm terms, minus B' of which is part of the force"""
     pushed: Reduced
     """the force without that part: what there is to hold"""
+    ground: Floats | None = None
+    """(m * block,) how far the ground has moved, which `prescribed_slip` is less by; None if it stands still"""
     carried: Carried | None = None
     """None if no supports move"""
 
@@ -105,15 +108,16 @@ def drive(system: System, condensation: Condensation, t: float) -> StepData:
     pushed = in_range(condensation.reduce(system.push(t)), t)
     force = condensation.less(pushed, bias)
     remaining_gap = system.remaining_gap(t)
-    motion, still = system.motion, np.zeros_like(bias)
+    motion, c = system.motion, system.prescribed_slip(t)
+    ground = None if system.norms is None or system.norms.ground is None else system.norms.moved(t)
     data = StepData(
-        t=t, force=force, prescribed_slip=still, remaining_gap=remaining_gap, bias=bias, pushed=pushed, carried=None
+        t=t, force=force, prescribed_slip=c, remaining_gap=remaining_gap, bias=bias, pushed=pushed, ground=ground
     )
     if motion is None:
         return data
     dirichlet_force = condensation.reduce(motion.dirichlet_force(t))
     carried = Carried(dirichlet_force, motion.frame(t, -dirichlet_force.x), motion.pair)
-    return replace(data, prescribed_slip=motion.prescribed_slip(t), carried=carried)
+    return replace(data, carried=carried)
 
 
 def in_range(force: Reduced, t: float) -> Reduced:
@@ -126,7 +130,9 @@ def in_range(force: Reduced, t: float) -> Reduced:
 def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> float:
     """1/2 a(u, u), and what soft limits store."""
     pressed = float(p @ (condensation.operators.compliance * p))
-    carried = now.carried
+    carried, kernel = now.carried, condensation.operators.kernel
+    if now.ground is not None and kernel is not None:
+        y = y - kernel @ (kernel.T @ y)  # What the ground carries along may go far, and strain nothing.
     if carried is None:
         return 0.5 * (condensation.square(y, now.force) + pressed)
     z, load = y + carried.dirichlet_force.x[condensation.retained], now.force + carried.dirichlet_force
@@ -172,7 +178,7 @@ def advance(
         work += _crossed(condensation, moved, y + reaction.x[c])
         held = condensation.operators.rows.pull(answer.lam.ravel()) + condensation.operators.limits.pull(answer.p)
         work -= float(held @ moved.x[c])
-        work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
+    work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
     return _entered(past, now, stored=energy(condensation, y, now, answer.p), work=work, slip=slip, w=w)
 
 
@@ -198,7 +204,7 @@ def advance_in_full(
     else:
         seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
         work += motion.pair(seen, seen - then) + float(pulled(system, answer.lam, answer.p) @ d)
-        work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
+    work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
     return _entered(past, now, stored=strain_energy(system, end, now.t), work=work, slip=slip, w=w)
 
 

@@ -21,9 +21,9 @@ from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
 from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting, named_failures
-from vemcvx.stepping.acceptance import caused_beside
+from vemcvx.stepping.acceptance import caused_beside, drawn
 from vemcvx.stepping.ledger import StepData, advance
-from vemcvx.stepping.seminorm import answered, proximal
+from vemcvx.stepping.seminorm import answered, carried, proximal
 from vemcvx.stepping.state import PreparedRun, State
 
 ATTEMPTS = 3
@@ -114,7 +114,11 @@ class PosedStep:
 
         asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)
         step_by_step = scaled.operators.kernel is not None and not self.run.solver.semidefinite
-        answer = proximal(ask, self.run.most - spent, *asked) if step_by_step else answered(ask, *asked)
+        if step_by_step:
+            start = None if self.data.ground is None else carried(scaled)
+            answer = proximal(ask, self.run.most - spent, *asked, start=start)
+        else:
+            answer = answered(ask, *asked)
         certificate = scaled.certify(answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
         return self.state_after(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
 
@@ -184,6 +188,6 @@ class PosedStep:
             iterations=answer.iterations,
             status=answer.status,
             safeguards=answer.safeguards,
-            size=max(before.size, size),
+            size=max(before.size, size, drawn(self.run.operators, self.data.ground, capped_weights)),
             noise=noise,
         )

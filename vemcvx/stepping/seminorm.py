@@ -63,12 +63,14 @@ def refuse_unheld(program: StepProgram, condensation: Condensation, n: int, t: f
     )
 
 
-def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+def proximal(
+    ask: Ask, most: float, program: StepProgram, target: float, lam: Floats, p: Floats, *, start: Floats | None = None
+) -> Answer:
     """The same where K has a kernel and the solver takes none, in no more than `most` iterations and the last point's.
 
-    Here `ask` answers programs of ``program.operators.regular``.
+    Here `ask` answers programs of ``program.operators.regular``; the first centre is `start`, or zero.
     """
-    operators, d = program.operators, np.zeros(len(program.g))
+    operators, d = program.operators, np.zeros(len(program.g)) if start is None else start
     lam, p = program.admissible(lam, p, d)
     best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
     iterations = safeguards = 0
@@ -86,6 +88,12 @@ def proximal(ask: Ask, most: float, program: StepProgram, target: float, lam: Fl
             break
         d = centres.next(centre, d)
     return replace(best, iterations=iterations, safeguards=safeguards)
+
+
+def carried(program: StepProgram) -> Floats | None:
+    """The motion without energy that goes best with b: where ground that moves would carry the body."""
+    N = program.operators.kernel
+    return None if N is None else N @ np.linalg.lstsq(program.operators.B @ N, program.b, rcond=None)[0]
 
 
 class _Centres:

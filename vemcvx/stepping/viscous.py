@@ -135,11 +135,9 @@ class ViscousSteps:
     def _drive(self, run: PreparedRun, y: Floats, s: float, t: float, k: float) -> StepData:
         """What drives the increment from the instant s to t."""
         system = self._run.system
-        motion, moved = system.motion, self._damping.motion
+        moved = self._damping.motion
         phi = residual(system.push(t), system.K, y, np.zeros(len(y)))
-        prescribed_slip = np.zeros(system.B.shape[0])
-        if motion is not None:
-            prescribed_slip = motion.prescribed_slip(t) - motion.prescribed_slip(s)
+        prescribed_slip = system.prescribed_slip(t) - system.prescribed_slip(s)
         if moved is not None:
             phi -= (moved.dirichlet_force(t) - moved.dirichlet_force(s)) / k
         remaining_gap = system.remaining_gap(t) - system.D @ y
@@ -154,6 +152,7 @@ class ViscousSteps:
             remaining_gap=remaining_gap,
             bias=bias,
             pushed=pushed,
+            ground=None if system.norms is None or system.norms.ground is None else system.norms.moved(t),
         )
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
@@ -165,7 +164,7 @@ class ViscousSteps:
         if motion is not None:
             change = motion.dirichlet_force(t) - motion.dirichlet_force(s)
             work += float(motion.dirichlet_force(t) @ d + ahead @ change) + motion.stored(t, t) - motion.stored(s, t)
-            work += float(stepped.lam.ravel() @ (motion.prescribed_slip(t) - motion.prescribed_slip(s)))
+        work += float(stepped.lam.ravel() @ stepped.data.prescribed_slip)
         moved = self._damping.motion
         if moved is not None:
             across = float(d @ (moved.dirichlet_force(t) - moved.dirichlet_force(s))) / k

@@ -1,8 +1,9 @@
 """The course of a system's data in time: where they bend, and where they jump.
 
 Data are sampled at instants 1/256 of the run apart, or at the ends and middles of the steps where these are shorter:
-what is over between two of them is not seen. Of every kind (load, bounds of friction, gaps, moving supports) a few
-weighted sums are kept, with weights that have nothing in common with any scene, so that what changes changes them.
+what is over between two of them is not seen. Of every kind (load, bounds of friction, gaps, moving supports and
+ground) a few weighted sums are kept, with weights that have nothing in common with any scene, so that what changes
+changes them.
 
 - A *bend* lies where the straight lines on both sides of an interval meet; a second look from nearby finds it to
   round-off.
@@ -107,6 +108,7 @@ class _Sums:
         blocks = [("load", system.force(t)), ("gap", reach)]
         if system.norms is not None:
             blocks.append(("bound of friction", system.norms.weights_under(t, np.ones(len(reach)))))
+            blocks += [] if system.norms.ground is None else [("ground", system.norms.moved(t))]
         if system.motion is not None:
             blocks.append(("support", system.motion.prescribed_slip(t)))
         return blocks

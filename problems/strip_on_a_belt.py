@@ -1,0 +1,76 @@
+"""A strip held at one end on a belt that runs to and fro: what slips, and what it takes to hold the strip.
+
+The strip (0, L) x (0, H), plane stress, nu = 0, lies on a belt with the friction bound g per length and is held at
+x = 0; the belt has run by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. As a rod, it slips over a length l next to its
+hold, where friction pulls it along, and is carried with the belt beyond:
+
+    E H u'' = -g,  u(0) = 0,  u(l) = U,  u'(l) = 0:     u = U - g (l - x)^2 / (2 E H),    l = (2 E H U / g)^{1/2},
+
+so the hold takes F(U) = g l, until all of the strip slips: l = L at U* = g L^2 / (2 E H). When the belt turns at U1,
+friction turns from the hold on, and F = F1 - 2 F((U1 - U) / 2), no less than -g L: Masing's rule (1926). Up to U1 > U*
+the belt does the work 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored. A rod is a model: error O(H / l).
+
+    vemcvx run problems/strip_on_a_belt.py --n 4 --steps 40 --plot
+"""
+
+import numpy as np
+
+import vemcvx as vx
+from vemcvx.plots import beside_closed_form, body_and_graph
+
+LENGTH, HEIGHT, YOUNG, BOUND = 20.0, 1.0, 2000.0, 1.0
+FULL = BOUND * LENGTH**2 / (2 * YOUNG * HEIGHT)
+AMPLITUDE = 1.25 * FULL
+SMALL = {"n": 4, "steps": 40}
+
+
+def run(t):
+    """How far the belt has run."""
+    return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
+
+
+def hold(t):
+    """The force that holds the strip against the belt."""
+
+    def first(U):
+        return BOUND * LENGTH * np.minimum(np.sqrt(U / FULL), 1.0)
+
+    back, forth = ((AMPLITUDE + sign * run(t)) / 2 for sign in (-1, 1))
+    most = BOUND * LENGTH
+    return np.select([t <= 1, t <= 3], [first(np.abs(run(t))), most - 2 * first(back)], 2 * first(forth) - most)
+
+
+def displacement(x, U):
+    """Of the rod, while the belt runs for the first time, U <= U*."""
+    slips = np.sqrt(2 * YOUNG * HEIGHT * U / BOUND)
+    return U - BOUND * np.maximum(slips - x, 0.0) ** 2 / (2 * YOUNG * HEIGHT)
+
+
+def scene(bound=BOUND):
+    return vx.Scene(
+        vx.Elasticity(young=YOUNG, poisson=0.0, plane="stress"),
+        vx.Symmetry(on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom", ground=lambda x, t: (run(t), 0.0)),
+    )
+
+
+def mesh(n, family="squares"):
+    return vx.meshes.FAMILIES[family](n, box=((0, LENGTH), (0, HEIGHT)))
+
+
+def times(steps):
+    return np.linspace(0.0, 5.0, steps + 1)
+
+
+def picture(history):
+    """The strip while the belt runs for the first time, and the force that holds it over the run of the belt."""
+    figure, graph = body_and_graph(history, step=history.steps // 10, stress="xx", forces="friction", stretch=2.5)
+    dense = times(2000)
+    marks, line = (run(history.times), -history.reaction("left")[:, 0]), (run(dense), hold(dense))
+    beside_closed_form(graph, marks, line, exact_label="rod")
+    for sign in (1, -1):
+        graph.axhline(sign * BOUND * LENGTH, color="0.5", linestyle="--", linewidth=1.0)
+    graph.legend(frameon=False, fontsize="small", loc="lower right")
+    graph.set(xlabel="run of the belt (length)", ylabel="force that holds the strip")
+    return figure

@@ -1,0 +1,297 @@
+"""Ground that moves under the body: friction acts on what is relative to it, and its work closes the balance."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from certified_bounds import bounds, ledger_bound, ledger_defect
+from identical import same
+from scenes import small
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose_scene
+
+STEEL = vx.Elasticity(200.0, 0.3)
+HELD = vx.Clamp(on="right")
+TOUCHING = vx.BilateralContact(on="bottom")
+TIMES = np.linspace(0, 1, 9)
+ROUNDED = 1e-12
+"""Programs of a hundred unknowns, of condition 1e3: some thousand roundings of 1e-16."""
+
+
+def run(t):
+    """How far the ground is at an instant: it does not begin at zero, turns, and slips over most of the contact."""
+    return 0.02 + 0.03 * np.sin(4 * t)
+
+
+def belt(x, t):
+    return run(t), 0.0
+
+
+def less(x, t):
+    """Where a body is that moves against ground at rest instead."""
+    return run(0.0) - run(t), 0.0
+
+
+def tresca(ground, held, **settings):
+    return vx.Scene(STEEL, held, TOUCHING, vx.TrescaFriction(1.0, on="bottom", ground=ground, **settings))
+
+
+def coulomb(ground, held, **settings):
+    press = vx.Traction(lambda x, t: (0.0, -8.0 * min(1.0, 5 * t)), on="top")
+    rubs = vx.CoulombFriction(0.3, on="bottom", ground=ground, **settings)
+    return vx.Scene(STEEL, held, press, vx.UnilateralContact(on="bottom"), rubs)
+
+
+def viscous(ground, held):
+    return tresca(ground, held).with_(vx.Viscosity(3.0, 2.0))
+
+
+def closed(ground, held):
+    rubs = vx.TrescaFriction(1.0, on="bottom", ground=ground, while_closed=True)
+    return coulomb(ground, held).without(vx.CoulombFriction).with_(rubs)
+
+
+KINDS = {
+    "Tresca": tresca,
+    "one way": lambda ground, held: tresca(ground, held, backward=0.3),
+    "integral": lambda ground, held: tresca(ground, held, quadrature="integral"),
+    "Coulomb": coulomb,
+    "capped": lambda ground, held: coulomb(ground, held, cap=1.0),
+    "while closed": closed,
+    "viscous": viscous,
+}
+
+
+@cache
+def moved_and_moving(kind, condense=True):
+    """A body at rest on ground that moves, and moved against ground at rest: two histories."""
+    mesh = small("voronoi", 5)
+    moving = vx.simulate(KINDS[kind](belt, HELD), mesh, TIMES, condense=condense)
+    other = KINDS[kind](None, vx.PrescribedDisplacement(less, on="right"))
+    return moving, vx.simulate(other, mesh, TIMES, condense=condense)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_ground_that_moves_is_a_body_that_moves_the_other_way(kind):
+    """The same strains, forces, slips and energies to round-off: there is one motion between the two."""
+    moving, moved = moved_and_moving(kind)
+    way = np.stack([run(TIMES) - run(0.0), 0 * TIMES], axis=1)[:, None]
+    size = np.abs(way).max()
+    assert np.abs(moving.displacement - (moved.displacement + way)).max() < ROUNDED * size
+    assert np.abs(moving.contact.slip - moved.contact.slip).max() < ROUNDED * size
+    assert np.array_equal(moving.contact.sticking, moved.contact.sticking)
+    for name in ("traction", "pressure", "bound", "backward", "wear"):
+        one, other = getattr(moving.contact, name), getattr(moved.contact, name)
+        assert np.abs(one - other).max() < ROUNDED * np.abs(other).max(), name
+    for name in ("energy", "dissipated", "work"):
+        one, other = getattr(moving, name), getattr(moved, name)
+        assert np.abs(one - other).max() < ROUNDED * np.abs(other).max(), name
+    # There is something to compare: it sticks, slips to and fro, and what slips is worn.
+    assert 0 < moving.contact.sticking[1:].sum() < moving.contact.sticking[1:].size
+    assert moving.dissipated[-1] > 0.1 * moving.energy.max()
+
+
+def test_unknowns_inside_may_stay():
+    one, other = moved_and_moving("one way")[0], moved_and_moving("one way", condense=False)[0]
+    assert np.abs(one.displacement - other.displacement).max() < ROUNDED * np.abs(one.displacement).max()
+    assert np.abs(one.work - other.work).max() < ROUNDED * np.abs(one.work).max()
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel(), vx.OSQP()], ids=lambda s: s.name)
+def test_the_balance_closes_with_the_work_of_the_ground(solver):
+    """work - dE - loss = 1/2 a(du, du), the ground's work being friction times its motion; all solvers agree."""
+    scene, mesh = tresca(belt, HELD), small("squares", 4)
+    history = vx.simulate(scene, mesh, TIMES, solver=solver)
+    system, trajectory = pose_scene(scene, mesh, TIMES).system, history.trajectory
+    assert (np.abs(ledger_defect(system, trajectory)) <= ledger_bound(system, trajectory)).all()
+    # Nothing else does work here: a clamp does none.
+    friction, lengths = history.contact.traction[1:, :, 0], history.contact.friction_lengths
+    assert np.cumsum(friction @ lengths * np.diff(run(TIMES))) == pytest.approx(history.work[1:], rel=1e-9)
+    exact, allowed = vx.simulate(scene, mesh, TIMES).trajectory, bounds(system, trajectory)
+    off = bounds(system, exact)
+    assert (np.abs(trajectory.state - exact.state) <= allowed.state + off.state).all()
+    assert (np.abs(trajectory.dissipated - exact.dissipated) <= allowed.dissipated + off.dissipated).all()
+
+
+def test_a_body_that_slips_as_a_whole_feels_the_bound_and_not_the_way():
+    """Coulomb: friction is the coefficient times the pressure, however far the ground goes."""
+    near, far = (
+        vx.simulate(coulomb(lambda x, t, v=v: (v * t, 0.0), HELD), small("squares", 4), TIMES) for v in (1.0, 1e3)
+    )
+    contact = near.contact
+    assert not contact.sticking[1:].any()
+    size = 0.3 * contact.pressure.max()
+    assert np.abs(contact.traction[1:, :, 0] - 0.3 * contact.pressure[1:]).max() < 1e-9 * size
+    assert np.abs(far.displacement - near.displacement).max() < 1e-9 * np.abs(near.displacement).max()
+    slip = near.displacement[:, contact.nodes, 0] - TIMES[:, None]
+    assert np.abs(contact.slip[:, :, 0] - slip).max() < 1e-15 * 4
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
+@pytest.mark.parametrize("way", [0.1, 100.0])
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
+def test_a_body_on_a_belt_is_carried_along(way, solver):
+    """Nothing else holds it, so nothing strains it: it moves with the belt, however far that runs."""
+    scene = vx.Scene(STEEL, TOUCHING, vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (way * t, 0.0)))
+    history = vx.simulate(scene, small("voronoi", 4), TIMES, solver=solver)
+    assert history.contact.sticking.all()
+    carried = np.stack([way * TIMES, 0 * TIMES], axis=1)[:, None]
+    # What friction can cause is the scale of its accuracy: the square root of an energy, (bound * way)^(1/2) at most.
+    assert np.abs(history.displacement - carried).max() < solver.accuracy * way
+    assert history.dissipated[-1] < solver.accuracy * way
+    assert history.energy.max() < solver.accuracy**2 * way
+
+
+def test_the_ground_rubs_on_what_supports_hold():
+    """A clamped side: all of the way is slip, friction is its bound, and the clamp bears it."""
+    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (t, 0.0)))
+    history = vx.simulate(scene, small("squares", 4), TIMES)
+    assert not history.displacement.any()
+    assert history.contact.slip[:, :, 0] == pytest.approx(np.repeat(-TIMES[:, None], 5, axis=1))
+    assert history.contact.traction[1:, :, 0] == pytest.approx(1.0)
+    assert history.dissipated == pytest.approx(TIMES)
+    assert history.work == pytest.approx(TIMES)
+    with_it = vx.PrescribedDisplacement(lambda x, t: (t, 0.0), on="bottom")
+    carried = vx.simulate(scene.without(vx.Clamp).with_(with_it), small("squares", 4), TIMES)
+    assert len(carried.contact.nodes) == 0
+    assert carried.dissipated[-1] == 0.0
+
+
+def halves():
+    mesh = small("squares", 4)
+    for name, low in (("west", 0.0), ("east", 0.5)):
+        mesh = mesh.with_boundary(name, lambda x, low=low: (x[:, 1] < 1e-9) & (x[:, 0] > low) & (x[:, 0] < low + 0.5))
+    return mesh
+
+
+def test_parts_that_meet_rub_on_their_own_grounds():
+    """Where a belt ends at a floor, the node between has a term of each; two functions that say the same are a belt."""
+
+    def on(west, east):
+        rough = (vx.TrescaFriction(1.0, on=side, ground=g) for side, g in (("west", west), ("east", east)))
+        return vx.simulate(vx.Scene(STEEL, vx.Clamp(on="top"), TOUCHING, *rough), halves(), TIMES)
+
+    one, two = on(belt, belt), on(belt, lambda x, t: belt(x, t))
+    whole = vx.simulate(tresca(belt, vx.Clamp(on="top")), halves(), TIMES)
+    assert one.trajectory.multipliers.shape[1] == 5
+    assert two.trajectory.multipliers.shape[1] == 6
+    for name in ("displacement", "energy", "work", "dissipated"):
+        assert np.array_equal(getattr(one, name), getattr(whole, name)), name
+        size = np.abs(getattr(one, name)).max()
+        assert np.abs(getattr(two, name) - getattr(one, name)).max() < ROUNDED * size, name
+    still = on(belt, None)
+    middle = np.flatnonzero(still.contact.points[:, 0] == 0.5)[0]
+    own = still.displacement[:, still.contact.nodes[middle], 0] - 0.5 * (run(TIMES) - run(0.0))
+    assert still.contact.slip[:, middle, 0] == pytest.approx(own, abs=1e-16)
+    assert (np.abs(still.contact.traction[:, :, 0]) <= 1.0 + 1e-12).all()
+    assert still.work[-1] == pytest.approx(still.dissipated[-1] + still.energy[-1], rel=0.5)
+    with pytest.raises(
+        vx.SceneError, match=r"^TrescaFriction on \w+ and TrescaFriction on \w+: they act on the same edg"
+    ):
+        vx.simulate(tresca(belt, HELD).with_(vx.TrescaFriction(1.0, on="west")), halves(), TIMES)
+
+
+def test_only_changes_of_the_ground_count():
+    """Ground that stands still is none, to the bit, and is said; where it begins counts for nothing."""
+    mesh, pull = small("squares", 4), vx.Traction(lambda x, t: (5 * t, 0.0), on="left")
+    plain = vx.simulate(tresca(None, HELD).with_(pull), mesh, TIMES)
+    still = vx.simulate(tresca(lambda x, t: (3.0, 0.0), HELD).with_(pull), mesh, TIMES)
+    assert still.inactive == ("TrescaFriction on bottom: ground stands still at all instants",)
+    assert same(still.trajectory.state, plain.trajectory.state)
+    assert same(still.contact, plain.contact)
+    up = vx.simulate(tresca(lambda x, t: (0.0, t), HELD).with_(pull), mesh, TIMES)
+    assert np.array_equal(up.displacement, plain.displacement)
+    table = vx.Tabulated([0.0, 1.0], [(0.5, 0.0), (0.6, 0.0)])
+    one, other = (vx.simulate(tresca(g, HELD), mesh, TIMES) for g in (table, lambda x, t: (0.1 * t, 0.0)))
+    assert np.abs(one.contact.slip - other.contact.slip).max() < 1e-15
+    assert not one.contact.slip[0].any()
+
+
+@pytest.mark.parametrize(
+    ("ground", "message"),
+    [
+        (
+            (0.5, 0.0),
+            r"ground: found \(0\.5, 0\.0\); it is the displacement of the ground, and a constant moves nothing\.",
+        ),
+        (0.5, r"ground: found the single number 0\.5; wanted 2 components, or an array"),
+        (
+            lambda x, t: t * x[:, 0],
+            r"ground: found an array of shape \(3,\); wanted 2 components, or an array \(3, 2\)",
+        ),
+        (lambda x, t: (np.nan, t), r"ground: found NaN or infinity in 3 of 6 values"),
+    ],
+)
+def test_mistakes(ground, message):
+    for friction in (vx.TrescaFriction, vx.CoulombFriction):
+        with pytest.raises(vx.SceneError, match=rf"^{friction.__name__} on bottom: {message}"):
+            vx.simulate(
+                vx.Scene(STEEL, HELD, vx.UnilateralContact("bottom"), friction(0.3, "bottom", ground=ground)),
+                small("squares", 2),
+                TIMES,
+            )
+
+
+def test_bodies_are_no_ground():
+    mesh = vx.meshes.bodies({"lower": small("squares", 2), "upper": vx.meshes.squares(2, box=((0, 1), (1, 2)))})
+    rubs = vx.TrescaFriction(1.0, on="lower|upper", ground=belt)
+    with pytest.raises(
+        vx.SceneError, match=r"found ground= on an interface, where the body rubs on another one; prescri"
+    ):
+        vx.simulate(vx.Scene(STEEL, vx.Clamp(on="lower.bottom"), rubs), mesh, TIMES)
+
+
+def test_a_run_goes_on_only_on_the_same_ground(tmp_path):
+    mesh, scene = small("squares", 3), tresca(belt, HELD)
+    whole = vx.simulate(scene, mesh, TIMES)
+    vx.simulate(scene, mesh, TIMES, stream=tmp_path)
+    assert same(vx.simulate(scene, mesh, TIMES, stream=tmp_path, resume=True).contact, whole.contact)
+    faster = tresca(lambda x, t: (2 * run(t), 0.0), HELD)
+    with pytest.raises(vx.HistoryError, match=r"^resume: the folder holds a run of another scene.*loads, supports or"):
+        vx.simulate(faster, mesh, TIMES, stream=tmp_path, resume=True)
+
+
+def test_an_abstract_slider_on_a_belt():
+    """One spring: it follows the belt by w / k, and then slips; the belt has done the work w (U - w / k) + w^2 / 2k."""
+    k, w = 4.0, 2.0
+    norms = vx.Norms(np.array([[1.0]]), [w], ground=lambda t: [t])
+    times = np.linspace(0, 2, 9)
+    found = vx.march(vx.System(np.array([[k]]), lambda t: [0.0], norms), times)
+    assert found.state[:, 0] == pytest.approx(np.minimum(times, w / k), abs=1e-15)
+    assert found.dissipated[-1] == pytest.approx(w * (2.0 - w / k))
+    assert found.work[-1] == pytest.approx(
+        w * (2.0 - w / k) + np.sum(k * found.state[1:, 0] * np.diff(found.state[:, 0]))
+    )
+    with pytest.raises(
+        vx.SceneError, match=r"^Norms: ground: found an array of shape \(2,\); wanted \(1,\) ways, one a"
+    ):
+        vx.march(vx.System(np.array([[k]]), lambda t: [0.0], replace(norms, ground=lambda t: [t, t])), times)
+
+
+def test_steps_that_miss_the_turn_of_the_ground_are_estimated():
+    """The ground turns between two instants: the budget sees the bend, and its estimate covers the error."""
+    turns = tresca(vx.Tabulated([0.0, 0.55, 1.0], [(0.0, 0.0), (0.008, 0.0), (0.0, 0.0)]), HELD)
+    mesh, coarse = small("squares", 4), [0.0, 0.25, 0.5, 0.75, 1.0]
+    history = vx.simulate(turns, mesh, coarse)
+    budget = vx.error_budget(history)
+    fine = vx.simulate(turns, mesh, np.union1d(np.linspace(0, 1, 401), [0.55]))
+    system = pose_scene(turns, mesh).system
+    apart = history.trajectory.state - fine.trajectory.state[np.searchsorted(fine.times, coarse)]
+    true = np.sqrt(np.einsum("ni,ni->n", apart, (system.K @ apart.T).T)).max() / history.trajectory.norm.max()
+    assert 0.05 < true <= budget.time.max()
+
+
+def test_programs_of_steps_say_how_far_the_ground_goes():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        history = vx.simulate(tresca(belt, HELD), small("squares", 3), TIMES)
+    program = history.program(1)
+    assert np.abs(program.b) == pytest.approx(abs(run(TIMES[1]) - run(TIMES[0])))
+    posed = program.to_cvxpy()
+    posed.problem.solve(solver="CLARABEL")
+    assert program.certify(posed.d.value).error < 1e-2 * program.norm

@@ -16,7 +16,7 @@ the belt does the work 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.plots import beside_closed_form, body_and_graph
+from problem_pictures import beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND = 20.0, 1.0, 2000.0, 1.0
 FULL = BOUND * LENGTH**2 / (2 * YOUNG * HEIGHT)

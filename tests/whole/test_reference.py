@@ -20,7 +20,8 @@ PAGES = "vemcvx", "vemcvx.meshes", "vemcvx.estimate.measures", "vemcvx.plots", "
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    pytest.importorskip("pdoc")
+    for package in ("pdoc", "pandas"):
+        pytest.importorskip(package)
     folder = tmp_path_factory.mktemp("reference")
     done = subprocess.run(
         [sys.executable, "-W", "error", SCRIPT, folder], cwd=ROOT, capture_output=True, text=True, check=False

@@ -57,6 +57,10 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     """
     operators, c, K = condensation.operators, condensation.retained, condensation.system.K
     force = np.ones(condensation.regular.shape[0])
+    if condensation.system.kernel is not None:
+        # What pushes along motions of no energy, multipliers hold, not the anchors.
+        modes = np.linalg.qr(condensation.system.kernel.modes)[0]
+        force = force - modes @ (modes.T @ force)
     x = condensation.factor.solve(force)
     r = force - condensation.regular @ x
     off = float(abs(r @ condensation.factor.solve(r)))

@@ -69,10 +69,6 @@ class Closer:
     def _sum(self, places: Places, values: Floats) -> Floats:
         return totals(places.owner, places.weights * values, len(self.edges.outer))
 
-    def _weight(self) -> Floats:
-        """h_e / (2 mu) of the boundary edges."""
-        return self.edges.sizes[self.edges.outer] / (2.0 * self.edges.shear[self.edges.outer])
-
     def _on_edges(self, given: Given, places: Places, now: Instant) -> Floats:
         if given.load is not None and given.load.edges is not None:
             return self._traction(given.load, given.load.edges, places, now.t)
@@ -117,7 +113,7 @@ class Closer:
         count = np.bincount(point)
         mean = np.stack([totals(point, one, len(count)) for one in assembled.T], axis=1) / count[:, None]
         edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
-        return self._weight() * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
+        return self.edges.weights * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
 
     def _bound(self, given: Given, places: Places, now: Instant) -> Floats:
         lam, bound, slipped = self._friction(now)
@@ -135,7 +131,8 @@ class Closer:
         differs = np.abs(g - assembled).max(axis=0)
         exceeds = np.maximum(_between(lam, owner, along) - g.min(axis=0), 0.0)
         apart = np.where(active, differs, np.minimum(exceeds, differs))
-        return self._weight() * self._sum(places, np.where(self._slides()[owner], apart, 0.0) ** 2)
+        tangents = self.edges.units[:, ::-1] * [-1.0, 1.0]
+        return self._of_jumps(self.edges.weights, tangents) * self._sum(places, apart**2)
 
     def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools]:
         """Size of friction and its bound, force per length, and whether it has slipped, at the ends of edges (b, 2)."""
@@ -145,21 +142,21 @@ class Closer:
             return none, none, np.zeros(none.shape, dtype=bool)
         size = np.linalg.norm(now.lam, axis=1)
         values = np.column_stack([size, now.weights, (now.worn > 0) * terms.lengths]) / terms.lengths[:, None]
-        size, bound, worn = np.moveaxis(at_ends(self.edges, terms.nodes, normals_of(terms), values), 2, 0)
+        size, bound, worn = np.moveaxis(at_ends(self.edges, terms.jumps, normals_of(terms), values), 2, 0)
         return size, bound, worn > 0
 
-    def _slides(self) -> Bools:
-        """Whether an edge (b,) may move along itself."""
-        return self._free(self.edges.units[:, ::-1] * [-1.0, 1.0])
-
-    def _free(self, unit: Floats) -> Bools:
-        free: Bools = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit) > 0.5
-        return free
+    def _of_jumps(self, values: Floats, unit: Floats) -> Floats:
+        """Values (b,) of the edges free along the units (b, 2); what reads jumps may move either of two bodies."""
+        free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit) > 0.5
+        found, joints = np.where(free, values, 0.0), self.edges.joints
+        found[joints.first] += found[joints.second]
+        return found
 
     def _outward(self, places: Places, now: Instant) -> Floats:
-        """u . n at the places."""
-        at_ends = np.einsum("bsd,bd->bs", now.u[self.edges.outer_edges], self.edges.units)
-        return _between(at_ends, places.owner, places.along)
+        """u . n at the places, of the jump to another body where there is one."""
+        across = self.edges.joints.across
+        jump = now.u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, now.u[across], 0.0)
+        return _between(np.einsum("bsd,bd->bs", jump, self.edges.units), places.owner, places.along)
 
     def _gap(self, given: Given, places: Places, now: Instant) -> Floats:
         points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
@@ -172,18 +169,21 @@ class Closer:
         # Beyond the obstacle, or held away from it by both ends.
         beyond, away = np.minimum(self._outward(places, now), assembled) - gap, np.where(pressed, gap - assembled, 0.0)
         apart = np.maximum(np.maximum(beyond, away), 0.0)
-        return self._bump(places, np.where(self._free(self.edges.units)[owner], apart, 0.0))
+        eases = self._of_jumps(0.5 / self.edges.shear[self.edges.outer], self.edges.units)
+        return self._highest(places, apart) * np.divide(1.0, eases, out=np.zeros_like(eases), where=eases > 0)
 
-    def _bump(self, places: Places, apart: Floats) -> Floats:
+    def _highest(self, places: Places, apart: Floats) -> Floats:
+        """(b,) the largest square on each edge."""
         highest = np.zeros(len(self.edges.outer))
         np.maximum.at(highest, places.owner, apart**2)
-        return 2.0 * self.edges.shear[self.edges.outer] * highest
+        return highest
 
     def _spring(self, given: Given, places: Places, now: Instant) -> Floats:
         owner = places.owner
         pressure, k = given.value(places.x, now.t, self._outward(places, now))
         apart = pressure - _between(pressures_at_ends(self.posed, self.edges, now), owner, places.along)
-        return self._sum(places, apart**2 / (1.0 / self._weight()[owner] + k))
+        weight = self._of_jumps(self.edges.weights, self.edges.units)[owner]
+        return self._sum(places, apart**2 * weight / (1.0 + k * weight))
 
     def _foundation(self, given: Given, places: Places, now: Instant) -> Floats:
         owner, nodes = places.owner, self.edges.outer_edges
@@ -194,14 +194,14 @@ class Closer:
         moved = np.einsum("bsd,kbd->kbs", now.u[nodes], frame)
         moved = np.stack([_between(one, owner, places.along) for one in moved])
         apart = (k - mean[:, owner]) * moved
-        return self._sum(places, np.sum(apart**2 / (1.0 / self._weight()[owner] + k), axis=0))
+        return self._sum(places, np.sum(apart**2 / (1.0 / self.edges.weights[owner] + k), axis=0))
 
     def _displacement(self, given: Given, places: Places, now: Instant) -> Floats:
         points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
         value = given.value(places.x, now.t).reshape(len(owner), -1)
         start, stop = (given.value(points[nodes[owner, side]], now.t).reshape(value.shape) for side in range(2))
         apart = value - start - places.along[:, None] * (stop - start)
-        return self._bump(places, np.linalg.norm(apart, axis=1))
+        return 2.0 * self.edges.shear[self.edges.outer] * self._highest(places, np.linalg.norm(apart, axis=1))
 
 
 ON_EDGES = {

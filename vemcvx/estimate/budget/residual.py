@@ -7,10 +7,11 @@
                    + what of the data was not assembled )                            :mod:`.data_oscillation`
 
 with sigma = C eps(Pi u) + sigma_0, h_K = |K|^{1/2}, h_e the mean over the neighbours, and boundary residuals only in
-the directions that supports leave free. In the order of Verfurth, *A Posteriori Error Estimation Techniques for Finite
-Element Methods* (2013), and of Cangiani, Georgoulis, Pryer and Sutton, *A posteriori error estimates for the virtual
-element method* (Numer. Math. 137, 2017), whose edges weigh by h_K so that they may be short. Ten is about pi^2, of the
-Poincare inequality on a cell; c, one for all, is declared below.
+the directions that supports leave free, at interfaces on the edges of both bodies (:mod:`.joints`). In the order of
+Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and of Cangiani, Georgoulis,
+Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017), whose edges
+weigh by h_K so that they may be short. Ten is about pi^2, of the Poincare inequality on a cell; c, one for
+all, is declared below.
 """
 
 from __future__ import annotations
@@ -70,10 +71,10 @@ def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
 
 
 def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
-    rest = force - _traction(sigma[edges.outer], edges.outer_normals)
+    pull = _traction(sigma[edges.outer], edges.outer_normals)
+    rest = force + edges.joints.normal_forces(pull, edges.weights, edges.units) - pull
     rest = np.einsum("bij,bj->bi", edges.free, rest)
-    h, mu = edges.sizes[edges.outer], edges.shear[edges.outer]
-    part = h / (2.0 * mu) * np.einsum("bd,bd->b", rest, rest) / edges.lengths
+    part = edges.weights * np.einsum("bd,bd->b", rest, rest) / edges.lengths
     return totals(edges.outer, part, len(sigma))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
+from vemcvx.estimate.budget.joints import Joints, joints
 from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, shared_edges
 from vemcvx.scene.pose import PosedScene
@@ -38,6 +39,8 @@ class Skeleton:
     """(b, 2) outward, as long as the edge"""
     free: Floats
     """(b, 2, 2) projector on the directions that supports leave free at one end at least"""
+    joints: Joints
+    """where two bodies meet"""
 
     @cached_property
     def lengths(self) -> Floats:
@@ -49,6 +52,11 @@ class Skeleton:
     def units(self) -> Floats:
         """(b, 2) outward unit normals of boundary edges."""
         return self.outer_normals / self.lengths[:, None]
+
+    @cached_property
+    def weights(self) -> Floats:
+        """(b,) h_e / (2 mu) of boundary edges, by which squares of what they miss count."""
+        return self.sizes[self.outer] / (2.0 * self.shear[self.outer])
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
@@ -68,6 +76,7 @@ def skeleton(posed: PosedScene) -> Skeleton:
         outer_edges=edges[outer],
         outer_normals=normals[outer],
         free=_free(posed.supports.P, edges[outer]),
+        joints=joints(posed, edges[outer], normals[outer]),
     )
 
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arrays import Floats, totals
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.history import History
 from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.meshes.polygons.topology import positions
 from vemcvx.scene.composition import InitialStresses
+from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.terms import Terms
 
@@ -46,16 +47,23 @@ def instant(history: History, row: int) -> Instant:
 
 def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Force (b, 2) on each boundary edge of the skeleton."""
-    total = _loads(posed, edges, now.t)
+    contact = _contact(posed, edges, now)
+    total = _loads(posed, edges, now.t) + contact + edges.joints.reaction(contact)
+    if posed.springs is not None:
+        total += _springs(posed.springs, edges, now.u)
+    return total
+
+
+def _contact(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
+    """Friction and pressure (b, 2) on the edges of the bodies whose normals they refer to."""
+    total = np.zeros(edges.outer_normals.shape)
     terms, obstacles = posed.terms, posed.obstacles
     if len(terms.nodes):
         traction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-        total += _spread(edges, terms.nodes, normals_of(terms), traction)
+        total += _spread(edges, terms.jumps, normals_of(terms), traction)
     if obstacles is not None and len(obstacles.nodes):
         traction = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
-        total += _spread(edges, obstacles.nodes, obstacles.normals, traction)
-    if posed.springs is not None:
-        total += _springs(posed.springs, edges, now.u)
+        total += _spread(edges, obstacles.jumps, obstacles.normals, traction)
     return total
 
 
@@ -69,7 +77,7 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
     obstacles = posed.obstacles
     if obstacles is None or len(obstacles.nodes) == 0:
         return np.zeros((len(edges.outer), 2))
-    return at_ends(edges, obstacles.nodes, obstacles.normals, (now.p / obstacles.lengths)[:, None])[..., 0]
+    return at_ends(edges, obstacles.jumps, obstacles.normals, (now.p / obstacles.lengths)[:, None])[..., 0]
 
 
 def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
@@ -80,15 +88,18 @@ def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     return total
 
 
-def _spread(edges: Skeleton, nodes: Ints, normals: Floats, traction: Floats) -> Floats:
+def _spread(edges: Skeleton, jumps: Jumps, normals: Floats, traction: Floats) -> Floats:
     """Integrals over edges of tractions given at nodes and sides, linear between them."""
-    force: Floats = 0.5 * edges.lengths[:, None] * at_ends(edges, nodes, normals, traction).sum(axis=1)
+    force: Floats = 0.5 * edges.lengths[:, None] * at_ends(edges, jumps, normals, traction).sum(axis=1)
     return force
 
 
-def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Floats:
-    """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none."""
-    size = edges.outer_edges.max() + 1
+def at_ends(edges: Skeleton, jumps: Jumps, normals: Floats, values: Floats) -> Floats:
+    """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none.
+
+    An edge is on the side of a row if it has its normal and, at an interface, the same body across.
+    """
+    nodes, size = jumps.nodes, edges.outer_edges.max() + 1
     near = nodes < size
     found = np.zeros((len(edges.outer), 2, values.shape[1]))
     order = np.argsort(nodes, kind="stable")
@@ -100,7 +111,7 @@ def at_ends(edges: Skeleton, nodes: Ints, normals: Floats, values: Floats) -> Fl
             has = np.flatnonzero(start + k < stop)
             row = order[start[has] + k]
             cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / edges.lengths[has]
-            same = np.abs(cosine) > 1 - ALONG
+            same = (np.abs(cosine) > 1 - ALONG) & (jumps.partners[row] == edges.joints.across[has, side])
             found[has[same], side] += values[row[same]]
     return found
 

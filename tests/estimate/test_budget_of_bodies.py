@@ -1,0 +1,152 @@
+"""The error budget of several bodies: contact acts on the edges of both, and what is bonded is one body."""
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+JOINT = "lower|upper"
+STEEL = vx.Elasticity(10.0, 0.3)
+
+pytestmark = [
+    pytest.mark.arithmetic,
+    pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact"),
+]
+
+
+def two_blocks(below, above, n):
+    lower = vx.meshes.FAMILIES[below](n[0])
+    upper = vx.meshes.FAMILIES[above](n[1], box=((0, 1), (1, 2)))
+    return vx.meshes.bodies({"lower": lower, "upper": upper})
+
+
+def space_of(scene, mesh):
+    return vx.error_budget(vx.simulate(scene, mesh, [0.0, 0.5, 1.0])).space
+
+
+def test_constant_shear_has_no_residual_on_either_body():
+    """In stick and in full slip: the traction on the upper block is minus that on the lower one."""
+    sides = [f"{body}.{side}" for body in ("lower", "upper") for side in ("left", "right")]
+
+    def moved(x, t):
+        return np.tile([t, 0.0], (len(x), 1))
+
+    for bound in (10.0, 1.0):
+        scene = vx.Scene(
+            STEEL,
+            vx.Clamp(on="lower.bottom"),
+            vx.PrescribedDisplacement(moved, on="upper.top"),
+            vx.PrescribedDisplacement(0.0, on=sides, direction=(0, 1)),
+            vx.BilateralContact(on=JOINT),
+            vx.TrescaFriction(bound, on=JOINT),
+        )
+        assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
+
+
+def test_constant_pressure_has_no_residual_where_three_bodies_meet():
+    """The node of the lower body below the joint of the upper ones has two partners along one normal."""
+    boxes = {"lower": ((0, 2), (0, 1)), "left": ((0, 1), (1, 2)), "right": ((1, 2), (1, 2))}
+    mesh = vx.meshes.bodies({name: vx.meshes.squares(4, box=box) for name, box in boxes.items()})
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.0),
+        vx.PrescribedDisplacement(0.0, on="lower.bottom", direction=(0, 1)),
+        vx.PrescribedDisplacement(0.0, on=["lower.left", "left.left", "right.right"], direction=(1, 0)),
+        vx.Traction(lambda x, t: np.tile([0.0, -t], (len(x), 1)), on=["left.top", "right.top"]),
+        vx.UnilateralContact(on=["lower|left", "lower|right"]),
+    )
+    assert space_of(scene, mesh).max() < 1e-12
+
+
+def test_bonded_blocks_have_the_budget_of_one_body():
+    """Jumps across the joint are boundary residuals, the tangential ones against a multiplier: never less.
+
+    On meshes whose cells are alike on both sides, and what friction adds to them is of higher order.
+    """
+    added = []
+    for n in (4, 8):
+        mesh = two_blocks("squares", "squares", (n, n))
+        pairs, place = mesh.interfaces[JOINT].pairs, np.arange(mesh.n_nodes)
+        place[pairs[:, 1]] = pairs[:, 0]
+        kept, number = np.unique(place, return_inverse=True)
+        whole = vx.PolygonMesh(mesh.points[kept], [number[cell] for cell in mesh.cells])
+
+        def supported(one):
+            return one.with_boundary("foot", lambda x: x[:, 1] < 1e-9).with_boundary("head", lambda x: x[:, 1] > 1.999)
+
+        effects = STEEL, vx.Clamp(on="foot"), vx.Traction(lambda x, t: t * x, on="head")
+        bonds = vx.BilateralContact(on=JOINT), vx.TrescaFriction(1e3, on=JOINT)
+        one, two = space_of(vx.Scene(*effects), supported(whole)), space_of(vx.Scene(*effects, *bonds), supported(mesh))
+        added.append((two[-1] - one[-1]) / one[-1])
+    assert min(added) >= 0.0
+    assert added[0] < 1e-3
+    assert added[0] > 2 * added[1]
+
+
+def pressed_and_pulled(young=(10.0, 30.0), friction=0.3):
+    def head(x, t):
+        return t * np.column_stack([np.full(len(x), 0.05), -0.05 - 0.05 * x[:, 0]])
+
+    return vx.Scene(
+        vx.Elasticity(young[0], 0.3, on="lower"),
+        vx.Elasticity(young[1], 0.3, on="upper"),
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(head, on="upper.top"),
+        vx.UnilateralContact(on=JOINT),
+        vx.CoulombFriction(friction, on=JOINT),
+    )
+
+
+def ratios(scene, families, sizes, fine):
+    truth = vx.simulate(scene, two_blocks("squares", "squares", (fine, fine)), [0.0, 0.5, 1.0])
+    for below in families:
+        for n in sizes:
+            history = vx.simulate(scene, two_blocks(below, "hexagons", n), [0.0, 0.5, 1.0])
+            assert history.contact.slip_count[-1] > 0
+            true = vx.measures.energy_distance(history, truth).relative
+            yield vx.error_budget(history).largest["total"] / true
+
+
+def test_effectivity_on_two_blocks():
+    (found,) = ratios(pressed_and_pulled(friction=0.1), ["squares"], [(4, 6)], 16)
+    assert 1.0 <= found <= 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("young", [(10.0, 30.0), (1.0, 1000.0), (1000.0, 1.0)])
+def test_effectivity_on_two_blocks_in_full(young):
+    found = list(ratios(pressed_and_pulled(young, 0.1), ["squares", "voronoi", "triangles"], [(4, 6), (8, 12)], 48))
+    assert min(found) >= 1.0
+    assert max(found) <= 5.0
+
+
+def test_a_gap_that_nodes_miss_is_seen_between_bodies():
+    """What is between nodes is measured against the jump, however far both bodies have moved."""
+
+    def data_of(gap, lift):
+        def ground(x, t):
+            return np.tile([0.0, lift * t], (len(x), 1))
+
+        scene = vx.Scene(
+            STEEL,
+            vx.PrescribedDisplacement(ground, on="lower.bottom"),
+            vx.PrescribedDisplacement(lambda x, t: ground(x, t) - [0.0, 0.1 * t], on="upper.top"),
+            vx.UnilateralContact(on=JOINT, gap=gap),
+        )
+        history = vx.simulate(scene, two_blocks("squares", "squares", (4, 4)), [0.0, 1.0])
+        budget = vx.error_budget(history)
+        return budget.parts["data"][-1] * budget.scale
+
+    def bumpy(x, t):
+        return -0.01 * t * np.sin(4 * np.pi * x[:, 0]) ** 2
+
+    assert data_of(0.0, 0.0) == 0.0
+    still = data_of(bumpy, 0.0)
+    assert still > 0.0
+    assert data_of(bumpy, 7.0) == pytest.approx(still, rel=1e-8)
+
+
+def test_meshes_of_bodies_adapt():
+    adapted = vx.adapt(pressed_and_pulled(), two_blocks("squares", "hexagons", (2, 3)), [0.0, 1.0], target=0.2)
+    assert adapted.met
+    assert len(adapted.passes) > 1
+    assert adapted.history.mesh.interfaces[JOINT].bodies == ("lower", "upper")

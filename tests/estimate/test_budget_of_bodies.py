@@ -8,10 +8,7 @@ import vemcvx as vx
 JOINT = "lower|upper"
 STEEL = vx.Elasticity(10.0, 0.3)
 
-pytestmark = [
-    pytest.mark.arithmetic,
-    pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact"),
-]
+pytestmark = pytest.mark.arithmetic
 
 
 def two_blocks(below, above, n):

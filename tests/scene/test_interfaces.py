@@ -12,8 +12,6 @@ JOINT = "lower|upper"
 TURN = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
 SHEAR, PRESS = 0.3, 1.0
 
-pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
-
 
 def two_blocks(below, above, n=(2, 3), height=1.0):
     lower = vx.meshes.FAMILIES[below](n[0], box=((0, 1), (0, 1)))

@@ -8,6 +8,7 @@ projections at the contact nodes,
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -172,20 +173,22 @@ def _contact(
 
 
 def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:
-    """The motions that nothing but friction or one-sided contact holds, which a warning says."""
+    """The motions that nothing but friction or one-sided contact holds, which a warning says; of bodies, the log."""
     felt = [on_free(rows, supports) for rows in (contact.terms.rows, contact.obstacles.rows)]
-    kernel = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
+    kernel, of_bodies = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
     dim = space.mesh.points.shape[1]
     sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // dim
     warn_of_loose_normals(contact.terms.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
     if kernel is not None:
-        warnings.warn(
+        said = (
             f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
             "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement "
-            "itself may be determined up to that motion only.",
-            SceneWarning,
-            stacklevel=2,
+            "itself may be determined up to that motion only."
         )
+        if of_bodies:
+            logging.getLogger("vemcvx").info("%s", said.replace("holds the body against", "holds back"))
+        else:
+            warnings.warn(said, SceneWarning, stacklevel=2)
     return kernel
 
 

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.program.kernel import Kernel
+from vemcvx.scene.loose_words import Part, body_names, combined, floating
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes
 
@@ -32,8 +33,10 @@ FREE = 1e-12
 
 def loose_motions(
     space: Space, supports: Supports, friction: sp.csr_matrix, springs: sp.csr_matrix | None = None
-) -> Kernel | None:
+) -> tuple[Kernel | None, bool]:
     """The motions without strain that no support resists but friction does; None if there are none.
+
+    Besides, whether each is one of bodies that interfaces touch: to be held by contact is the normal case there.
 
     Parameters
     ----------
@@ -60,27 +63,33 @@ def loose_motions(
     if springs is not None:
         joined = joined @ (sp.eye_array(joined.shape[1]) + _coupled(springs, site, dim))
     parts, label = connected_components(joined @ joined.T, directed=False)
-    fields_of, names = [], []
-    motions: list[tuple[str, list[int], Floats]] = []
-    for part in range(parts):
-        columns = (np.flatnonzero(label == part)[:, None] * k + np.arange(k)).ravel()
+    bodies = body_names(space.mesh, piece, node)
+    fields_of, motions = [], list[tuple[Part, Floats]]()
+    for number in range(parts):
+        own = np.flatnonzero(label == number)
+        columns = (own[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
         loose = vector[:, value < FREE * k]
         if springs is not None:
             loose = loose @ _unfelt(springs, supports.P @ (fields[:, columns] @ loose))
         if loose.shape[1] == 0:
             continue
-        which = f"part {part + 1} of {parts} of the body" if parts > 1 else "the body"
-        hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == part]
+        which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
+        hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
+        part = Part(which, tuple(bodies[one] for one in own), hinges)
+        loose = _piece_by_piece(loose, k)
         field = fields[:, columns] @ loose
         rank, rotated = _felt(friction @ field)
         if rank < loose.shape[1]:
-            raise SceneError(_words(which, _forward(loose @ rotated[:, rank:]), hinges, space.mesh.points))
+            raise SceneError(floating(part, _piece_by_piece(loose @ rotated[:, rank:], k), space.mesh.points))
         size = np.abs(field).max(axis=0)
         fields_of.append(field / size)
-        names += [f"{_motion(_forward(column), hinges)} of {which}" for column in loose.T]
-        motions += [(which, hinges, column) for column in (loose / size).T]
-    return Kernel(np.hstack(fields_of), tuple(names), partial(_combined, motions)) if names else None
+        motions += [(part, column) for column in (loose / size).T]
+    if not motions:
+        return None, False
+    names = tuple(part.motion(mode) for part, mode in motions)
+    named = all(part.moved(mode) is not None for part, mode in motions)
+    return Kernel(np.hstack(fields_of), names, partial(combined, motions)), named
 
 
 def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
@@ -101,18 +110,23 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
     return seen
 
 
-def _combined(motions: list[tuple[str, list[int], Floats]], c: Floats) -> str:
-    """A combination of loose motions in words, part by part."""
-    parts: dict[str, tuple[list[int], Floats]] = {}
-    for share, (which, hinges, motion) in zip(c, motions, strict=True):
-        sum_so_far = parts[which][1] if which in parts else 0.0
-        parts[which] = hinges, sum_so_far + share * motion
-    largest = max(np.abs(motion).max() for _, motion in parts.values())
-    return " and ".join(
-        f"{_motion(motion, hinges)} of {which}"
-        for which, (hinges, motion) in parts.items()
-        if np.abs(motion).max() > 1e-3 * largest
-    )
+def _piece_by_piece(loose: Floats, k: int) -> Floats:
+    """Orthonormal columns of the same span, those that move a single piece first."""
+    pieces = len(loose) // k
+    if pieces == 1:
+        return loose
+    alone = []
+    for piece in range(pieces):
+        others = np.delete(loose, np.s_[piece * k : (piece + 1) * k], axis=0)
+        _, size, rotated = np.linalg.svd(others)
+        kept = rotated[np.append(size, np.zeros(len(rotated) - len(size))) < FREE**0.5].T
+        # A piece that is free altogether moves along the axes, and turns.
+        own = (loose @ kept)[piece * k : (piece + 1) * k]
+        alone.append(kept @ own.T if kept.shape[1] == k else kept)
+    found = np.hstack(alone)
+    rest = np.linalg.svd(found, full_matrices=True)[0][:, found.shape[1] :]
+    ordered: Floats = loose @ np.hstack([found, rest])
+    return ordered
 
 
 def _felt(grip: Floats) -> tuple[int, Floats]:
@@ -167,39 +181,3 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
     columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
     return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))
-
-
-def _forward(motions: Floats) -> Floats:
-    """The motions with the sign that makes their largest component positive."""
-    if motions.ndim == 1:
-        forward: Floats = motions * np.sign(motions[np.argmax(np.abs(motions))])
-        return forward
-    return np.column_stack([_forward(column) for column in motions.T])
-
-
-def _words(which: str, modes: Floats, hinges: list[int], points: Floats) -> str:
-    count = modes.shape[1]
-    if hinges:
-        return (
-            f"supports: {which} is a mechanism: {count} motion(s) without strain meet no support. Cells that share "
-            f"single nodes, such as node {hinges[0]} at {points[hinges[0]]}, turn about them like hinges. "
-            "Join the cells along edges, or support each piece."
-        )
-    motion = f"motion{'s' * (count > 1)}"
-    return (
-        f"supports: {which} floats: {count} rigid {motion} meet{'s' * (count == 1)} neither a support nor friction, "
-        f"the first {_motion(modes[:, 0], hinges)}. Add Clamp, PrescribedDisplacement or BilateralContact where they "
-        "stop it; friction holds what slides along its boundary only, and loads hold nothing."
-    )
-
-
-def _motion(mode: Floats, hinges: list[int]) -> str:
-    if hinges:
-        return "a motion about hinges"
-    if len(mode) > 3:
-        return "a motion of pieces that are joined"
-    x, y, turn = np.round(mode / np.linalg.norm(mode), 6)
-    if abs(turn) > 0.9:
-        return "a rotation"
-    moves = f"the translation ({x + 0.0:.2g}, {y + 0.0:.2g})"
-    return moves if abs(turn) < 1e-3 else f"{moves} with a rotation"

@@ -1,0 +1,67 @@
+"""Bodies that only contact holds are named; that contact holds them is no cause for a warning."""
+
+import logging
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.scene.pose import pose_scene
+
+JOINT = "lower|upper"
+STEEL = vx.Elasticity(10.0, 0.3)
+FOOT, BOND, RUB = vx.Clamp(on="lower.bottom"), vx.BilateralContact(on=JOINT), vx.TrescaFriction(0.1, on=JOINT)
+
+
+def blocks():
+    return vx.meshes.bodies(
+        {"lower": vx.meshes.squares(2), "upper": vx.meshes.hexagons(3, box=((0.2, 1.2), (1, 2)))},
+    )
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        ((FOOT, BOND), r"upper moves freely by the translation \(1, 0\)\. Add Clamp"),
+        (
+            (FOOT,),
+            r"upper moves freely by .*, the first of 3 rigid motions that meet neither a support nor friction\. ",
+        ),
+        ((BOND,), r"(lower|upper) moves freely by .*, the first of 4 rigid motions that meet neither"),
+        ((vx.Clamp(on="upper.top"), BOND), r"lower moves freely by the translation \(1, 0\)\. "),
+    ],
+)
+def test_what_floats_is_named(effects, says):
+    with pytest.raises(vx.SceneError, match=rf"^supports: {says}"):
+        pose_scene(vx.Scene(STEEL, *effects), blocks())
+
+
+def test_to_be_held_by_contact_is_the_normal_case_between_bodies(caplog):
+    with caplog.at_level(logging.INFO, logger="vemcvx"):
+        posed = pose_scene(vx.Scene(STEEL, FOOT, BOND, RUB), blocks())
+    assert posed.system.kernel.names == ("the translation (1, 0) of upper",)
+    (said,) = caplog.messages
+    assert said.startswith("supports: nothing but friction or one-sided contact holds back the translation (1, 0) of u")
+
+
+def test_each_motion_is_of_one_body_where_that_can_be():
+    ground = vx.BilateralContact(on="lower.bottom"), vx.TrescaFriction(0.1, on="lower.bottom")
+    kernel = pose_scene(vx.Scene(STEEL, *ground, BOND, RUB), blocks()).system.kernel
+    assert kernel.names == ("the translation (1, 0) of lower", "the translation (1, 0) of upper")
+    assert kernel.name(np.array([1.0, 0.0])) == kernel.names[0]
+
+
+def test_a_step_without_equilibrium_names_the_body():
+    pull = vx.Traction(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="upper.left")
+    with pytest.raises(vx.SceneError, match=r"contact hold the body against the translation \(1, 0\) of upper\. "):
+        vx.simulate(vx.Scene(STEEL, FOOT, BOND, RUB, pull), blocks(), [0.0, 1.0])
+
+
+def test_a_body_with_a_crack_is_one_body():
+    """Its two sides have names, it has none of them: that friction alone holds it is said as ever."""
+    mesh = vx.meshes.squares(4)
+    x, y = mesh.centroids.T
+    cracked = mesh.cut("crack", {"above": (y > 0.5) & (x < 0.5), "below": (y < 0.5) & (x < 0.5)})
+    ground = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom")
+    with pytest.warns(vx.SceneWarning, match=r"holds the body against the translation \(1, 0\) of the body"):
+        pose_scene(vx.Scene(STEEL, *ground), cracked)

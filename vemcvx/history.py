@@ -77,7 +77,8 @@ class History(Results, Outlined):
     def probe(self, points: ArrayLike) -> Floats:
         """(S, p, 2) displacements at any points (p, 2) of the body: see :mod:`vemcvx.results.probe.places`.
 
-        Exact nodal values at nodes, between two nodes linear on edges, and Pi u inside cells, (3.11).
+        Exact nodal values at nodes, between two nodes linear on edges, and Pi u inside cells, (3.11); on an interface
+        those of its first body.
 
         Raises
         ------

@@ -225,3 +225,63 @@ def test_blocks_on_blocks_need_no_refinement(linear):
     mesh = two_blocks("squares", "squares", (128, 128))
     system = pose_scene(dragged_over(mesh), mesh).system
     assert not prepare(system, None, check=True, condense=True, linear=linear).refines
+
+
+def test_probes_on_an_interface_tell_the_first_body():
+    mesh = two_blocks("voronoi", "hexagons", (3, 4))
+    history = vx.simulate(dragged_over(mesh), mesh, [0.0, 1.0])
+    x = np.column_stack([np.linspace(0, 1, 97), np.ones(97)])
+    first = mesh.interfaces[JOINT].edges
+    nodes = np.unique(first)
+    nodes = nodes[np.argsort(mesh.points[nodes, 0])]
+    u = history.displacement[-1][nodes]
+    known = np.column_stack([np.interp(x[:, 0], mesh.points[nodes, 0], u[:, k]) for k in range(2)])
+    assert history.probe(x)[-1] == pytest.approx(known, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [vx.Pressure(1.0, on=JOINT), vx.Clamp(on=["lower.bottom", JOINT]), vx.Symmetry(on="boundary")],
+    ids=lambda effect: type(effect).__name__,
+)
+def test_what_is_no_contact_is_refused_between_bodies(effect):
+    mesh = two_blocks("squares", "squares")
+    with pytest.raises(vx.SceneError, match=r"has edges of an interface \(lower\|upper\) between two bodies"):
+        vx.simulate(dragged_over(mesh).with_(effect), mesh, [0.0, 1.0])
+
+
+def test_the_other_way_round_an_interface_is_called_by_its_name():
+    mesh = two_blocks("squares", "squares")
+    scene = dragged_over(mesh).with_(vx.UnilateralContact(on="upper|lower"))
+    with pytest.raises(vx.SceneError, match=r"this interface is named 'lower\|upper'"):
+        vx.simulate(scene, mesh, [0.0, 1.0])
+
+
+def test_the_axis_of_a_half_model_bears_its_pressure():
+    mesh = two_blocks("triangles", "triangles", (4, 4))
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.Symmetry(on=["lower.left", "upper.left"]),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.05 * t], (len(x), 1)), on="upper.top"),
+        vx.BilateralContact(on=JOINT),
+        vx.TrescaFriction(0.5, on=JOINT),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
+    contact = history.contact
+    assert 0.0 in contact.points[:, 0]
+    borne = (contact.pressure * contact.lengths).sum(axis=1)[-1]
+    assert borne == pytest.approx(-history.reaction("upper.top")[-1, 1], rel=1e-10)
+
+
+def test_bonds_on_a_curve_are_told():
+    angle = np.linspace(0, np.pi / 2, 9)
+    rings = {}
+    for name, (inner, outer) in {"a": (1.0, 2.0), "b": (2.0, 3.0)}.items():
+        arcs = [r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in (inner, outer)]
+        quads = [[i, 9 + i, 10 + i, i + 1] for i in range(8)]
+        rings[name] = vx.PolygonMesh(np.concatenate(arcs), quads)
+    mesh = vx.meshes.bodies(rings).with_boundary("inner", lambda x: np.linalg.norm(x, axis=1) < 1.2)
+    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="inner"), vx.BilateralContact(on="a|b"))
+    with pytest.warns(vx.SceneWarning, match=r"BilateralContact on a\|b: sides meet at 7 of 9 nodes, as on a curve"):
+        vx.simulate(scene, mesh, [0.0, 1.0])

@@ -24,6 +24,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 done, 2 invalid input, 3 not certified.",
 )
 
+
 @app.command()
 def run(
     file: File,

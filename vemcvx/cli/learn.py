@@ -26,9 +26,7 @@ def problems() -> None:
 def lesson(
     number: Annotated[
         int | None,
-        typer.Argument(
-            metavar="[N]", autocompletion=completion.lessons, help="Which one; without it they are listed."
-        ),
+        typer.Argument(metavar="[N]", autocompletion=completion.lessons, help="Which one; without it they are listed."),
     ] = None,
 ) -> None:
     """List the lessons, or copy lesson N and its solutions into this folder; no file is overwritten."""

@@ -37,7 +37,8 @@ class CoulombFriction(Effect):
     coefficient : number or callable f(x, t) -> (m,)
         Coefficient of friction, >= 0, without unit.
     on : str or sequence of str
-        Boundary names.
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
     cap : number or callable f(x, t) -> (m,), optional
         Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
         of a material that yields (after Orowan).
@@ -52,7 +53,7 @@ class CoulombFriction(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"CoulombFriction on {where(self.on)}"
-        part = space.part(self.on, "CoulombFriction")
+        part = space.part(self.on, "CoulombFriction", contact=True)
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
 

@@ -23,7 +23,8 @@ class NormalCompliance(Effect):
     The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
     of Martins and Oden, *Existence and uniqueness results for dynamic contact problems with nonlinear normal and
     friction interface laws* (Nonlinear Anal. 11, 1987), with the exponent m_n = 1. As the stiffness grows, the obstacle
-    becomes rigid.
+    becomes rigid. Clamps and prescribed displacements take precedence at nodes whose normal displacement they hold:
+    there is no such spring there.
 
     Parameters
     ----------
@@ -31,7 +32,8 @@ class NormalCompliance(Effect):
         Pressure per penetration, force per length^2 (and unit thickness), > 0; fixed in time (f is evaluated at
         t = 0).
     on : str or sequence of str
-        Boundary names.
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along the outward normal before anything moves, >= 0.
     """
@@ -42,7 +44,7 @@ class NormalCompliance(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"NormalCompliance on {where(self.on)}"
-        part = space.part(self.on, "NormalCompliance")
+        part = space.part(self.on, "NormalCompliance", contact=True)
         rows = part.node_normals
 
         def stiffness(x: Floats) -> Floats:

@@ -102,7 +102,8 @@ class TrescaFriction(Effect):
     bound : number, or callable f(x, t) -> (m,)
         g >= 0, force per length (and unit thickness), evaluated at t_n.
     on : str or sequence of str
-        Boundary names.
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
     quadrature : {"nodes", "integral"}
         w_i = g(x_i) int phi_i, or w_i = int g phi_i (for bounds that vary within an edge).
     backward : number, or callable f(x, t) -> (m,), optional
@@ -134,7 +135,7 @@ class TrescaFriction(Effect):
             raise SceneError(
                 f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
             )
-        part = space.part(self.on, "TrescaFriction")
+        part = space.part(self.on, "TrescaFriction", contact=True)
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
         bounds = _Bounds(

@@ -29,7 +29,8 @@ class UnilateralContact(Effect):
     Parameters
     ----------
     on : str or sequence of str
-        Boundary names.
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
     gap : number or callable f(x, t) -> (m,)
         Distance to the obstacle along n in the undeformed state, in units of length; it may change in time. Negative
         where they overlap (interference, press fits): the body is then pressed back by so much, either from the start
@@ -40,7 +41,7 @@ class UnilateralContact(Effect):
     gap: data.Datum = 0.0
 
     def contribute(self, space: Space) -> Contribution:
-        part = space.part(self.on, "UnilateralContact")
+        part = space.part(self.on, "UnilateralContact", contact=True)
         rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
         made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
         given = Given(subject, "gap", partial(distance, self.gap, subject), part.edges)

@@ -128,7 +128,7 @@ class Results:
         Nodes shared by two boundaries count in both; but friction against supports that drag such a node along counts
         with the edges that rub: a block pulled by its side over a floor shows all friction as reaction of that side.
         """
-        part = self._space.part(name, "reaction")
+        part = self._space.part(name, "reaction", contact=True)
         total: Floats = self.forces[:, part.nodes].sum(axis=1)
         if self.dragged_ends is None or self.dragged_friction is None:
             return total

@@ -41,7 +41,7 @@ class Freedom:
     dragged: Bools
     """whether it does not slide, and supports move it along the boundary, or the ground moves under it"""
     leans: Bools
-    """whether contact holds the normal, and supports all the rest"""
+    """whether contact holds the normal, once; where the node does not slide, supports hold the rest"""
     grips: sp.csr_matrix
     """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
 
@@ -108,8 +108,7 @@ def _grips(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp
     dual = np.linalg.pinv(held).transpose(0, 2, 1)
     grips = np.einsum("ik,ik,ikd->id", mine.astype(float), cosine, dual).reshape(*holding.members.shape, -1)
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
-    full = points.shape[1] * (holding.members >= 0).sum(axis=1)
-    leans = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1) & (count == full)
+    leans = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1)
     at, member = np.nonzero(grips.any(axis=2))
     force = Jumps(holding.members[at, member], np.full(len(at), -1)).matrix(grips[at, member][:, None, :], points)
     gather = sp.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(jumps), len(at)))

@@ -70,7 +70,7 @@ class Space:
             groups.append(CellGroup(read_only(cells), read_only(nodes), mesh.points))
         return tuple(groups)
 
-    def part(self, on: str | Sequence[str], subject: str) -> BoundaryPart:
+    def part(self, on: str | Sequence[str], subject: str, *, contact: bool = False) -> BoundaryPart:
         """The closed set of the boundary edges named by `on`.
 
         Parameters
@@ -79,11 +79,14 @@ class Space:
             Boundary names; an edge that several of them contain counts once.
         subject : str
             Who asks, for the error message.
+        contact : bool
+            Whether interfaces between bodies may be among them.
 
         Raises
         ------
         SceneError
-            `on` names no boundary, or one that the mesh does not have or that has no edges.
+            `on` names no boundary, one that the mesh does not have or that has no edges, or an interface, for what is
+            no contact.
         """
         mesh = self.mesh
         names = [on] if isinstance(on, str) else list(on) if isinstance(on, Sequence) else [on]
@@ -92,14 +95,23 @@ class Space:
             raise SceneError(f"{subject}: on= names no boundary; this mesh has {known}.")
         for name in names:
             if not isinstance(name, str) or name not in mesh.boundaries:
-                raise SceneError(
-                    f"{subject}: there is no boundary named {name!r}; this mesh has {known}; "
-                    "add one with mesh.with_boundary(name, predicate)."
+                turned = "|".join(reversed(name.split("|"))) if isinstance(name, str) else ""
+                what = (
+                    f"this interface is named {turned!r}"
+                    if turned in mesh.interfaces
+                    else (f"this mesh has {known}; add one with mesh.with_boundary(name, predicate)")
                 )
+                raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
             if len(mesh.boundaries[name]) == 0:
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no edges; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
-        return BoundaryPart(read_only(edges), mesh.points, self._across(edges))
+        across = self._across(edges)
+        if across is not None and not contact and (across >= 0).any():
+            raise SceneError(
+                f"{subject}: on={on!r} has edges of an interface ({', '.join(mesh.interfaces)}) between two bodies, "
+                "where contact and friction act and nothing else; name boundaries that are on the outside."
+            )
+        return BoundaryPart(read_only(edges), mesh.points, across)
 
     def _across(self, edges: Ints) -> Ints | None:
         """Of each edge (m, 2), as its first body runs along it, the nodes of the other body; -1 where it is alone."""

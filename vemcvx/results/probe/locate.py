@@ -58,7 +58,12 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
         order = np.lexsort([cells, i])
         i, cells = chunk[i[order]], cells[order]
         if len(i):
-            sides = _Sides(mesh, points, i, cells, CLOSE * mesh.diameters[cells] + rounding)
+            reach_in = CLOSE * mesh.diameters[cells] + rounding
+            sides = _Sides(mesh, points, i, cells, reach_in)
+            if mesh.interfaces:
+                mine = ~sides.of_second_bodies(mesh, i)
+                i, cells = i[mine], cells[mine]
+                sides = _Sides(mesh, points, i, cells, reach_in[mine])
             on, a, b, t = sides.nearest()
             starts[on], ends[on], along[on] = a, b, t
             found.append(np.stack([i, cells])[:, sides.holds])
@@ -89,6 +94,18 @@ class _Sides:
         """Whether each candidate's closed cell holds its point."""
         odd: Bools = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
         return odd | np.logical_or.reduceat(self._on, self._begin)
+
+    def of_second_bodies(self, mesh: PolygonMesh, i: Ints) -> Bools:
+        """Whether a candidate's point lies on a side of its cell that is the second body's of an interface.
+
+        Not where that is so of all candidates of a point.
+        """
+        n = mesh.n_nodes
+        second = np.concatenate([joint.partners[:, 1] * n + joint.partners[:, 0] for joint in mesh.interfaces.values()])
+        there = self._on & np.isin(self._a * n + self._b, second)
+        found: Bools = np.logical_or.reduceat(there, self._begin)
+        others = np.bincount(i[~found], minlength=i.max() + 1)[i] > 0
+        return found & others
 
     def nearest(self) -> tuple[Ints, Ints, Ints, Floats]:
         """Points on sides, without repetition; the ends of the nearest side of each, and the place on it."""

@@ -29,8 +29,8 @@ from vemcvx.arrays import EPS, Floats, as_real_array, brief, power_of_two
 from vemcvx.errors import SceneError
 
 # The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so
-# small that K loses digits (six bits of 53 here).
-ANCHOR = 2.0**-6
+# small that K loses digits (seven bits of 53 here).
+ANCHOR = 2.0**-7
 MOST_NEWTON = 60
 
 

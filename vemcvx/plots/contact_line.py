@@ -19,6 +19,7 @@ from vemcvx.results.results import Results
 # flatter than 25 degrees passes for straight, which costs half an edge in a picture.
 ALONG = 0.9
 FLAT = 1e-9
+ROUNDING = 1e-12  # of the largest friction of a history: where contact is open, this is none
 ARC = "$s$"
 
 
@@ -68,7 +69,8 @@ class ContactLine:
 def apart(history: Results, line: ContactLine) -> Bools:
     """(S, m) where contact is open and nothing rubs, along the line: nothing sticks or slips there."""
     contact = history.contact
-    idle: Bools = ~contact.closed[:, line.order] & (line.along(contact.traction) == 0.0)
+    traction = np.abs(line.along(contact.traction))
+    idle: Bools = ~contact.closed[:, line.order] & (traction <= ROUNDING * traction.max())
     return idle
 
 

@@ -116,22 +116,28 @@ def _outline(ax: Axes, history: Results) -> None:
 
 
 def _arrows(ax: Axes, history: Results, row: int, factor: float) -> float:
-    """Friction at contact nodes evenly apart, just outside the body; returns the largest on any node at this step."""
+    """Friction at contact nodes evenly apart; returns the largest on any node at this step.
+
+    Arrows are just outside the body; between bodies they are just inside both of them, and opposite.
+    """
     contact, line = history.contact, contact_line(history, "deformed_mesh")
     places = np.linspace(line.position[0], line.position[-1], MOST_ARROWS)
     shown = line.order[np.unique(np.abs(line.position[:, None] - places).argmin(axis=0))]
     size, points = _size(history), history.mesh.points + factor * history.displacement[row]
-    centres = points[contact.nodes[shown]] + OFFSET * size * contact.normals[shown]
+    partners, margin = contact.partners[shown], OFFSET * size * contact.normals[shown]
+    joined = partners >= 0
+    centres = points[contact.nodes[shown]] + np.where(joined[:, None], -margin, margin)
+    centres = np.concatenate([centres, points[partners[joined]] + margin[joined]])
     # Lengths do not depend on the step: the nodes' places do not, and the largest force is that of all steps.
     spacing = np.linalg.norm(np.diff(contact.points[shown], axis=0), axis=1).min(initial=0.1 * size)
     sizes = np.linalg.norm(contact.traction, axis=2).max(axis=1)
     forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
-    sticks = contact.sticking[row, shown]
+    forces = np.concatenate([forces, -forces[joined]])
+    sticks = contact.sticking[row, np.append(shown, shown[joined])]
     for chosen, colour, word in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
         if chosen.any():
             draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=0.006)
         ax.plot([], [], color=colour, linewidth=3, label=word)
-    margin = OFFSET * size * contact.normals[shown]
     for corner in extent(history, factor):
         ax.update_datalim(corner + margin)
     return float(sizes[row])

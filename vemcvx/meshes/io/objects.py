@@ -56,6 +56,13 @@ def to_object(mesh: Tessellation, library: str) -> Any:
     if lost:
         names = ", ".join(map(repr, lost))
         warnings.warn(f"meshes of scikit-fem keep only sets of cells (0 or 1), not {names}.", MeshWarning, stacklevel=3)
+    if mesh.interfaces:
+        names = ", ".join(map(repr, mesh.interfaces))
+        warnings.warn(
+            f"meshes of scikit-fem keep no interfaces: of {names} the edges of the first body stay, as boundaries.",
+            MeshWarning,
+            stacklevel=3,
+        )
     return made
 
 

@@ -9,10 +9,10 @@
     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
 In a VTU file, at nodes: displacement, and of contact slip, traction, bound, backward, pressure and wear, zero
-elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact. On
-cells: stress (xx, yy, xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density
-1/2 eps : C eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is
-left out.)
+elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact. At
+an interface both sides have them, slip and traction of the second body with the other sign. On cells: stress (xx, yy,
+xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density 1/2 eps : C eps, all of
+Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.)
 
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
 that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.
@@ -43,6 +43,8 @@ from vemcvx.vem import Space, equivalent, principal, strains, stresses
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING = ".vemcvx-writing"
 Fields = dict[str, Floats]
+OPPOSITE = {"slip": -1.0, "traction": -1.0}
+"""What is of the other sign on the second body of an interface."""
 
 
 def write_results(
@@ -130,6 +132,8 @@ def _at_nodes(history: Results, row: int) -> Fields:
     for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"):
         values = getattr(contact, name)[row]
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
+        joined = contact.partners >= 0
+        fields[name][contact.partners[joined]] = OPPOSITE.get(name, 1.0) * values[joined]
         fields[name][contact.nodes] = values
     return fields
 

@@ -1,0 +1,85 @@
+"""Files and pictures of contact between bodies: both sides have it, and meshes that lose it say so."""
+
+import matplotlib.pyplot as plt
+import meshio
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx import plots
+
+JOINT = "lower|upper"
+
+
+def blocks(family="hexagons", above=5):
+    upper = vx.meshes.FAMILIES[family](above, box=((0, 1), (1, 2)))
+    return vx.meshes.bodies({"lower": vx.meshes.FAMILIES[family](4), "upper": upper})
+
+
+@pytest.fixture(scope="module")
+def history():
+    """The upper block is dragged and leans over: it sticks, slips and opens."""
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.Pressure(lambda x, t: t * (0.2 + 2 * x[:, 0]), on="upper.top"),
+        vx.Traction(lambda x, t: np.tile([0.5 * t, 0.0], (len(x), 1)), on="upper.left"),
+        vx.UnilateralContact(on=JOINT),
+        vx.CoulombFriction(0.6, on=JOINT),
+    )
+    return vx.simulate(scene, blocks(), np.linspace(0, 1, 5))
+
+
+def test_both_sides_are_in_files(history, tmp_path):
+    contact = history.contact
+    history.write(tmp_path)
+    found = meshio.read(tmp_path / "step_0004.vtu").point_data
+    assert np.abs(contact.traction[-1]).max() > 0
+    for name, sign in {"traction": -1, "slip": -1, "pressure": 1, "wear": 1, "bound": 1, "closed": 1}.items():
+        own, other = found[name][contact.nodes], found[name][contact.partners]
+        assert np.array_equal(other, sign * own)
+        assert np.array_equal(own[..., :2] if own.ndim > 1 else own, getattr(contact, name)[-1])
+
+
+def test_pictures_count_what_is_open(history):
+    contact = history.contact
+    assert min(contact.slip_count[-1], contact.open_count[-1]) > 0
+    title = plots.friction_traction(history).axes[0].get_title()
+    assert title.endswith(
+        f"{contact.stick_count[-1]} contact nodes stick, {contact.slip_count[-1]} slip, "
+        f"{contact.open_count[-1]} are open"
+    )
+    plt.close("all")
+
+
+def test_arrows_are_on_both_bodies_and_opposite(history):
+    """As many on the one as on the other, which cancel."""
+    from matplotlib.quiver import Quiver
+
+    ax = plots.deformed_mesh(history).axes[0]
+    arrows = [one for one in ax.get_children() if isinstance(one, Quiver)]
+    forces = np.concatenate([np.column_stack([one.U, one.V]) for one in arrows])
+    assert np.abs(forces).max() > 0
+    assert np.abs(forces.sum(axis=0)).max() < 1e-12 * np.abs(forces).sum()
+    plt.close("all")
+
+
+def test_meshio_keeps_interfaces_in_memory():
+    mesh = blocks()
+    back = vx.meshes.convert(mesh.to("meshio")).interfaces[JOINT]
+    assert back.bodies == mesh.interfaces[JOINT].bodies
+    assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
+
+
+def test_pyvista_keeps_interfaces_in_memory():
+    pytest.importorskip("pyvista", reason="PyVista, the extra view, is not installed")
+    mesh = blocks()
+    back = vx.meshes.convert(mesh.to("pyvista")).interfaces[JOINT]
+    assert np.array_equal(back.partners, mesh.interfaces[JOINT].partners)
+
+
+def test_scikit_fem_loses_interfaces_and_says_so():
+    says = rf"^meshes of scikit-fem keep no interfaces: of '{JOINT.replace('|', '.')}' the edges of the first body stay"
+    with pytest.warns(vx.MeshWarning, match=says):
+        made = blocks("triangles", 4).to("skfem")
+    assert JOINT in made.boundaries

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import bolted_joint as joint
+import hertz_two_cylinders as cylinders
 import press_fit as fit
 import two_blocks_in_series as blocks
 import vemcvx as vx
+from hertz_contact import fitted
 
 
 def test_two_blocks_make_one_loop(family):
@@ -23,7 +26,7 @@ def test_two_blocks_make_one_loop(family):
     assert np.abs(contact.wear[-1] - contact.wear[turn] - loop).max() < 1e-10
 
 
-def fitted(n, outer=None):
+def pressures(n, outer=None):
     """Contact pressures over Lame's, and the lengths of their nodes."""
     mesh = fit.mesh(n, outer=outer)
     history = vx.simulate(fit.scene(), mesh, [0.0, 1.0], solver=vx.Newton(fit.SMALL["accuracy"]))
@@ -34,7 +37,7 @@ def fitted(n, outer=None):
 
 def test_a_press_fit_on_equal_meshes():
     """Every nodal pressure within one per cent of Lame's, uniform, and of order h^2."""
-    coarse, fine = (fitted(n, outer=n)[0] for n in (8, 16))
+    coarse, fine = (pressures(n, outer=n)[0] for n in (8, 16))
     assert np.abs(coarse - 1).max() < 0.01
     # All sectors are alike, and the pressure of one solve is certified to 1e-7 in energy.
     assert np.ptp(coarse) < 1e-6
@@ -43,7 +46,7 @@ def test_a_press_fit_on_equal_meshes():
 
 def errors_of_press_fit(n):
     """Of the mean pressure, and of nodal pressures in L2, relative."""
-    ratio, lengths = fitted(n)
+    ratio, lengths = pressures(n)
     shares = lengths / lengths.sum()
     return abs(shares @ ratio - 1), np.sqrt(shares @ (ratio - 1) ** 2)
 
@@ -71,3 +74,54 @@ def test_rings_that_are_pressed_together_are_stressed_as_lame_says():
     radial, hoop = fit.stresses(np.hypot(*x.T))
     # The trace does not depend on the angle of the axes.
     assert xx + yy == pytest.approx(radial + hoop, abs=(np.pi / 32) ** 2 * np.abs(radial + hoop).max())
+
+
+def assert_bears_the_load(history):
+    """Balance of the upper plate along x, which friction alone holds, and across; a certificate needs the former."""
+    contact, load = history.contact, joint.load(history.times)
+    rubbed = (contact.traction[:, :, 0] * contact.friction_lengths).sum(axis=1)
+    assert rubbed == pytest.approx(load, abs=1e-9 * joint.LOAD)
+    bolt = joint.PRESSURE * joint.BOLT
+    # The corner under the guide is in contact, too, and its force is in the reaction of the guide.
+    inner = contact.points[:, 0] < joint.LENGTH - 1e-9
+    guided = history.reaction("upper.right")[:, 1]
+    assert contact.pressure[:, inner] @ contact.lengths[inner] + guided == pytest.approx(bolt, rel=1e-9)
+    assert np.abs(load).max() == pytest.approx(0.6 * joint.FRICTION * bolt)
+
+
+def wear_of_cycles(history):
+    """What each cycle from the second on adds, over the largest of them."""
+    added = np.diff(history.contact.wear[::4], axis=0)[1:]
+    return added / added.max()
+
+
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
+@pytest.mark.parametrize("cycles", [3, pytest.param(100, marks=pytest.mark.slow)])
+def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
+    """Certified to 1e-8 at each step, within iterations, without slipping as a whole; the bolt's middle is not worn."""
+    history = vx.simulate(joint.scene(), joint.mesh(10), joint.times(4 * cycles), initial=joint.initial)
+    assert history.certificate.max() < 1e-8
+    assert history.contact.sticking.any(axis=1).all()
+    assert_bears_the_load(history)
+    added = wear_of_cycles(history)
+    # Steps are certified to 1e-8 in energy, and wear is a sum of small slips: a hundred times that.
+    assert np.abs(added - added[0]).max() < 1e-6
+    x = history.contact.points[:, 0] - joint.LENGTH / 2
+    assert added[0][np.abs(x) < joint.BOLT / 4].max() < 0.01
+    assert np.abs(np.abs(x[added[0].argmax()]) - joint.BOLT / 2) < 0.1 * joint.BOLT
+
+
+def test_two_cylinders_press_as_hertz_says():
+    """Half-width and peak within two per cent, of meshes with 16 and 12 cells in the half-width."""
+    history = vx.simulate(cylinders.scene(), cylinders.mesh(16), cylinders.times(1))
+    contact, force = history.contact, cylinders.force(history)[-1]
+    x, p = contact.points[:, 0], contact.pressure[-1]
+    half_width, peak = cylinders.hertz(force)
+    assert fitted(x, p) == pytest.approx((half_width, peak), rel=0.02)
+    assert p.max() == pytest.approx(peak, rel=0.02)
+    # Contact ends within a cell of either mesh.
+    assert x[p > 0].max() == pytest.approx(half_width, abs=cylinders.HALF_WIDTH / 12)
+    # What is pressed above is borne below.
+    assert -2 * history.reaction("upper.top")[-1, 1] == pytest.approx(force, rel=1e-9)
+    # Neither body is rigid: with the modulus of one alone the half-width would be much smaller.
+    assert half_width > 1.2 * np.sqrt(4 * force * cylinders.RADIUS * (1 - 0.3**2) / (np.pi * cylinders.YOUNG[0]))

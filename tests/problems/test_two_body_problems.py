@@ -7,6 +7,7 @@ import pytest
 
 import bolted_joint as joint
 import hertz_two_cylinders as cylinders
+import lap_joint as lap
 import press_fit as fit
 import two_blocks_in_series as blocks
 import vemcvx as vx
@@ -125,3 +126,19 @@ def test_two_cylinders_press_as_hertz_says():
     assert -2 * history.reaction("upper.top")[-1, 1] == pytest.approx(force, rel=1e-9)
     # Neither body is rigid: with the modulus of one alone the half-width would be much smaller.
     assert half_width > 1.2 * np.sqrt(4 * force * cylinders.RADIUS * (1 - 0.3**2) / (np.pi * cylinders.YOUNG[0]))
+
+
+def test_the_glue_of_a_lap_joint_bears_its_load_at_the_ends():
+    """Nodal tractions within one per cent of Volkersen's but for a height from the ends, where he has no free faces."""
+    history = vx.simulate(lap.scene(), lap.mesh(4), lap.times(1))
+    x, q = lap.bond(history)
+    inner = (x > lap.HEIGHT) & (x < lap.LENGTH - lap.HEIGHT)
+    assert q[inner] == pytest.approx(lap.shear(x[inner]), rel=0.01)
+    contact = history.contact
+    assert contact.sticking.all()
+    # Both faces of the glue bear the force of the strips.
+    below = np.abs(contact.points[:, 1] - lap.HEIGHT) < 1e-9
+    forces = contact.traction[-1][:, 0] * contact.friction_lengths
+    assert np.abs([forces[below].sum(), forces[~below].sum()]) == pytest.approx(lap.FORCE, rel=1e-9)
+    # The stiffer strip takes more of the load: the glue is sheared more where that of the softer one ends.
+    assert q[0] < 0.6 * q[-1]

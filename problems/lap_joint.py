@@ -1,0 +1,78 @@
+"""A lap joint: two strips glued by a soft layer, pulled apart; the glue bears its load at the ends (Volkersen).
+
+Strips of height t, length l and moduli E, nu = 0, are joined by a layer of thickness t_g and shear modulus G_g. All
+three are bodies of their own, with meshes that do not match, bonded by bilateral contact and friction that never
+slips. The lower strip is held at its left end, the upper one pulled at its right end by the force F; their outer faces
+are on rollers, because the theory knows no bending. With the shear stress q of the glue, shearing strips as in a
+parabola (Tsai, Oplinger and Morton 1998: t / 3G each; Volkersen 1938 left them rigid in shear),
+
+    q'' = k^2 q,   k^2 = (1/E_1 t + 1/E_2 t) / C,   C = t_g / G_g + t / 3 G_1 + t / 3 G_2,
+    q(x) = F / (C k sinh k l) (cosh(k x) / E_2 t + cosh(k (l - x)) / E_1 t),   integral of q = F.
+
+The glue gives a hundred times more than the strips, and so is a shear spring but for about t from its free ends.
+
+    vemcvx run problems/lap_joint.py --n 4 --steps 1 --plot
+"""
+
+import numpy as np
+
+import vemcvx as vx
+from problem_pictures import beside_closed_form, body_and_graph
+
+LENGTH, HEIGHT, YOUNG, GLUE, THICKNESS, FORCE = 40.0, 1.0, (200.0, 100.0), 0.1, 0.1, 1.0
+JOINTS = ["lower|glue", "glue|upper"]
+SMALL = {"n": 4, "steps": 1}
+
+
+def shear(x):
+    """q(x), the friction traction between strips and glue."""
+    give = [1 / (young * HEIGHT) for young in YOUNG]
+    compliance = THICKNESS / GLUE + sum(2 * HEIGHT / (3 * young) for young in YOUNG)
+    k = np.sqrt(sum(give) / compliance)
+    ends = np.cosh(k * x) * give[1] + np.cosh(k * (LENGTH - x)) * give[0]
+    return FORCE * ends / (compliance * k * np.sinh(k * LENGTH))
+
+
+def scene():
+    return vx.Scene(
+        vx.Elasticity(YOUNG[0], 0.0, on="lower"),
+        vx.Elasticity(2 * GLUE, 0.0, on="glue"),
+        vx.Elasticity(YOUNG[1], 0.0, on="upper"),
+        vx.PrescribedDisplacement(0.0, on="lower.left", direction=(1.0, 0.0)),
+        vx.Symmetry(on=["lower.bottom", "upper.top"]),
+        vx.Traction(lambda x, t: np.tile([FORCE * t / HEIGHT, 0.0], (len(x), 1)), on="upper.right"),
+        vx.BilateralContact(on=JOINTS),
+        vx.TrescaFriction(100 * FORCE, on=JOINTS),
+    )
+
+
+def mesh(n, family="squares"):
+    """Strips in squares, n and n + 1 across their height, the glue one cell thick with 3n/2 a unit of length."""
+    make, top = vx.meshes.FAMILIES[family], HEIGHT + THICKNESS
+    lower = make(n, box=((0, LENGTH), (0, HEIGHT)))
+    glue = vx.meshes.squares((round(1.5 * n * LENGTH), 1), box=((0, LENGTH), (HEIGHT, top)))
+    upper = make(n + 1, box=((0, LENGTH), (top, top + HEIGHT)))
+    return vx.meshes.bodies({"lower": lower, "glue": glue, "upper": upper})
+
+
+def times(steps):
+    return np.linspace(0.0, 1.0, steps + 1)
+
+
+def bond(history):
+    """Places and tractions of the last step along the lower face of the glue, in order."""
+    contact = history.contact
+    below = np.abs(contact.points[:, 1] - HEIGHT) < 1e-9
+    x, traction = contact.points[below, 0], contact.traction[-1][below, 0]
+    order = np.argsort(x)
+    return x[order], traction[order]
+
+
+def picture(history):
+    """The joint near its pulled end, and the shear stress of the glue along it."""
+    window = ((LENGTH - 8, LENGTH + 0.5), (-0.3, 2.4))
+    figure, graph = body_and_graph(history, stress="xx", forces="none", window=window)
+    x = np.linspace(0, LENGTH, 200)
+    beside_closed_form(graph, bond(history), (x, shear(x)), exact_label="Volkersen 1938")
+    graph.set(xlabel="$x_1$ (length)", ylabel="shear stress of the glue (force per area)", ylim=(0, None))
+    return figure

@@ -224,7 +224,7 @@ def test_an_interface_goes_round_a_corner(order):
     assert mesh.interfaces["L"].bodies == ("corner", "block")
     assert total(mesh, "L") == pytest.approx(1.0, abs=50 * EPS)
     assert {"corner.inner_right", "corner.inner_top", "block.left", "block.bottom"}.isdisjoint(mesh.boundaries)
-    part = vx.vem.Space(mesh).part("L", "test")
+    part = vx.vem.Space(mesh).part("L", "test", contact=True)
     beyond = vx.vem.boundary.BoundaryPart(mesh.interfaces["L"].partners[:, ::-1], mesh.points)
     np.testing.assert_array_equal(part.node_lengths.sum(), beyond.node_lengths.sum())
     facing = {tuple(normal) for normal in part.normals.tolist()}

@@ -368,3 +368,21 @@ def test_the_accuracy_asked_is_that_of_the_state(solver):
     )
     history = vx.simulate(scene, mesh_of("voronoi", 2), [0.0, 0.25, 0.5], solver=solver)
     assert history.certificate.max() <= solver.accuracy
+
+
+@pytest.mark.parametrize(
+    "contact", [vx.UnilateralContact(on="bottom", gap=0.03), vx.NormalCompliance(50.0, "bottom", 0.03)]
+)
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=["Newton", "Clarabel"])
+def test_a_viscous_body_may_be_carried_until_it_touches(contact, solver):
+    """Its increment has energy in the layer at the supports, its state none: errors relative to that said nothing."""
+
+    def carried(x, t):
+        return np.tile([0.05 * t, -0.1 * t], (len(x), 1))
+
+    effects = vx.Elasticity(10.0, 0.3), vx.Viscosity(2.0), vx.PrescribedDisplacement(carried, on="top")
+    scene = vx.Scene(*effects, contact, vx.CoulombFriction(0.3, on="bottom"))
+    history = vx.simulate(scene, vx.meshes.squares(3), np.linspace(0, 1, 9), solver=solver)
+    assert history.energy[2] < 1e-12 * history.energy[-1]
+    assert history.contact.closed_count[-1] > 0
+    assert history.certificate.max() <= solver.accuracy

@@ -29,7 +29,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.iterative_refinement import residual, rounding
 from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import VISCOUS
-from vemcvx.stepping.acceptance import require_certified
+from vemcvx.stepping.acceptance import caused_beside, require_certified
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
@@ -90,13 +90,18 @@ class ViscousSteps:
         d = stepped.unknowns
         ledger = self._ledger(before, stepped, y=y, d=d, t=t, k=k)
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))
+        certificate, scale = replace(stepped.certificate, floor=floor), float(np.maximum(before.scale, ledger.norm))
+        # The increment alone has energy, the layer at supports that move; the state may have none.
+        size, noise = caused_beside(run.condensation, stepped.data, scale, certificate.error_floor, run.accuracy)
         state = replace(
             stepped,
-            certificate=replace(stepped.certificate, floor=floor),
+            certificate=certificate,
             y=(y + d)[run.condensation.retained],
             full=y + d,
             ledger=ledger,
-            scale=float(np.maximum(before.scale, ledger.norm)),
+            scale=scale,
+            size=max(before.size, stepped.size, size),
+            noise=max(stepped.noise, noise),
             velocity=d / k,
         )
         return state, stepped.unit(run.accuracy)

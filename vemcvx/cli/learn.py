@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 from vemcvx.cli import completion
 from vemcvx.cli.reported import reported
-from vemcvx.cli.said import say
+from vemcvx.cli.said import say, say_words
 from vemcvx.errors import ProblemError
 
 
@@ -19,7 +18,7 @@ def problems() -> None:
     with reported():
         from vemcvx.cli.supplied import problem_files, problems_folder
 
-        _print_table((name, file.sentence) for name, file in problem_files().items())
+        say_words((name, file.sentence) for name, file in problem_files().items())
         say(f"\nvemcvx run NAME simulates one. The files are in {problems_folder()}")
 
 
@@ -34,7 +33,7 @@ def lesson(
         from vemcvx.cli.supplied import copy_lesson, lessons
 
         if number is None:
-            _print_table((str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items())
+            say_words((str(n), file.sentence.removeprefix(f"Lesson {n}, ")) for n, file in lessons().items())
             say("\nvemcvx lesson N copies lesson N and its solutions into this folder.")
             return
         for path in copy_lesson(number, Path()):
@@ -76,22 +75,8 @@ def doctor() -> None:
 
         ill = []
         for found in findings():
-            _print_table([(f"{found.subject:14}", found.words)])
+            say_words([(f"{found.subject:14}", found.words)])
             ill += [] if found.well else [found.subject]
         say(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
         if ill:
             raise typer.Exit(1)
-
-
-def _print_table(rows: Iterable[tuple[str, str]]) -> None:
-    """Rows of a name and words, wrapped to the terminal between words."""
-    from rich.console import Console
-    from rich.table import Table
-
-    made = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    made.add_column(style="bold", no_wrap=True)
-    made.add_column()
-    for name, text in rows:
-        made.add_row(name, text)
-    # Square brackets in docstrings are no markup.
-    Console(highlight=False, markup=False).print(made)

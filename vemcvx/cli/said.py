@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
+from collections.abc import Iterable
 from textwrap import TextWrapper
 
 import typer
@@ -17,6 +18,21 @@ def say(text: str, err: bool = False) -> None:
     """Print a text to standard output or standard error."""
     terminal = (sys.stderr if err else sys.stdout).isatty()
     typer.echo(broken(text, shutil.get_terminal_size().columns) if terminal else text, err=err)
+
+
+def say_words(rows: Iterable[tuple[str, str]]) -> None:
+    """Print rows of a name and words; on a terminal the words are broken in their column."""
+    # It takes a tenth of a second to load, and only some commands need it.
+    from rich.console import Console
+    from rich.table import Table
+
+    made = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    made.add_column(style="bold", no_wrap=True)
+    made.add_column(overflow="fold")
+    for name, text in rows:
+        made.add_row(name, text)
+    # Square brackets in what users write are no markup.
+    Console(highlight=False, markup=False).print(made)
 
 
 def broken(text: str, width: int) -> str:

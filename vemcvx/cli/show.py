@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
 
 from rich.console import Console
-from rich.table import Table
 
 from vemcvx import effects
 from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
+from vemcvx.cli.said import say_words
 from vemcvx.effects import Effect
 from vemcvx.meshes import PolygonMesh
 from vemcvx.program import Norms
@@ -30,9 +29,8 @@ def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[st
     times = checked_times(problem.times(INSTANTS))
     rows = scene_in_words(problem.scene(settings), problem.mesh(n, family), times, mesh_name(problem, family, n))
     # Square brackets in a user's words are no markup.
-    console = Console(highlight=False, markup=False)
-    console.print(f"{problem.name}: {problem.title}")
-    console.print(_table(rows))
+    Console(highlight=False, markup=False).print(f"{problem.name}: {problem.title}")
+    say_words(rows)
 
 
 def mesh_name(problem: Problem, family: str | None, n: int) -> str:
@@ -58,15 +56,6 @@ def scene_in_words(scene: Scene, mesh: PolygonMesh, times: Floats, name: str) ->
         *_solvers(seen),
         ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
     ]
-
-
-def _table(rows: Iterable[tuple[str, str]]) -> Table:
-    made = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    made.add_column(style="bold", no_wrap=True)
-    made.add_column(overflow="fold")
-    for name, text in rows:
-        made.add_row(name, text)
-    return made
 
 
 def _absent(scene: Scene) -> list[str]:

@@ -156,6 +156,12 @@ class Friction:
     ground: Ground | None = None
     """what it rubs on, if that moves"""
 
+    @classmethod
+    def of(cls, rows: BoundaryRows, subject: str, weights: Callable[[float], Floats]) -> Friction:
+        """Friction with given weights on the rows of a part of the boundary."""
+        own = subject, rows.nodes, rows.normals, rows.lengths
+        return cls(*own, weights, ends=rows.ends, partners=rows.partners)
+
 
 @dataclass(frozen=True)
 class Obstacle:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,18 +77,7 @@ class CoulombFriction(Effect):
 
         none = np.zeros(len(rows.nodes))
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        friction = Friction(
-            subject=subject,
-            nodes=rows.nodes,
-            normals=rows.normals,
-            lengths=rows.lengths,
-            weights=lambda t: none,
-            law=law,
-            ends=rows.ends,
-            slope=slope,
-            partners=rows.partners,
-            ground=ground,
-        )
+        friction = replace(Friction.of(rows, subject, lambda t: none), law=law, slope=slope, ground=ground)
         return Contribution(
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),

@@ -147,18 +147,9 @@ class TrescaFriction(Effect):
             quadrature=self.quadrature,
         )
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        friction = Friction(
-            subject=subject,
-            nodes=rows.nodes,
-            normals=rows.normals,
-            lengths=rows.lengths,
-            weights=bounds.mean,
-            bias=None if self.backward is None else bounds.bias,
-            ends=rows.ends,
-            in_the_air=self.while_closed is None,
-            partners=rows.partners,
-            ground=ground,
-        )
+        bias = None if self.backward is None else bounds.bias
+        friction = Friction.of(rows, subject, bounds.mean)
+        friction = replace(friction, bias=bias, in_the_air=self.while_closed is None, ground=ground)
         if closed:
             none = np.zeros(len(rows.nodes))
             friction = replace(friction, weights=lambda t: none, law=bounds.ramp, slope=bounds.slope, in_the_air=False)

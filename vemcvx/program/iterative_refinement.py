@@ -59,7 +59,7 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     force = np.ones(condensation.regular.shape[0])
     if condensation.system.kernel is not None:
         # What pushes along motions of no energy, multipliers hold, not the anchors.
-        modes = np.linalg.qr(condensation.system.kernel.modes)[0]
+        modes = condensation.system.kernel.basis
         force = force - modes @ (modes.T @ force)
     x = condensation.factor.solve(force)
     r = force - condensation.regular @ x

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import VemcvxError
-from vemcvx.scene.jumps import Jumps, across
+from vemcvx.scene.jumps import Jumps, across, summing
 from vemcvx.scene.supports import PARALLEL, Supports
 
 STILL = 16 * float(np.finfo(float).eps)
@@ -111,8 +111,7 @@ def _grips(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp
     leans = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1)
     at, member = np.nonzero(grips.any(axis=2))
     force = Jumps(holding.members[at, member], np.full(len(at), -1)).matrix(grips[at, member][:, None, :], points)
-    gather = sp.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), shape=(len(jumps), len(at)))
-    return leans, sp.csr_matrix(gather @ force)
+    return leans, sp.csr_matrix(summing(at, len(jumps)) @ force)
 
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

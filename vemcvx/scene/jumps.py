@@ -83,8 +83,12 @@ class Jumps:
             return own
         other = _at_nodes(self.partners[joined], directions[joined], points)
         rows = (joined[:, None] * q + np.arange(q)).ravel()
-        place = sp.csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(m * q, len(rows)))
-        return sp.csr_matrix(own - place @ other)
+        return sp.csr_matrix(own - summing(rows, m * q) @ other)
+
+
+def summing(group: Ints, count: int) -> sp.csr_matrix:
+    """(count, k) the matrix that adds up rows (k, ...) of one group, their number below `count`."""
+    return sp.csr_matrix((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))
 
 
 def _at_nodes(nodes: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:

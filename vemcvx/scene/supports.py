@@ -190,11 +190,8 @@ def _frames(
     place[number] = np.arange(len(members))
     slots: list[_Slot] = []
     for support in supports:
-        jumps = Jumps.of([support])
-        where = place[sites.of_node[jumps.nodes]]
-        for chosen in _layers(where):
-            site = where[chosen]
-            rows = jumps[chosen].over(members[site], support.directions[chosen])
+        for chosen, site, jumps in _layers(support, place[sites.of_node]):
+            rows = jumps.over(members[site], support.directions[chosen])
             unit, length = _append(frame, filled, site, rows)
             slots.append(
                 _Slot(
@@ -209,26 +206,29 @@ def _frames(
             )
     held = filled.copy()
     for surface in normals:
-        jumps = Jumps.of([surface])
-        where = place[sites.of_node[jumps.nodes]]
-        for chosen in _layers(where):
-            site = where[chosen]
-            _append(frame, filled, site, jumps[chosen].over(members[site], surface.normals[chosen]))
+        for chosen, site, jumps in _layers(surface, place[sites.of_node]):
+            _append(frame, filled, site, jumps.over(members[site], surface.normals[chosen]))
             if members.shape[1] > 1:
                 for tangents in across(surface.normals[chosen]).swapaxes(0, 1):
-                    _append(frame, filled, site, jumps[chosen].over(members[site], tangents))
+                    _append(frame, filled, site, jumps.over(members[site], tangents))
     _fill_with_axes(frame, filled)
     return _Frames(members, frame, held, slots)
 
 
-def _layers(place: Ints) -> list[Ints]:
-    """Split rows whose place is not -1 so that no place occurs twice in a part; their order within a place is kept."""
+def _layers(part: Support | Friction | Obstacle, place_of_node: Ints) -> list[tuple[Ints, Ints, Jumps]]:
+    """Rows of sites that have a place, in layers in which no place occurs twice: which rows, their places, their jumps.
+
+    Of nodes elsewhere the place is -1. The order of the rows of a place is kept.
+    """
+    jumps = Jumps.of([part])
+    place = place_of_node[jumps.nodes]
     order = np.argsort(place, kind="stable")
     order = order[np.searchsorted(place[order], 0) :]
     ranked = place[order]
     start = np.concatenate([[True], ranked[1:] != ranked[:-1]]) if len(order) else np.zeros(0, dtype=bool)
     rank = np.arange(len(order)) - np.maximum.accumulate(np.where(start, np.arange(len(order)), 0))
-    return [order[rank == k] for k in range(rank.max(initial=-1) + 1)]
+    layers = [order[rank == k] for k in range(rank.max(initial=-1) + 1)]
+    return [(chosen, place[chosen], jumps[chosen]) for chosen in layers]
 
 
 def _append(frame: Floats, filled: Ints, sites: Ints, rows: Floats) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle
 from vemcvx.scene.edges import lengths_of, owned, united
 from vemcvx.scene.freedom import freedom
-from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms, merged
 
@@ -63,6 +63,5 @@ def contact_surface(
     normal, length = np.zeros((len(lead), dim)), np.zeros(len(lead))
     np.add.at(normal, place, lengths[:, None] * there)
     np.add.at(length, place, lengths)
-    gather = sp.csr_matrix((np.ones(len(place)), (place, np.arange(len(place)))), shape=(len(lead), len(place)))
-    grips = sp.csr_matrix(gather @ held.grips[kept])
+    grips = sp.csr_matrix(summing(place, len(lead)) @ held.grips[kept])
     return Surface(at[lead], normal / np.linalg.norm(normal, axis=1)[:, None], length, grips)

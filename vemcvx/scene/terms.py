@@ -23,7 +23,7 @@ from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import Moving, along, freedom, normal_rows, on_free
-from vemcvx.scene.jumps import Jumps, across
+from vemcvx.scene.jumps import Jumps, across, summing
 from vemcvx.scene.supports import PARALLEL, Supports
 
 
@@ -96,7 +96,7 @@ def friction_terms(
     held = freedom(jumps[first], normals[first], supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero(held.beside | held.dragged)])
-    gather = sp.csr_matrix((np.ones(len(term)), (term, np.arange(len(term)))), shape=(len(first), len(term)))[kept]
+    gather = summing(term, len(first))[kept]
     ends = united(owns[0], term)
     if under is not None:
         _refuse_overlap(frictions, owns[0], ends)

@@ -58,12 +58,7 @@ def locate(mesh: PolygonMesh, points: Floats) -> Location:
         order = np.lexsort([cells, i])
         i, cells = chunk[i[order]], cells[order]
         if len(i):
-            reach_in = CLOSE * mesh.diameters[cells] + rounding
-            sides = _Sides(mesh, points, i, cells, reach_in)
-            if mesh.interfaces:
-                mine = ~sides.of_second_bodies(mesh, i)
-                i, cells = i[mine], cells[mine]
-                sides = _Sides(mesh, points, i, cells, reach_in[mine])
+            sides = _Sides(mesh, points, i, cells, CLOSE * mesh.diameters[cells] + rounding)
             on, a, b, t = sides.nearest()
             starts[on], ends[on], along[on] = a, b, t
             found.append(np.stack([i, cells])[:, sides.holds])
@@ -88,6 +83,9 @@ class _Sides:
         # The ray to the right meets a side from below to above if the point lies left of it, and so on.
         left = cross(a, b) > 0
         self._crossed = ((a[:, 1] > 0) != (b[:, 1] > 0)) & (left == (b[:, 1] > a[:, 1]))
+        if mesh.interfaces:
+            first = np.repeat(~self._of_second_bodies(mesh, i), counts)
+            self._on, self._crossed = self._on & first, self._crossed & first
 
     @property
     def holds(self) -> Bools:
@@ -95,7 +93,7 @@ class _Sides:
         odd: Bools = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
         return odd | np.logical_or.reduceat(self._on, self._begin)
 
-    def of_second_bodies(self, mesh: PolygonMesh, i: Ints) -> Bools:
+    def _of_second_bodies(self, mesh: PolygonMesh, i: Ints) -> Bools:
         """Whether a candidate's point lies on a side of its cell that is the second body's of an interface.
 
         Not where that is so of all candidates of a point.

@@ -49,7 +49,7 @@ from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
 from vemcvx.scene import Scene
@@ -93,6 +93,7 @@ __all__ = [
     "Pardiso",
     "PointLoad",
     "PolygonMesh",
+    "PolyhedralMesh",
     "PrescribedDisplacement",
     "Pressure",
     "Prestress",

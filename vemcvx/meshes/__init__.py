@@ -1,16 +1,22 @@
-"""Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files, other libraries."""
+"""Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files, other libraries.
 
+In space: polyhedral meshes, and families of meshes of a box.
+"""
+
+from vemcvx.meshes.families.cubes import cubes
 from vemcvx.meshes.families.distorted import distorted
 from vemcvx.meshes.families.hanging import hanging
 from vemcvx.meshes.families.hexagons import hexagons
 from vemcvx.meshes.families.l_shape import l_shape
 from vemcvx.meshes.families.nonconvex import nonconvex
 from vemcvx.meshes.families.squares import squares
+from vemcvx.meshes.families.tetrahedra import tetrahedra
 from vemcvx.meshes.families.triangles import triangles
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement.refine import Refinement, refinement
 from vemcvx.meshes.polygon_mesh import PolygonMesh, convert, read
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.several_bodies.bodies import bodies
 
 FAMILIES = {
@@ -22,14 +28,18 @@ FAMILIES = {
     "nonconvex": nonconvex,
     "hanging": hanging,
 }
+SPACE_FAMILIES = {"cubes": cubes, "tetrahedra": tetrahedra}
 
 __all__ = [
     "FAMILIES",
+    "SPACE_FAMILIES",
     "Interface",
     "PolygonMesh",
+    "PolyhedralMesh",
     "Refinement",
     "bodies",
     "convert",
+    "cubes",
     "distorted",
     "hanging",
     "hexagons",
@@ -38,6 +48,7 @@ __all__ = [
     "read",
     "refinement",
     "squares",
+    "tetrahedra",
     "triangles",
     "voronoi",
 ]

@@ -1,7 +1,7 @@
 """The box and the cell counts that every family of meshes is asked for.
 
-A family is called with n (cells across the shortest side), a pair of counts or the size of a cell, and with a box
-((x0, x1), (y0, y1)). Counts do not depend on the unit of length.
+A family is called with n (cells across the shortest side), a count for each axis or the size of a cell, and with a box
+((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)). Counts do not depend on the unit of length.
 """
 
 from __future__ import annotations
@@ -17,14 +17,18 @@ from vemcvx.arrays import Floats, brief
 from vemcvx.errors import MeshError
 
 Count = int | tuple[int, int]
+SpaceCount = int | tuple[int, int, int]
 Number = TypeVar("Number", int, float)
 Corners = tuple[tuple[float, float], tuple[float, float]]
+SpaceCorners = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+AXES = "xyz"
 # A mesh of that size takes 10 GB before anything is assembled.
 MOST_CELLS = 10**8
 # Areas and moments of cells must neither overflow nor vanish.
 SHORTEST, LARGEST = 1e-60, 1e60
 
 UNIT_BOX: Corners = ((0.0, 1.0), (0.0, 1.0))
+UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -47,18 +51,44 @@ class Box:
         return self.top - self.bottom
 
 
+@dataclass(frozen=True)
+class SpaceBox:
+    """The box between two opposite corners in space."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """Its edges along x, y and z."""
+        return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
+
+
 def check_box(box: Corners) -> Box:
-    """Return the box as four finite numbers, or raise MeshError."""
+    """Return the rectangle as four finite numbers, or raise MeshError."""
+    (left, right), (bottom, top) = _intervals(box, 2)
+    return Box(left, right, bottom, top)
+
+
+def check_space_box(box: SpaceCorners) -> SpaceBox:
+    """Return the box in space as two corners of finite numbers, or raise MeshError."""
+    low, high = zip(*_intervals(box, 3), strict=True)
+    return SpaceBox(low, high)
+
+
+def _intervals(box: Any, dimension: int) -> list[tuple[float, float]]:
     try:
-        (left, right), (bottom, top) = box
-        values = [float(left), float(right), float(bottom), float(top)]
-        if not all(map(is_real, (left, right, bottom, top))):
+        given = [(low, high) for low, high in box]
+        values = [(float(low), float(high)) for low, high in given]
+        if len(given) != dimension or not all(is_real(value) for pair in given for value in pair):
             raise TypeError
     except Exception:  # of whatever a user hands in
-        raise MeshError(f"box must be ((x0, x1), (y0, y1)), four numbers; got {box!r}.") from None
-    if not all(map(math.isfinite, values)):
+        wanted = ", ".join(f"({axis}0, {axis}1)" for axis in AXES[:dimension])
+        count = {2: "four", 3: "six"}[dimension]
+        raise MeshError(f"box must be ({wanted}), {count} numbers; got {box!r}.") from None
+    if not all(math.isfinite(value) for pair in values for value in pair):
         raise MeshError(f"box must be finite; got {box!r}.")
-    for axis, low, high in (("x", values[0], values[1]), ("y", values[2], values[3])):
+    for axis, (low, high) in zip(AXES, values, strict=False):
         if not low < high:
             raise MeshError(f"box must have {axis}0 < {axis}1; got {axis}0 = {low:g} and {axis}1 = {high:g}.")
         if high - low < SHORTEST or max(-low, high) > LARGEST:
@@ -66,7 +96,7 @@ def check_box(box: Corners) -> Box:
                 f"box must have sides above {SHORTEST:g} and coordinates below {LARGEST:g}, or areas underflow and "
                 f"overflow; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units."
             )
-    return Box(*values)
+    return values
 
 
 def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> int:
@@ -98,28 +128,44 @@ def cell_counts(
     of one of them.
     """
     if isinstance(n, (tuple, list, np.ndarray)) and size is None:
-        if len(n) != 2:
-            raise MeshError(f"n must be a whole number or a pair (nx, ny); got {n!r}.")
-        nx, ny = check_whole("nx", n[0]), check_whole("ny", n[1])
+        nx, ny = _given_counts(n, 2)
     else:
-        along_x, along_y = squares_along(n, box, size)
+        along_x, along_y = _cells_along(n, (box.width, box.height), size)
         nx, ny = max(1, round(along_x / stretch)), max(1, round(along_y * stretch))
     check_total(each * nx * ny)
     return nx, ny
 
 
-def squares_along(n: Count | None, box: Box, size: float | None) -> tuple[float, float]:
-    """How many squares, no whole numbers, fit along x and y: n across the shortest side, or of the given size."""
+def space_counts(n: SpaceCount | None, box: SpaceBox, size: float | None = None, each: int = 1) -> tuple[int, int, int]:
+    """Cells along x, y and z, at least one: those given, or as many as cubes so wide fill the box."""
+    if isinstance(n, (tuple, list, np.ndarray)) and size is None:
+        nx, ny, nz = _given_counts(n, 3)
+    else:
+        nx, ny, nz = (max(1, round(along)) for along in _cells_along(n, box.lengths, size))
+    check_total(each * nx * ny * nz)
+    return nx, ny, nz
+
+
+def _given_counts(n: Any, dimension: int) -> list[int]:
+    names = [f"n{axis}" for axis in AXES[:dimension]]
+    if len(n) != dimension:
+        several = {2: "pair", 3: "triple"}[dimension]
+        raise MeshError(f"n must be a whole number or a {several} ({', '.join(names)}); got {n!r}.")
+    return [check_whole(name, value) for name, value in zip(names, n, strict=True)]
+
+
+def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
+    """How many equal cells, no whole numbers, fit along each axis: n across the shortest side, or of the given size."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"n must be given (cells across the shortest side) or size= (the width of a cell); got {both}.")
     if size is None:
-        cells, shortest = check_whole("n", n), min(box.width, box.height)
-        return cells * (box.width / shortest), cells * (box.height / shortest)
+        cells, shortest = check_whole("n", n), min(lengths)
+        return [cells * (length / shortest) for length in lengths]
     if not is_real(size) or not SHORTEST <= size <= LARGEST:
         raise MeshError(f"size must be a length above {SHORTEST:g} and below {LARGEST:g}; got {brief(size)}.")
-    check_total(max(1.0, box.width / size) * max(1.0, box.height / size))
-    return box.width / size, box.height / size
+    check_total(math.prod(max(1.0, length / size) for length in lengths))
+    return [length / size for length in lengths]
 
 
 def check_total(cells: Number) -> Number:

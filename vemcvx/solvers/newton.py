@@ -17,12 +17,13 @@ sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitel
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from vemcvx.arguments import whole
-from vemcvx.arrays import Floats
+from vemcvx.arrays import EPS, Floats
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -89,7 +90,7 @@ class _PreparedNewton:
         run = _Search(program, target, self._max_iterations)
         shift = Shifts.of(program.operators)
         pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
-        start = Iterate(np.zeros(len(program.g)), program.project(lam), pressed)
+        start = Iterate(np.zeros(len(program.g)), _leaning(program, lam), pressed)
         run.newton(start, shift)
         if not run.done:
             for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL):
@@ -105,6 +106,12 @@ class _PreparedNewton:
         )
 
 
+def _leaning(program: StepProgram, lam: Floats) -> Floats:
+    """Multipliers to begin with: absolute values that were at their bound slip again, as under most loads they do."""
+    nearest = program.project(lam)
+    return (1.0 + 4 * EPS) * nearest if program.operators.block == 1 else nearest
+
+
 @dataclass
 class _Search:
     """The best point of one step, and how many linear solves it took."""
@@ -116,7 +123,6 @@ class _Search:
     safeguards: int = 0
     best: Iterate = field(init=False)
     gap: float = np.inf
-    floor: float = 0.0
     stationary: bool = False
 
     def offer(self, point: Iterate, kind: str) -> None:
@@ -126,22 +132,24 @@ class _Search:
         program = self.program
         d = program.feasible(point.d)
         lam, p = program.admissible(point.lam, point.p, d)
-        if self.iterations == 1:
-            # The floor hardly changes from point to point of a step; it is taken once.
-            self.floor = program.rounding_floor(d, lam, p)
         gap = program.duality_gap(d, lam, p)
         if self.iterations == 1 or gap < self.gap:
             self.best, self.gap = Iterate(d, lam, p), gap
+
+    @cached_property
+    def floor(self) -> float:
+        """The rounding floor, which hardly changes from point to point of a step: it is taken once, if at all."""
+        return self.program.rounding_floor(self.best.d, self.best.lam, self.best.p)
 
     @property
     def done(self) -> bool:
         """Sharp enough, at the rounding floor, at the target and no longer improving, or out of iterations."""
         enough = self.target if self.stationary else FURTHER_GAP * self.target
-        return self.gap <= max(enough, self.floor) or self.iterations >= self.max_iterations
+        return self.gap <= enough or self.iterations >= self.max_iterations or self.gap <= self.floor
 
     @property
     def words(self) -> str:
-        return "converged" if self.gap <= max(self.target, self.floor) else "iteration limit"
+        return "converged" if self.gap <= self.target or self.gap <= self.floor else "iteration limit"
 
     def newton(self, point: Iterate, shift: Shifts, patience: int = PATIENCE) -> None:
         """Active-set steps while one in `patience` halves the best gap and the sets change."""

@@ -12,10 +12,10 @@ from vemcvx.meshes import SPACE_FAMILIES
 
 SIDES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
 ODD_BOX = ((-1.0 / 3.0, np.pi), (0.1, 0.7), (-5.0, -4.0))
-SLENDER_AND_FAR = ((1e5, 1e5 + 10.0), (-3e5, -3e5 + 0.5), (0.0, 0.5))
+SLENDER_AND_FAR = ((1e5, 1e5 + 2.0), (-3e5, -3e5 + 0.5), (0.0, 0.5))
 BOXES = {"unit": ((0, 1), (0, 1), (0, 1)), "odd": ODD_BOX, "far": SLENDER_AND_FAR}
 COUNTS = [1, 2, 3, (1, 2, 3), (4, 1, 1)]
-CELLS_PER_CUBE = {"cubes": 1, "tetrahedra": 6}
+RANDOM = ("prisms", "voronoi3")
 
 
 @pytest.fixture(params=SPACE_FAMILIES)
@@ -117,8 +117,9 @@ def test_nodes_of_cells(make, n):
 
 
 def test_n_is_cells_across_the_shortest_side(make):
-    for box, cubes in ((((0, 1), (0, 1), (0, 1)), 27), (((0, 2), (0, 0.5), (0, 1)), 3 * 12 * 6)):
-        assert make(3, box).n_cells == pytest.approx(cubes * CELLS_PER_CUBE[make.__name__], rel=0.1)
+    for box, nx, ny, nz in ((((0, 1), (0, 1), (0, 1)), 3, 3, 3), (((0, 2), (0, 0.5), (0, 1)), 12, 3, 6)):
+        per_cube = {"tetrahedra": 6 * nx * ny * nz, "kelvin": nx * ny * nz + (nx + 1) * (ny + 1) * (nz + 1)}
+        assert make(3, box).n_cells == per_cube.get(make.__name__, nx * ny * nz)
 
 
 def test_cells_of_a_size(make):
@@ -129,15 +130,87 @@ def test_cells_of_a_size(make):
 
 
 def test_same_seed_same_mesh(make):
-    one, same = make(3, seed=5), make(3, seed=5)
+    one, same, other = make(3, seed=5), make(3, seed=5), make(3, seed=6)
     np.testing.assert_array_equal(one.points, same.points)
     np.testing.assert_array_equal(one.cell_faces, same.cell_faces)
+    differs = one.points.shape != other.points.shape or not np.array_equal(one.points, other.points)
+    assert differs == (make.__name__ in RANDOM)
+
+
+def heights(mesh, nodes, faces):
+    """How far nodes lie above the planes of faces, and the diameters of these."""
+    return np.einsum("ij,ij->i", mesh.points[nodes] - mesh.face_centroids[faces], mesh.face_normals[faces])
+
+
+@pytest.mark.parametrize("n", COUNTS, ids=str)
+@pytest.mark.parametrize("box", BOXES.values(), ids=BOXES)
+def test_faces_are_plane_and_cells_convex(make, n, box):
+    """Up to the rounding of the coordinates, which tilts the plane of a small face by its part of the face."""
+    mesh = make(n, box, 4)
+    longest = np.diff(box).max()
+    faces = np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))
+    rounding = 1e-15 * longest + 2.0**-52 * np.abs(box).max()
+    size = np.sqrt(mesh.face_areas)
+    plane = np.abs(heights(mesh, mesh.face_vertices, faces))
+    assert (plane <= 20.0 * rounding * np.maximum(1.0, longest / size)[faces]).all()
+    offsets, nodes = mesh.cell_nodes
+    counts = np.diff(offsets)[np.repeat(np.arange(mesh.n_cells), np.diff(mesh.cell_offsets))]
+    own = np.repeat(mesh.cell_faces, counts)
+    sign = np.repeat(mesh.face_signs, counts)
+    cell = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.cell_offsets))
+    inside = np.concatenate([nodes[offsets[c] : offsets[c + 1]] for c in cell])
+    bulge = sign * heights(mesh, inside, own)
+    assert (bulge <= 20.0 * rounding * np.maximum(1.0, longest / size)[own]).all()
 
 
 def test_the_size_of_a_cube_and_of_a_tetrahedron():
     assert vx.meshes.cubes(4).h == pytest.approx(np.sqrt(3.0) / 4.0, rel=1e-15)
     assert vx.meshes.tetrahedra(4).h == pytest.approx(np.sqrt(3.0) / 4.0, rel=1e-15)
     np.testing.assert_allclose(vx.meshes.tetrahedra(2).volumes, 1.0 / 48.0, rtol=1e-14)
+
+
+def test_kelvin_cells_are_truncated_octahedra():
+    mesh = vx.meshes.kelvin((2, 3, 4), ((0, 2), (0, 3), (0, 4)))
+    middle, corner = mesh.volumes[:24], mesh.volumes[24:]
+    np.testing.assert_allclose(middle, 0.5, rtol=1e-14)
+    assert corner.min() == pytest.approx(0.5 / 8)
+    assert corner.max() == pytest.approx(0.5)
+    assert (np.diff(mesh.cell_offsets)[:24] == 14).all()
+    sides = np.sort(np.diff(mesh.face_offsets)[mesh.cell_faces[: 24 * 14]].reshape(24, 14), axis=1)
+    np.testing.assert_array_equal(sides, np.tile([4] * 6 + [6] * 8, (24, 1)))
+    edge = np.sqrt(2.0) / 4.0
+    np.testing.assert_allclose(mesh.diameters[:24], np.sqrt(10.0) * edge, rtol=1e-14)
+
+
+def test_voronoi_cells_are_nearest_to_their_seeds():
+    """Without relaxation, every vertex is as near to the seeds of its cells, and to no seed nearer."""
+    count = 40
+    mesh = vx.meshes.voronoi3(cells=count, seed=3, relaxations=0)
+    seeds = np.random.default_rng(3).random((count, 3))
+    distance = np.linalg.norm(mesh.points[:, None] - seeds, axis=2)
+    nearest = [set(np.flatnonzero(row < row.min() + 1e-12)) for row in distance]
+    offsets, nodes = mesh.cell_nodes
+    owned = [set() for _ in nearest]
+    for cell in range(count):
+        for node in nodes[offsets[cell] : offsets[cell + 1]]:
+            owned[node].add(cell)
+    inner = np.argmin(np.linalg.norm(mesh.centroids[:, None] - seeds, axis=2), axis=1)
+    assert sorted(inner) == sorted(set(inner))
+    for node, cells in enumerate(owned):
+        assert len(cells) == len(nearest[node])
+
+
+def test_relaxed_voronoi_cells_are_rounder():
+    raw, relaxed = (vx.meshes.voronoi3(4, seed=1, relaxations=k) for k in (0, 10))
+    assert relaxed.volumes.std() < 0.5 * raw.volumes.std()
+    assert relaxed.h < raw.h
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3, 5, 17])
+def test_voronoi_cells_of_a_number(cells):
+    mesh = vx.meshes.voronoi3(cells=cells, box=ODD_BOX)
+    assert mesh.n_cells == cells
+    assert mesh.volumes.sum() == pytest.approx(np.prod(np.diff(ODD_BOX)), rel=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -155,10 +228,15 @@ def test_the_size_of_a_cube_and_of_a_tetrahedron():
         ({"n": 2, "box": ((0, 1), (0, np.nan), (0, 1))}, "box must be finite"),
         ({"n": 2, "box": ((0, 1), (0, 1), (0, 1e99))}, "box must have sides above 1e-60"),
         ({"n": 10**4}, "that would be"),
-        ({"n": 2, "box": ((1e16, 1e16 + 2), (0, 1), (0, 1)), "size": 0.25}, "narrower than the spacing"),
     ],
     ids=str,
 )
 def test_bad_requests(make, given, says):
     with pytest.raises(vx.MeshError, match=re.escape(says)):
-        make(**{key: value for key, value in given.items() if not (key == "n" and "size" in given)})
+        make(**given)
+
+
+@pytest.mark.parametrize("make", [vx.meshes.cubes, vx.meshes.tetrahedra, vx.meshes.kelvin])
+def test_cells_narrower_than_the_spacing_of_numbers(make):
+    with pytest.raises(vx.MeshError, match="narrower than the spacing of floating-point numbers"):
+        make(size=0.25, box=((1e16, 1e16 + 2), (0, 1), (0, 1)))

@@ -7,12 +7,15 @@ from vemcvx.meshes.families.cubes import cubes
 from vemcvx.meshes.families.distorted import distorted
 from vemcvx.meshes.families.hanging import hanging
 from vemcvx.meshes.families.hexagons import hexagons
+from vemcvx.meshes.families.kelvin import kelvin
 from vemcvx.meshes.families.l_shape import l_shape
 from vemcvx.meshes.families.nonconvex import nonconvex
+from vemcvx.meshes.families.prisms import prisms
 from vemcvx.meshes.families.squares import squares
 from vemcvx.meshes.families.tetrahedra import tetrahedra
 from vemcvx.meshes.families.triangles import triangles
 from vemcvx.meshes.families.voronoi import voronoi
+from vemcvx.meshes.families.voronoi3 import voronoi3
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement.refine import Refinement, refinement
 from vemcvx.meshes.polygon_mesh import PolygonMesh, convert, read
@@ -28,7 +31,13 @@ FAMILIES = {
     "nonconvex": nonconvex,
     "hanging": hanging,
 }
-SPACE_FAMILIES = {"cubes": cubes, "tetrahedra": tetrahedra}
+SPACE_FAMILIES = {
+    "cubes": cubes,
+    "tetrahedra": tetrahedra,
+    "prisms": prisms,
+    "voronoi3": voronoi3,
+    "kelvin": kelvin,
+}
 
 __all__ = [
     "FAMILIES",
@@ -43,12 +52,15 @@ __all__ = [
     "distorted",
     "hanging",
     "hexagons",
+    "kelvin",
     "l_shape",
     "nonconvex",
+    "prisms",
     "read",
     "refinement",
     "squares",
     "tetrahedra",
     "triangles",
     "voronoi",
+    "voronoi3",
 ]

@@ -184,3 +184,10 @@ def ticks(low: float, high: float, count: int) -> Floats:
             "numbers there; use fewer cells or a box nearer to the origin."
         )
     return line
+
+
+def placed(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
+    """Points of [0, size] in [low, high]; those on a side of the one lie on the side of the other to the bit."""
+    moved = np.clip(low + points * ((high - low) / size), low, high)
+    moved = np.where(points == 0.0, low, moved)
+    return np.where(points == size, high, moved)

@@ -11,9 +11,11 @@ from numpy.typing import ArrayLike
 
 from vemcvx.canvas import draw_cells
 from vemcvx.meshes.checks.names import plotted_points, plotted_values
+from vemcvx.meshes.extrusion import extruded
 from vemcvx.meshes.io.files import load, write
 from vemcvx.meshes.io.objects import from_object, to_object
 from vemcvx.meshes.local_refinement.refine import refinement
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.several_bodies.cracks import cut
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -86,6 +88,29 @@ class PolygonMesh(Tessellation):
             is taken.
         """
         return cut(self, name, sides)
+
+    def extruded(self, heights: ArrayLike) -> PolyhedralMesh:
+        """Return the mesh in space of the prisms over these cells, a layer between any two heights.
+
+        Parameters
+        ----------
+        heights : (layers + 1,) array_like
+            The z of the bottom of the first layer, then of the top of each, increasing.
+
+        Returns
+        -------
+        PolyhedralMesh
+            Nodes and cells layer by layer, in the order they have here; cell data are those of the polygons below.
+            Named parts of the boundary keep their names and become the sides above them; but "bottom" and "top" are
+            the lowest and the highest polygons, and what had these names in the plane is "front" and "back".
+
+        Raises
+        ------
+        MeshError
+            The heights do not increase, the mesh has interfaces, or it has both names of a side in the plane and in
+            space ("bottom" and "front", "top" and "back").
+        """
+        return extruded(self, heights)
 
     def write(self, path: str | Path) -> None:
         """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,25 +21,23 @@ from vemcvx.arrays import Bools, Floats, Ints, read_only
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.checks.mesh import checked
-from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, check_datum_name, choose_edges, side_edges
+from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, choose, side_edges
 from vemcvx.meshes.interfaces import Interface, on_boundary
+from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import shapes as geometry
 from vemcvx.meshes.polygons import topology
-from vemcvx.outline import Outline, in_a_line
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class Tessellation:
+class Tessellation(Mesh):
     """Points and polygonal cells, checked: the data of a :class:`vemcvx.PolygonMesh`, whose docstring says the rest."""
 
-    points: Floats
     offsets: Ints
     vertices: Ints
-    cell_data: Mapping[str, NDArray[Any]]
-    interfaces: Mapping[str, Interface]
-    node_map: Ints | None
-    _named: Mapping[str, Ints]
     _box: Box | None
+
+    ARRAYS = ("points", "offsets", "vertices")
+    PARTS = "edges"
 
     def __init__(
         self,
@@ -66,56 +64,6 @@ class Tessellation:
         mesh = object.__new__(cls)
         mesh._fill(points, offsets, vertices, _box=box)
         return mesh
-
-    def _fill(self, points: Floats, offsets: Ints, vertices: Ints, **others: object) -> None:
-        fields = {
-            "points": read_only(points),
-            "offsets": read_only(offsets),
-            "vertices": read_only(vertices),
-            "cell_data": MappingProxyType({}),
-            "interfaces": MappingProxyType({}),
-            "node_map": None,
-            "_named": {},
-            "_box": None,
-            **others,
-        }
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
-
-    def _replace(self, **fields: object) -> Self:
-        """Return a mesh that shares everything, also what is already computed, but the given fields."""
-        mesh = object.__new__(type(self))
-        mesh.__dict__.update({key: value for key, value in self.__dict__.items() if key != "boundaries"})
-        mesh.__dict__.update(fields)
-        return mesh
-
-    def __getstate__(self) -> dict[str, object]:
-        kept = {name: getattr(self, name) for name in ("points", "offsets", "vertices", "node_map", "_named", "_box")}
-        # A mapping proxy cannot be pickled.
-        return {**kept, "cell_data": dict(self.cell_data), "interfaces": dict(self.interfaces)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        data = {name: read_only(values) for name, values in state.pop("cell_data").items()}
-        named = {name: read_only(edges) for name, edges in state.pop("_named").items()}
-        interfaces = MappingProxyType(state.pop("interfaces"))
-        self._fill(**state, cell_data=MappingProxyType(data), _named=named, interfaces=interfaces)
-
-    def __repr__(self) -> str:
-        known = list(self.boundaries)
-        names = ", ".join(known if len(known) < 10 else [*known[:4], f"{len(known) - 5} more", known[-1]])
-        return (
-            f"{type(self).__name__}({self.n_cells} cells, {self.n_nodes} nodes, h = {self.h:.4g}, boundaries: {names})"
-        )
-
-    @property
-    def n_nodes(self) -> int:
-        """Number of nodes."""
-        return len(self.points)
-
-    def _repr_html_(self) -> str:
-        names = [(f'"{name}"', f"{len(edges)} edges") for name, edges in self.boundaries.items()]
-        data = [(name, in_a_line(values)) for name, values in self.cell_data.items()]
-        return Outline(f"{type(self).__name__}: {self.n_cells} cells, h = {self.h:.4g}", [*names, *data]).html()
 
     @property
     def n_cells(self) -> int:
@@ -146,11 +94,6 @@ class Tessellation:
     def diameters(self) -> Floats:
         """Largest distance of two vertices of each cell, (n_cells,)."""
         return read_only(geometry.diameters(self.points, self.offsets, self.vertices))
-
-    @cached_property
-    def h(self) -> float:
-        """Mesh size: the largest cell diameter."""
-        return float(self.diameters.max())
 
     @cached_property
     def _boundary(self) -> Ints:
@@ -192,9 +135,10 @@ class Tessellation:
         free = np.ones(len(self._boundary), dtype=bool)
         if inner:
             free[topology.positions(np.concatenate(inner), self._boundary, self.n_nodes)] = False
-        edges = choose_edges(name, predicate, self.points, self._boundary[free])
+        edges = self._boundary[free]
+        chosen = choose(name, predicate, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]]))
         self._check_free([name])
-        return self._replace(_named={**self._named, name: read_only(edges)})
+        return self._replace(_named={**self._named, name: read_only(edges[chosen])})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
         """Return this mesh with more named parts of its boundary: name -> edges (m, 2), in either direction.
@@ -212,8 +156,3 @@ class Tessellation:
         taken = [name for name in names if name in self.interfaces] if isinstance(names, Iterable) else []
         if taken:
             raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
-
-    def with_cell_data(self, name: str, values: ArrayLike) -> Self:
-        """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
-        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
-        return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))

@@ -47,28 +47,31 @@ def check_name(name: object) -> str:
     return name
 
 
-def choose_edges(name: object, predicate: Callable[[Floats], Bools], points: Floats, boundary: Ints) -> Ints:
-    """Boundary edges whose midpoints the predicate accepts (see `PolygonMesh.with_boundary`)."""
+def choose(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
+    """Which parts of the boundary the predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
     name = check_name(name)
+    m, dimension = places.shape
+    middles = {"edges": "midpoints", "faces": "centroids"}[parts]
     if not callable(predicate):
-        raise MeshError(f"boundary {name!r}: predicate must be a function of the midpoints (m, 2); got {predicate!r}.")
-    midpoints = 0.5 * (points[boundary[:, 0]] + points[boundary[:, 1]])
-    failed = f"boundary {name!r}: the predicate failed for midpoints of shape {midpoints.shape}"
-    chosen = _array(called(predicate, (midpoints,), failed, "take all midpoints at once and return a boolean for each"))
-    if chosen.shape != (len(boundary),) or chosen.dtype != bool:
         raise MeshError(
-            f"boundary {name!r}: the predicate gets {len(boundary)} midpoints, shape ({len(boundary)}, 2), "
-            f"and must return booleans of shape ({len(boundary)},); it returned {chosen.dtype} of shape "
+            f"boundary {name!r}: predicate must be a function of the {middles} (m, {dimension}); got {predicate!r}."
+        )
+    failed = f"boundary {name!r}: the predicate failed for {middles} of shape {places.shape}"
+    chosen = _array(called(predicate, (places,), failed, f"take all {middles} at once and return a boolean for each"))
+    if chosen.shape != (m,) or chosen.dtype != bool:
+        raise MeshError(
+            f"boundary {name!r}: the predicate gets {m} {middles}, shape ({m}, {dimension}), "
+            f"and must return booleans of shape ({m},); it returned {chosen.dtype} of shape "
             f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5."
         )
     if not chosen.any():
-        low, high = midpoints.min(axis=0), midpoints.max(axis=0)
+        low, high = places.min(axis=0), places.max(axis=0)
+        extent = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
         raise MeshError(
-            f"boundary {name!r}: the predicate selects none of the {len(boundary)} boundary edges; their "
-            f"midpoints lie in [{low[0]:g}, {high[0]:g}] x [{low[1]:g}, {high[1]:g}]."
+            f"boundary {name!r}: the predicate selects none of the {m} boundary {parts}; their {middles} lie in "
+            f"{extent}."
         )
-    edges: Ints = boundary[chosen]
-    return edges
+    return chosen
 
 
 def check_boundaries(

@@ -22,6 +22,7 @@ from vemcvx.meshes.box import (
     check_fraction,
     check_total,
     check_whole,
+    placed,
 )
 from vemcvx.meshes.families.short_edges import collapse_short_edges, merge_coincident
 from vemcvx.meshes.polygon_mesh import PolygonMesh
@@ -81,7 +82,8 @@ def voronoi(
     rows = _by_rows(points)
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
-    return PolygonMesh.unchecked(_placed(points[rows], sides, rectangle), offsets, number[vertices], rectangle)
+    low, high = np.array([rectangle.left, rectangle.bottom]), np.array([rectangle.right, rectangle.top])
+    return PolygonMesh.unchecked(placed(points[rows], sides, low, high), offsets, number[vertices], rectangle)
 
 
 def _by_rows(points: Floats) -> Ints:
@@ -143,11 +145,3 @@ def _circumcentres(corners: Floats) -> Floats:
     bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
     shift = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb])
     return corners[:, 0] + shift / (2.0 * cross(b, c)[:, None])
-
-
-def _placed(points: Floats, size: Floats, box: Box) -> Floats:
-    """Points of [0, size] in the box; those on a side of the one lie on the side of the other to the bit."""
-    low, high = np.array([box.left, box.bottom]), np.array([box.right, box.top])
-    placed = np.clip(low + points * ((high - low) / size), low, high)
-    placed = np.where(points == 0.0, low, placed)
-    return np.where(points == size, high, placed)

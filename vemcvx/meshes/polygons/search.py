@@ -31,3 +31,14 @@ def delaunay(points: Floats) -> Ints:
         return Delaunay(points).simplices.astype(np.int64)
     except QhullError as error:
         raise MeshError(f"{len(points)} points have no triangulation: they are all but on one line.") from error
+
+
+def voronoi_faces(sites: Floats) -> tuple[Floats, Ints, list[list[int]]]:
+    """Voronoi cells of sites (n, 3): corners (m, 3), and of each face the two sites (f, 2) and its corners in order.
+
+    A corner at infinity has the number -1.
+    """
+    from scipy.spatial import Voronoi
+
+    found = Voronoi(sites)
+    return found.vertices, found.ridge_points.astype(np.int64), found.ridge_vertices

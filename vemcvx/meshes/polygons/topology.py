@@ -27,6 +27,12 @@ def offsets_of(counts: Ints) -> Ints:
     return np.concatenate([[0], np.cumsum(counts)])
 
 
+def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
+    """Offsets and entries of the rows with the given numbers, in this order."""
+    counts = np.diff(offsets)[order]
+    return offsets_of(counts), flat[spans(offsets[order], counts)]
+
+
 def first_in_row(flags: Bools, offsets: Ints) -> Ints:
     """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
     place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))

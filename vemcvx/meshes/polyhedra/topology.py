@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import offsets_of, spans
+from vemcvx.meshes.polygons.topology import rows_in_order
 
 
 class Faces(NamedTuple):
@@ -27,14 +27,14 @@ class Faces(NamedTuple):
 def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
     """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
     first, number = same_faces(offsets, vertices)
-    counts = np.diff(offsets)[first]
+    face_offsets, face_vertices = rows_in_order(offsets, vertices, first)
     owner = np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets))
     second = np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
     second[number[later]] = owner[later]
     return Faces(
-        offsets_of(counts),
-        vertices[spans(offsets[first], counts)],
+        face_offsets,
+        face_vertices,
         cell_offsets,
         number,
         np.column_stack([owner[first], second]),

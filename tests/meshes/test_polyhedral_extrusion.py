@@ -1,0 +1,87 @@
+"""Polygons extruded: what becomes of cells, names and data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+BOX = ((0.0, 2.0), (-1.0, 0.0))
+LEVELS = [-0.5, 0.0, 2.0]
+
+
+@pytest.fixture(params=vx.meshes.FAMILIES)
+def plane(request):
+    return vx.meshes.FAMILIES[request.param](3, BOX, 1)
+
+
+def test_volumes_are_areas_times_heights(plane):
+    mesh = plane.extruded(LEVELS)
+    np.testing.assert_allclose(mesh.volumes, np.concatenate([0.5 * plane.areas, 2.0 * plane.areas]), rtol=1e-14)
+    middles = np.column_stack([np.tile(plane.centroids, (2, 1)), np.repeat([-0.25, 1.0], plane.n_cells)])
+    np.testing.assert_allclose(mesh.centroids, middles, atol=1e-14)
+    assert mesh.n_nodes == 3 * plane.n_nodes
+    edges = (len(plane.vertices) + len(plane.boundaries["boundary"])) // 2
+    assert mesh.n_faces == 3 * plane.n_cells + 2 * edges
+
+
+def test_layers_keep_the_order_of_the_plane(plane):
+    mesh = plane.extruded(LEVELS)
+    np.testing.assert_array_equal(mesh.points[: plane.n_nodes, :2], plane.points)
+    np.testing.assert_array_equal(mesh.points[plane.n_nodes : 2 * plane.n_nodes, 2], 0.0)
+    below = mesh.boundaries["bottom"]
+    for cell, face in enumerate(below):
+        around = mesh.face_vertices[mesh.face_offsets[face] : mesh.face_offsets[face + 1]]
+        assert sorted(around) == sorted(plane.cells[cell])
+        assert mesh.face_cells[face].tolist() == [cell, -1]
+
+
+def test_sides_are_named_as_boxes_name_them(plane):
+    mesh = plane.extruded(LEVELS)
+    assert list(mesh.boundaries) == ["left", "right", "front", "back", "bottom", "top", "boundary"]
+    outwards = {"left": (-1, 0, 0), "right": (1, 0, 0), "front": (0, -1, 0), "back": (0, 1, 0)}
+    outwards |= {"bottom": (0, 0, -1), "top": (0, 0, 1)}
+    areas = dict(zip(outwards, (2.5, 2.5, 5.0, 5.0, 2.0, 2.0), strict=True))
+    for name, normal in outwards.items():
+        faces = mesh.boundaries[name]
+        assert mesh.face_areas[faces].sum() == pytest.approx(areas[name], rel=1e-14)
+        np.testing.assert_allclose(mesh.face_normals[faces], np.tile(normal, (len(faces), 1)), atol=1e-14)
+    assert sum(len(mesh.boundaries[name]) for name in outwards) == len(mesh.boundaries["boundary"])
+
+
+def test_names_and_data_come_along():
+    plane = vx.meshes.squares(2, BOX).with_boundary("hole", lambda x: x[:, 0] < 0.6)
+    plane = plane.with_cell_data("young", np.arange(8.0)).with_cell_data("axis", np.arange(16).reshape(8, 2))
+    mesh = plane.extruded(LEVELS)
+    assert mesh.boundaries["hole"].size == 2 * plane.boundaries["hole"].shape[0]
+    assert (mesh.face_centroids[mesh.boundaries["hole"], 0] < 0.6).all()
+    np.testing.assert_array_equal(mesh.cell_data["young"], np.tile(np.arange(8.0), 2))
+    np.testing.assert_array_equal(mesh.cell_data["axis"][8:], plane.cell_data["axis"])
+
+
+def test_a_plane_mesh_without_names():
+    square = vx.PolygonMesh([(0, 0), (1, 0), (1, 1), (0, 1)], [[0, 1, 2, 3]])
+    assert list(square.extruded([0, 1]).boundaries) == ["bottom", "top", "boundary"]
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [[0.0], [], [1.0, 0.0], [0.0, 0.0], [0.0, np.nan], [0.0, np.inf], 3.0, "ab", None, [[0, 1]], [0, 1e99], ["0", "1"]],
+    ids=str,
+)
+def test_bad_heights(heights):
+    with pytest.raises(vx.MeshError, match="heights must be at least two increasing numbers"):
+        vx.meshes.squares(1).extruded(heights)
+
+
+def test_names_that_meet():
+    plane = vx.meshes.squares(1).with_boundary("front", lambda x: x[:, 1] < 0.5)
+    with pytest.raises(vx.MeshError, match="'bottom' of the boundary is called 'front' in space"):
+        plane.extruded([0, 1])
+
+
+def test_bodies_stay_in_the_plane():
+    pair = vx.meshes.bodies({"a": vx.meshes.squares(1), "b": vx.meshes.squares(1, ((0, 1), (1, 2)))})
+    with pytest.raises(vx.MeshError, match=r"this mesh has interfaces \(a|b\)"):
+        pair.extruded([0, 1])

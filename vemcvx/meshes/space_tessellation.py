@@ -1,0 +1,175 @@
+"""What a polyhedral mesh is: points, faces, cells, named parts of the boundary, data on cells; immutable.
+
+Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four small
+ones it has four coplanar faces. Neither cells nor faces need be convex.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.arrays import Bools, Floats, Ints, read_only
+from vemcvx.meshes.box import SpaceBox
+from vemcvx.meshes.checks.face_names import box_sides, check_face_boundaries
+from vemcvx.meshes.checks.names import choose
+from vemcvx.meshes.mesh import Mesh
+from vemcvx.meshes.polyhedra import shapes, topology
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class SpaceTessellation(Mesh):
+    """Points, faces and polyhedral cells, checked: the data of a :class:`vemcvx.PolyhedralMesh`."""
+
+    face_offsets: Ints
+    face_vertices: Ints
+    cell_offsets: Ints
+    cell_faces: Ints
+    face_cells: Ints
+    _box: SpaceBox | None
+
+    ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
+    PARTS = "faces"
+
+    @classmethod
+    def unchecked(
+        cls,
+        points: Floats,
+        face_offsets: Ints,
+        face_vertices: Ints,
+        cell_offsets: Ints,
+        cell_faces: Ints,
+        face_cells: Ints,
+        box: SpaceBox | None = None,
+    ) -> Self:
+        """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
+        mesh = object.__new__(cls)
+        mesh._fill(points, *topology.Faces(face_offsets, face_vertices, cell_offsets, cell_faces, face_cells), _box=box)
+        return mesh
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.cell_offsets) - 1
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces, inner ones counted once."""
+        return len(self.face_offsets) - 1
+
+    @property
+    def faces(self) -> topology.Faces:
+        """Who has which faces, and what vertices these have: the arrays of the mesh but its points."""
+        return topology.Faces(
+            self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
+        )
+
+    @cached_property
+    def _face_shapes(self) -> shapes.FaceShapes:
+        found = shapes.face_shapes(self.points, self.face_offsets, self.face_vertices)
+        return shapes.FaceShapes(*map(read_only, found))
+
+    @property
+    def face_areas(self) -> Floats:
+        """Area of each face, (n_faces,)."""
+        return self._face_shapes.areas
+
+    @property
+    def face_normals(self) -> Floats:
+        """Unit normal of each face, out of its first cell, (n_faces, 3)."""
+        return self._face_shapes.normals
+
+    @property
+    def face_centroids(self) -> Floats:
+        """Centroid of each face, (n_faces, 3)."""
+        return self._face_shapes.centroids
+
+    @cached_property
+    def face_signs(self) -> Floats:
+        """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
+        return read_only(topology.signs_of(self.cell_offsets, self.cell_faces, self.face_cells))
+
+    @cached_property
+    def _volumes_and_centroids(self) -> tuple[Floats, Floats]:
+        volumes, centroids = shapes.volumes_and_centroids(
+            self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs
+        )
+        return read_only(volumes), read_only(centroids)
+
+    @property
+    def volumes(self) -> Floats:
+        """Volume of each cell, (n_cells,)."""
+        return self._volumes_and_centroids[0]
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroid of each cell, (n_cells, 3)."""
+        return self._volumes_and_centroids[1]
+
+    @cached_property
+    def cell_nodes(self) -> tuple[Ints, Ints]:
+        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each and ascending."""
+        offsets, nodes = shapes.nodes_of_cells(
+            self.n_nodes,
+            self.face_offsets,
+            self.face_vertices,
+            cell_offsets=self.cell_offsets,
+            cell_faces=self.cell_faces,
+        )
+        return read_only(offsets), read_only(nodes)
+
+    @cached_property
+    def diameters(self) -> Floats:
+        """Largest distance of two vertices of each cell, (n_cells,)."""
+        return read_only(shapes.diameters(self.points, *self.cell_nodes))
+
+    @cached_property
+    def _boundary(self) -> Ints:
+        return read_only(np.flatnonzero(self.face_cells[:, 1] < 0))
+
+    @cached_property
+    def boundaries(self) -> Mapping[str, Ints]:
+        """Named parts of the boundary: name -> face numbers (m,), ascending; "boundary" is all of it."""
+        sides = {} if self._box is None else box_sides(self.points[self.face_vertices], self.face_offsets, self._box)
+        inside = self.face_cells[:, 1] >= 0
+        named = {name: read_only(np.flatnonzero(on & ~inside)) for name, on in sides.items()}
+        return MappingProxyType({**named, **self._named, "boundary": self._boundary})
+
+    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
+        """Return this mesh with one more named part of its boundary.
+
+        Parameters
+        ----------
+        name : str
+            Its name; a part of that name is replaced, and parts may overlap.
+        predicate : callable
+            Takes the centroids (m, 3) of all boundary faces, returns which belong: bool (m,).
+
+        Raises
+        ------
+        MeshError
+            The name is reserved or no string, the answer is not (m,) bool, or it selects nothing.
+        """
+        chosen = choose(name, predicate, self.face_centroids[self._boundary], "faces")
+        return self._replace(_named={**self._named, name: read_only(self._boundary[chosen])})
+
+    def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
+        """Return this mesh with more named parts of its boundary.
+
+        Parameters
+        ----------
+        boundaries : mapping of str to array_like
+            Name -> faces: their numbers (m,), or their vertices, a row a face, in any order.
+
+        Raises
+        ------
+        MeshError
+            A name is reserved, or a face is not on the boundary.
+        """
+        return self._replace(_named={**self._named, **check_face_boundaries(boundaries, self.faces, None)})

@@ -71,10 +71,13 @@ class WeightLaw:
 
     def scaled(self, up: Floats, down: Floats) -> WeightLaw:
         """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
-        return WeightLaw(
-            lambda p: up * self.weights(down * p),
-            lambda p: sp.csr_matrix(sp.diags_array(up) @ self.slope(down * p) @ sp.diags_array(down)),
-        )
+
+        def slope(p: Floats) -> sp.csr_matrix:
+            J = self.slope(down * p)
+            entries = np.repeat(up, np.diff(J.indptr)) * J.data * down[J.indices]
+            return sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
+
+        return WeightLaw(lambda p: up * self.weights(down * p), slope)
 
 
 @dataclass(frozen=True)

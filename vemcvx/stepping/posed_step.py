@@ -15,7 +15,7 @@ import numpy as np
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.norms import Norms
-from vemcvx.program.scaling import SMALLEST, checked_norm
+from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import WeightLaw, settled
@@ -96,6 +96,12 @@ class PosedStep:
                 break
             best = state
         return replace(best, iterations=spent)
+
+    @property
+    def ordinary(self) -> bool:
+        """Whether something has moved before, and what drives the step has an energy that numbers can hold."""
+        norm = float(np.sqrt(self.run.scaling.kappa)) * self.run.scaling.size(self.program)
+        return self.before.scale > 0.0 and SMALLEST <= norm <= LARGEST
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import bolted_joint as joint
+import brake_pad_on_disc as brake
 import hertz_two_cylinders as cylinders
 import lap_joint as lap
+import pack_of_blocks as pack
 import press_fit as fit
 import two_blocks_in_series as blocks
 import vemcvx as vx
@@ -28,6 +30,23 @@ def test_two_blocks_make_one_loop(family):
     assert np.abs(contact.wear[-1] - contact.wear[turn] - loop).max() < 1e-10
 
 
+def test_a_pack_of_blocks_slides_one_by_one(family):
+    """Exact on every mesh: tractions, slips, the force on the plate by Masing's rule, when each begins to slide."""
+    mesh, times = pack.mesh(2, family), pack.times(40)
+    history = vx.simulate(pack.scene(), mesh, times)
+    contact, (q, a), one = history.contact, pack.closed_form(times), pack.bearing(history.contact.points)
+    assert np.abs(contact.traction[:, :, 0] - q[:, one]).max() < 1e-10
+    assert np.abs(contact.slip[:, :, 0] + a[:, one]).max() < 1e-10
+    assert np.abs(pack.pulled(history) - pack.force(times)).max() < 1e-10
+    # None of these instants is that of a start, to rounding.
+    first = times <= 1
+    assert np.array_equal(contact.sticking[first], pack.plate(times[first])[:, None] < pack.STARTS[one])
+    loop = 4 * pack.BOUNDS * np.maximum(pack.AMPLITUDE - pack.STARTS, 0.0)
+    turn = 8
+    assert np.abs(contact.wear[-1] - contact.wear[turn] - loop[one]).max() < 1e-10
+    assert history.dissipated[-1] - history.dissipated[turn] == pytest.approx(pack.LENGTH * loop.sum(), abs=1e-10)
+
+
 def pressures(n, outer=None):
     """Contact pressures over Lame's, and the lengths of their nodes."""
     mesh = fit.mesh(n, outer=outer)
@@ -41,6 +60,8 @@ def test_a_press_fit_on_equal_meshes():
     """Every nodal pressure within one per cent of Lame's, uniform, and of order h^2."""
     coarse, fine = (pressures(n, outer=n)[0] for n in (8, 16))
     assert np.abs(coarse - 1).max() < 0.01
+    # Nodes have the mean of the normals of their chords, shorter by a cosine, but those at the ends of the quarter.
+    coarse[1:-1] /= np.cos(np.pi / (4 * 16))
     # All sectors are alike, and the pressure of one solve is certified to 1e-7 in energy.
     assert np.ptp(coarse) < 1e-6
     assert 3.5 < np.abs(coarse - 1).max() / np.abs(fine - 1).max() < 4.5
@@ -113,6 +134,38 @@ def test_a_bolted_joint_wears_alike_in_every_cycle(cycles):
     x = history.contact.points[:, 0] - joint.LENGTH / 2
     assert added[0][np.abs(x) < joint.BOLT / 4].max() < 0.01
     assert np.abs(np.abs(x[added[0].argmax()]) - joint.BOLT / 2) < 0.1 * joint.BOLT
+
+
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
+def test_a_pad_brakes_a_disc():
+    """Balance of pad and disc at each instant; the torque of a pad that slips; what wears, and alike in each cycle."""
+    history = vx.simulate(brake.scene(), brake.mesh(4), brake.times(3 * brake.CYCLE), initial=brake.initial)
+    assert history.certificate.max() < 1e-8
+    assert history.iterations[1:].max() <= FEW_SETS
+    contact, torque, P = history.contact, brake.torque(history), brake.pressed(history.times)
+    # Both are known to what forces are certified to, a few digits fewer than energies.
+    near = {"abs": 1e-7 * brake.torque_of_slip(brake.PRESSURE)}
+    rubbed, pushed = contact.traction * contact.friction_lengths[:, None], contact.pressure * contact.lengths
+    fx, fy = np.moveaxis(rubbed - pushed[:, :, None] * contact.normals, 2, 0)
+    x, y = contact.points.T
+    assert (x * fy - y * fx).sum(axis=1) == pytest.approx(torque, **near)
+    assert -fy.sum(axis=1) == pytest.approx(2 * brake.RIM * np.sin(brake.ALPHA) * P, **near)
+    slips = ~contact.sticking.any(axis=1)
+    assert slips.sum() > history.steps / 2
+    assert np.linalg.norm(rubbed, axis=2)[slips] == pytest.approx(brake.FRICTION * pushed[slips], **near)
+    # All at the radius of the rim, along it but at the pad's two ends, whose normals are those of their chords.
+    around, tilt = brake.FRICTION * brake.RIM * pushed.sum(axis=1), np.pi / (24 * 4)
+    most = np.sin(tilt) + brake.FRICTION * (1 - np.cos(tilt))
+    ends = most * brake.RIM * pushed[:, [0, -1]].sum(axis=1) + near["abs"]
+    assert (np.abs(np.abs(torque) - around)[slips] < ends[slips]).all()
+    assert (ends < 0.02 * around).all()
+    # p of an elastic pad is not quite that of a worn one: 1.1 per cent at most, on this mesh.
+    assert np.abs(torque[slips]) == pytest.approx(brake.torque_of_slip(P[slips]), rel=0.02)
+    assert (np.diff(history.dissipated) >= 0).all()
+    assert (np.diff(contact.wear, axis=0) >= 0).all()
+    added = np.diff(contact.wear[:: brake.CYCLE], axis=0)
+    assert added[2] == pytest.approx(added[1], abs=1e-6 * added.max())
+    assert (added[1] > 0).all()
 
 
 def test_two_cylinders_press_as_hertz_says():

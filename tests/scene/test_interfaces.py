@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from plate_with_hole import polar
 from vemcvx.scene.pose import pose_scene
 from vemcvx.stepping.state import prepare
 
@@ -274,14 +275,46 @@ def test_the_axis_of_a_half_model_bears_its_pressure():
     assert borne == pytest.approx(-history.reaction("upper.top")[-1, 1], rel=1e-10)
 
 
-def test_bonds_on_a_curve_are_told():
-    angle = np.linspace(0, np.pi / 2, 9)
-    rings = {}
-    for name, (inner, outer) in {"a": (1.0, 2.0), "b": (2.0, 3.0)}.items():
-        arcs = [r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in (inner, outer)]
-        quads = [[i, 9 + i, 10 + i, i + 1] for i in range(8)]
-        rings[name] = vx.PolygonMesh(np.concatenate(arcs), quads)
-    mesh = vx.meshes.bodies(rings).with_boundary("inner", lambda x: np.linalg.norm(x, axis=1) < 1.2)
-    scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="inner"), vx.BilateralContact(on="a|b"))
-    with pytest.warns(vx.SceneWarning, match=r"BilateralContact on a\|b: sides meet at 7 of 9 nodes, as on a curve"):
-        vx.simulate(scene, mesh, [0.0, 1.0])
+def turned_in(sides):
+    """A ring turned inside another that is held, both with so many sides; only the contact joins them."""
+    angles = np.linspace(0, 2 * np.pi, sides + 1)
+    mesh = vx.meshes.bodies({"a": polar(np.array([1.0, 2.0]), angles), "b": polar(np.array([2.0, 3.0]), angles)})
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: 0.1 * t * np.column_stack([-x[:, 1], x[:, 0]]), on="a.inner"),
+        vx.Clamp(on="b.outer"),
+        vx.BilateralContact(on="a|b"),
+    )
+    return vx.simulate(scene, mesh, [0.0, 1.0])
+
+
+def test_bodies_slide_along_a_curve():
+    """Its nodes have the mean of the normals of their sides, and a motion along it meets no resistance."""
+    history = turned_in(24)
+    mesh, inside = history.mesh, history.mesh.cell_data["body"] == 0
+    turned = 0.1 * np.column_stack([-mesh.points[:, 1], mesh.points[:, 0]])
+    turned[np.unique(np.concatenate([cell for cell, mine in zip(mesh.cells, inside, strict=True) if not mine]))] = 0.0
+    assert np.abs(history.displacement[-1] - turned).max() < 1e-13
+    assert np.abs(history.contact.pressure).max() < 1e-13
+
+
+def test_bodies_do_not_slide_around_corners():
+    """Sides that turn by 45 degrees and more both hold: a square peg does not turn in a square hole."""
+    assert turned_in(4).energy[-1] > 1e-3
+
+
+def test_constant_pressure_passes_a_curve():
+    """A disc in a ring, pressed uniformly: as much passes each node as pushes its chords; nothing rubs."""
+    angles = np.linspace(0, 2 * np.pi, 17)
+    mesh = vx.meshes.bodies(
+        {"a": polar(np.array([0.5, 2.0]), angles, centre=True), "b": polar(np.array([2.0, 3.0]), angles)}
+    )
+    scene = vx.Scene(
+        vx.Elasticity(1.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: -0.01 * t * x, on="b.outer"),
+        vx.UnilateralContact(on="a|b"),
+        vx.TrescaFriction(1.0, on="a|b"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
+    assert np.abs(history.displacement[-1] + 0.01 * mesh.points).max() < 1e-12
+    assert np.abs(history.contact.traction).max() < 1e-12

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from vemcvx.effects.contribution import ContactSurface, Contribution, Support
 from vemcvx.effects.effect import Effect, where
-from vemcvx.errors import SceneWarning
-from vemcvx.vem import BoundaryRows, Space
+from vemcvx.vem import Space
 
 
 @dataclass(frozen=True)
@@ -19,8 +15,8 @@ class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`.
 
     The contact boundary Gamma_C is piecewise straight and may be inclined. At a corner u . n = 0 for both normals,
-    which fixes the node; on a curved interface, a polygon with many corners, that bonds the bodies, and a warning says
-    so. Clamps and prescribed displacements take precedence at nodes that they share with contact.
+    which fixes the node; sides of an interface between bodies that turn by less than 45 degrees are a curve, along
+    which they slide. Clamps and prescribed displacements take precedence at nodes that they share with contact.
 
     Parameters
     ----------
@@ -33,7 +29,6 @@ class BilateralContact(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "BilateralContact", contact=True).node_normals
-        _warn_of_bonds(rows, where(self.on))
         support = Support(
             subject="BilateralContact",
             nodes=rows.nodes,
@@ -47,17 +42,3 @@ class BilateralContact(Effect):
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"
 
-
-def _warn_of_bonds(rows: BoundaryRows, on: str) -> None:
-    """Say that what looks curved does not slide: corners of an interface that turn by less than 45 degrees."""
-    follows = (np.diff(rows.nodes) == 0) & (rows.partners[1:] == rows.partners[:-1]) & (rows.partners[1:] >= 0)
-    flat = np.einsum("ij,ij->i", rows.normals[1:], rows.normals[:-1]) > np.cos(np.pi / 4)
-    bonded = int((follows & flat).sum())
-    if bonded:
-        warnings.warn(
-            f"BilateralContact on {on}: sides meet at {bonded} of {len(np.unique(rows.nodes))} nodes, as on a curve, "
-            "and u.n = 0 for both bonds the bodies there, without friction, too. UnilateralContact lets them slide "
-            "where they are pressed together.",
-            SceneWarning,
-            stacklevel=2,
-        )

@@ -53,6 +53,11 @@ class UnilateralContact(Effect):
 
 def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
     """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
+    points = space.mesh.points[rows.nodes]
+
+    def apart(t: float) -> Floats:
+        return distance(gap, subject, points, t) / rows.cosines
+
     return Contribution(
         obstacles=(
             Obstacle(
@@ -60,7 +65,7 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
                 nodes=rows.nodes,
                 normals=rows.normals,
                 lengths=rows.lengths,
-                gap=partial(distance, gap, subject, space.mesh.points[rows.nodes]),
+                gap=apart,
                 compliance=compliance,
                 ends=rows.ends,
                 partners=rows.partners,

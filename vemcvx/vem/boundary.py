@@ -18,6 +18,9 @@ from vemcvx.arrays import Floats, Ints, read_only, totals
 # Normals closer than this are one. Points that were rounded a few times turn an edge by a few EPS |x| / length
 # besides, and as much is granted: an edge of 1e-12 on a straight inclined side of length 1 is no corner.
 SAME_NORMAL = 1e-9
+# Between bodies sides that turn by less than 45 degrees are a curve, whose nodes have the mean of their normals (by
+# length, as constant pressure pushes them): with both, what slides along a curve would have to climb every corner.
+SMOOTH = 2.0 * float(np.sin(np.pi / 8))
 ROUNDED = 4.0 * float(np.finfo(float).eps)
 # Four Gauss points: int g phi_i is exact for g of degree 6 on an edge (7 for the product).
 GAUSS = 4
@@ -52,6 +55,8 @@ class BoundaryRows:
     """what each row stands for"""
     partners: Ints
     """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
+    cosines: Floats
+    """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
 
     @property
     def tangents(self) -> Floats:
@@ -126,7 +131,8 @@ class BoundaryPart:
         half = 0.5 * self.lengths[edge]
         normals = np.zeros((k, 2))
         np.add.at(normals, row, half[:, None] * self.normals[edge])
-        normals = normals / np.linalg.norm(normals, axis=1)[:, None] + 0.0
+        sizes, lengths = np.linalg.norm(normals, axis=1), totals(row, half, k)
+        normals = normals / sizes[:, None] + 0.0
         points, shares = self.gauss(GAUSS)
         columns = edge[:, None] * GAUSS + np.arange(GAUSS)
         matrix = sp.csr_matrix(
@@ -135,11 +141,12 @@ class BoundaryPart:
         return BoundaryRows(
             nodes=read_only(nodes),
             normals=read_only(normals),
-            lengths=read_only(totals(row, half, k)),
+            lengths=read_only(lengths),
             points=read_only(points.reshape(-1, 2)),
             matrix=matrix,
             ends=EdgeEnds(read_only(row), read_only(self.edges[edge, 1 - side]), read_only(half)),
             partners=read_only(partners),
+            cosines=read_only(np.where(partners < 0, 1.0, sizes / lengths)),
         )
 
     @property
@@ -160,6 +167,7 @@ class BoundaryPart:
             first = np.searchsorted(ends[waiting], ends[waiting])
             ahead = waiting[first]
             apart = np.linalg.norm(normal[waiting] - normal[ahead], axis=1)
-            joins = (apart <= SAME_NORMAL + noise[waiting] + noise[ahead]) & (partners[waiting] == partners[ahead])
+            far = np.where(partners[waiting] < 0, SAME_NORMAL + noise[waiting] + noise[ahead], SMOOTH)
+            joins = (apart <= far) & (partners[waiting] == partners[ahead])
             leader[waiting[joins]] = ahead[joins]
         return order, np.unique(leader, return_inverse=True)[1]

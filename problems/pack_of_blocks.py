@@ -1,0 +1,115 @@
+"""A pack of blocks under one plate: they slide one by one, and give the loop of Iwan and Masing in closed form.
+
+Bearings of two blocks each, one on the other, stand in a row between the ground and a plate that moves by U(t) =
+U0 (0, 1, -1, 1) at t = 0, 1, 3, 5. The halves of a bearing rub on each other with the bound g_i, in proportion to the
+load that it bears; their sides are free along x only, so that both shear uniformly, as in `two_blocks_in_series.py`:
+step by step, with C = H_1 / mu_1 + H_2 / mu_2,
+
+    q_i = clip((U - a_i) / C, +-g_i),    a_i = U - C q_i  the slip.
+
+So bearing i begins to slide at U_i = g_i C, and the force on the plate, L sum q_i, is that of springs and sliders in
+parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) at first, F1 - 2 F((U1 - U) / 2) after a turn
+(Masing 1926). A closed loop dissipates L sum 4 g_i (U0 - g_i C)_+. Exact on every two meshes, to rounding.
+
+    vemcvx run problems/pack_of_blocks.py --mesh voronoi --n 4 --steps 60 --plot
+"""
+
+import numpy as np
+
+import vemcvx as vx
+from problem_pictures import beside_closed_form, body_and_graph
+
+LENGTH, GAP, HEIGHTS, YOUNG, POISSON = 1.0, 0.5, (0.4, 0.6), (30.0, 10.0), 0.3
+BOUNDS = np.array([0.3, 0.9, 0.6, 1.2])
+MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
+COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))
+STARTS = BOUNDS * COMPLIANCE
+"""U at which each begins to slide."""
+AMPLITUDE = 1.4 * STARTS.max()
+JOINTS = [f"joint {i + 1}" for i in range(len(BOUNDS))]
+SMALL = {"n": 3, "steps": 60}
+
+
+def plate(t):
+    """U(t)."""
+    return AMPLITUDE * np.interp(t, [0, 1, 3, 5], [0, 1, -1, 1])
+
+
+def first_loading(U):
+    """F(U), the force on the plate while it moves for the first time."""
+    return LENGTH * np.minimum(np.asarray(U)[..., None] / COMPLIANCE, BOUNDS).sum(axis=-1)
+
+
+def force(t):
+    """The force on the plate, by Masing's rule."""
+    U, most = plate(t), first_loading(AMPLITUDE)
+    back, forth = most - 2 * first_loading((AMPLITUDE - U) / 2), 2 * first_loading((AMPLITUDE + U) / 2) - most
+    return np.select([t <= 1, t <= 3], [first_loading(np.abs(U)), back], forth)
+
+
+def closed_form(instants):
+    """The friction traction q and the slip a of the upper half over the lower one, (instants, bearings)."""
+    q, a = np.zeros((2, len(instants), len(BOUNDS)))
+    for n, U in enumerate(plate(instants[1:]), start=1):
+        q[n] = np.clip((U - a[n - 1]) / COMPLIANCE, -BOUNDS, BOUNDS)
+        a[n] = U - COMPLIANCE * q[n]
+    return q, a
+
+
+def bearing(x):
+    """Which bearing is at places x (m, 2)."""
+    return (x[:, 0] // (LENGTH + GAP)).astype(int)
+
+
+def scene():
+    def moved(x, t):
+        return np.tile([plate(t), 0.0], (len(x), 1))
+
+    halves = [f"{half} {i + 1}" for half in ("lower", "upper") for i in range(len(BOUNDS))]
+    lower, upper = halves[: len(BOUNDS)], halves[len(BOUNDS) :]
+    return vx.Scene(
+        vx.Elasticity(YOUNG[0], POISSON, on=lower),
+        vx.Elasticity(YOUNG[1], POISSON, on=upper),
+        vx.Clamp(on=[f"{name}.bottom" for name in lower]),
+        vx.PrescribedDisplacement(moved, on=[f"{name}.top" for name in upper]),
+        vx.PrescribedDisplacement(
+            0.0, on=[f"{name}.{side}" for name in halves for side in ("left", "right")], direction=(0.0, 1.0)
+        ),
+        vx.BilateralContact(on=JOINTS),
+        vx.TrescaFriction(lambda x, t: BOUNDS[bearing(x)], on=JOINTS),
+    )
+
+
+def mesh(n, family="hexagons"):
+    """The lower blocks in cells of `family`; the upper ones in squares, n + 1 across their length."""
+    blocks, joints = {}, {}
+    for i, joint in enumerate(JOINTS):
+        ends = i * (LENGTH + GAP), i * (LENGTH + GAP) + LENGTH
+        below, above = (ends, (0, HEIGHTS[0])), (ends, (HEIGHTS[0], sum(HEIGHTS)))
+        blocks[f"lower {i + 1}"] = vx.meshes.FAMILIES[family](n, box=below, seed=i)
+        blocks[f"upper {i + 1}"] = vx.meshes.squares(n + 1, box=above)
+        joints[joint] = f"lower {i + 1}", f"upper {i + 1}"
+    return vx.meshes.bodies(blocks, joints)
+
+
+def times(steps):
+    return np.linspace(0.0, 5.0, steps + 1)
+
+
+def pulled(history):
+    """The force on the plate at the stored instants."""
+    return sum(history.reaction(f"upper {i + 1}.top")[:, 0] for i in range(len(BOUNDS)))
+
+
+def picture(history):
+    """The pack when three of four have begun to slide, and the loop of the force on the plate."""
+    step = int(history.steps / 5 * 0.5 * (STARTS.max() + np.sort(STARTS)[-2]) / AMPLITUDE)
+    figure, graph = body_and_graph(history, step=step, stress="shear", shares=(1.0, 1.2))
+    dense = times(2000)
+    beside_closed_form(graph, (plate(history.times), pulled(history)), (plate(dense), force(dense)))
+    for i, start in enumerate(np.sort(STARTS)):
+        graph.axvline(start, color="0.6", linestyle=":", linewidth=1.0)
+        graph.text(start, -3.1, f"$U_{i + 1}$ ", fontsize="small", ha="right")
+    graph.legend(frameon=False, fontsize="small", loc="upper left")
+    graph.set(xlabel="plate moved aside by $U$ (length)", ylabel="force on the plate")
+    return figure

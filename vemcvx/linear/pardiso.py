@@ -156,8 +156,7 @@ def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
             "(x86-64 on Linux and Windows), or use SuperLU()."
         )
-    upper = sp.csr_matrix(sp.triu(K, format="csr"))
-    upper.sort_indices()
+    upper = _upper_triangle(K)
     solver = kind(POSITIVE_DEFINITE, 0)
     for number, value in (OWN_SETTINGS, METIS, FROM_ZERO):
         solver.set_iparm(number, value)
@@ -172,6 +171,14 @@ def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
         solver.set_perm(chosen)
     solver.set_values(upper.data)
     return solver
+
+
+def _upper_triangle(K: sp.csr_matrix) -> sp.csr_matrix:
+    """The entries on and above the diagonal, columns ascending; SciPy's `triu` sorts all of them anew."""
+    K.sum_duplicates()
+    kept = K.indices >= np.repeat(np.arange(K.shape[0], dtype=K.indices.dtype), np.diff(K.indptr))
+    indptr = np.concatenate([[0], np.cumsum(kept)])[K.indptr]
+    return sp.csr_matrix((K.data[kept], K.indices[kept], indptr), shape=K.shape)
 
 
 def _schur_of_isolated(K: sp.csr_matrix, last: Ints) -> Floats | None:

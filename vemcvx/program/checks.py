@@ -82,10 +82,10 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
-    x = np.cos(np.arange(1.0, K.shape[0] + 1.0) ** 2)
-    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * np.abs(K.data).max()
+    x, largest = np.cos(np.arange(1.0, K.shape[0] + 1.0) ** 2), max(K.data.max(), -K.data.min())
+    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * largest
     apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
-    if apart.nnz and apart.data.max() > SYMMETRIC * np.abs(K.data).max():
+    if apart.nnz and apart.data.max() > SYMMETRIC * largest:
         worst = int(np.argmax(apart.data))
         i, j = int(apart.row[worst]), int(apart.col[worst])
         raise SceneError(

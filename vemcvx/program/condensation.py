@@ -123,7 +123,7 @@ class Condensation:
 
     def refine_interior(self, y: Floats, r: Floats) -> Floats:
         """y (n,) after one round of iterative refinement inside, for the residual r; retained unknowns stay."""
-        better = y + self._held(np.where(self._inner, r, 0.0))
+        better = y + self.inside(np.where(self._inner, r, 0.0))
         better[self.retained] = y[self.retained]
         return better
 
@@ -138,7 +138,7 @@ class Condensation:
     def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats]:
         """x, xi and tau of a force phi (n,)."""
         x, c = self.factor.solve(phi), self.retained
-        xi = np.zeros_like(phi) if self.whole else self._held(phi, x)
+        xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
         N = self.operators.kernel
         tau = self._S @ x[c] if N is None else phi[c] - self._rows @ xi
         if N is not None:
@@ -152,7 +152,7 @@ class Condensation:
         modes = np.zeros((self.system.n, 0)) if self.system.kernel is None else self.system.kernel.modes
         return modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
 
-    def _held(self, phi: Floats, x: Floats | None = None) -> Floats:
+    def inside(self, phi: Floats, x: Floats | None = None) -> Floats:
         """xi (n,) of a force phi (n,), whose response is x."""
         c = self.retained
         x = self.factor.solve(phi) if x is None else x

@@ -33,6 +33,8 @@ TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
 
 def residual(force: Floats, K: sp.csr_matrix, y: Floats, pulled: Floats) -> Floats:
     """force - pulled - K y, (n,), in extended precision, rounded to double once; about as dear as one solve."""
+    if not y.any():
+        return force - pulled
     n = len(y)
     r = np.empty(n)
     for start in range(0, n, CHUNK):
@@ -63,11 +65,12 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
         force = force - modes @ (modes.T @ force)
     x = condensation.factor.solve(force)
     r = force - condensation.regular @ x
-    off = float(abs(r @ condensation.factor.solve(r)))
+    off, size = float(abs(r @ condensation.factor.solve(r))), float(abs(force @ x))
     if 0 < len(c) < len(x):
-        left = (K @ (x - condensation.reduce(K @ x, remembered=False).inside))[c] - operators.K @ x[c]
+        answered: Floats = K @ x
+        left = (answered - K @ condensation.inside(answered, x))[c] - operators.K @ x[c]
         off = max(off, float(abs(left @ operators.factor.solve(left))))
-    return off > (COARSE_FACTORS * accuracy) ** 2 * float(abs(force @ x))
+    return off > (COARSE_FACTORS * accuracy) ** 2 * size
 
 
 def refined(
@@ -122,12 +125,17 @@ def full_certificate(
     """
     system = condensation.system
     r = residual(force, system.K, y, held)
-    size = np.abs(force) + np.abs(held) + abs(system.K) @ np.abs(y)
+    size = np.abs(force) + np.abs(held) + _absolute(system.K) @ np.abs(y)
     if system.kernel is not None:
         # Multipliers are in balance there; what rounding leaves on the kernel is no force to answer.
         N = system.kernel.basis
         r = r - N @ (N.T @ r)
     return replace(own, equilibrium=0.5 * condensation.factor.energy(r), floor=rounding(condensation, size))
+
+
+def _absolute(K: sp.csr_matrix) -> sp.csr_matrix:
+    """|K|, entry by entry, on the pattern of K itself."""
+    return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
 
 
 def rounding(condensation: Condensation, size: Floats) -> float:

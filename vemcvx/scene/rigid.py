@@ -13,7 +13,7 @@ Springs to the ground of matrix F hold what they feel: of the fields v with vani
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -97,14 +97,17 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
 
     What is left has the same strains, and is small where they are, however far the bodies have moved.
     """
-    mesh = space.mesh
-    cell = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.offsets))
-    graph = sp.csr_matrix((np.ones(len(cell)), (mesh.vertices, cell)), shape=(mesh.n_nodes, mesh.n_cells))
-    label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
-    R = _motions(label, np.arange(mesh.n_nodes), mesh.points)
+
+    @cache
+    def motions() -> sp.csr_matrix:
+        mesh = space.mesh
+        cell = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.offsets))
+        graph = sp.csr_matrix((np.ones(len(cell)), (mesh.vertices, cell)), shape=(mesh.n_nodes, mesh.n_cells))
+        label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
+        return _motions(label, np.arange(mesh.n_nodes), mesh.points)
 
     def seen(u: Floats) -> Floats:
-        strained: Floats = u - R @ (R.T @ u)
+        strained: Floats = u - motions() @ (motions().T @ u)
         return strained
 
     return seen

@@ -295,14 +295,8 @@ def _factorised(
     bent = sp.csr_matrix(H)[slip]
     M[slip] = bent @ response.matrix[norms] if sets.curvature.any() else 0.0
     M[slip, slip] += 1.0
-    spread = sp.csr_matrix(
-        (
-            sets.direction.ravel(),
-            (np.arange(operators.B.shape[0]), np.repeat(np.arange(operators.count), operators.block)),
-        ),
-        shape=(operators.B.shape[0], operators.count),
-    )
-    M[slip, limits] -= (spread @ J)[slip].toarray()
+    rises = np.repeat(J.toarray(), operators.block, axis=0)[slip]
+    M[slip, limits] -= sets.direction.ravel()[slip, None] * rises
     idle = limits.start + np.flatnonzero(~sets.act)
     M[idle] = 0.0
     M[idle, idle] = 1.0

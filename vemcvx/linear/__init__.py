@@ -1,13 +1,14 @@
 """Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
 
 from vemcvx.linear.default import choose_linear
-from vemcvx.linear.factor import SAMPLES, DenseCholesky, Factor, LinearSolver, Matrix, Scaled
+from vemcvx.linear.factor import SAMPLES, Cycle, DenseCholesky, Factor, LinearSolver, Matrix, Scaled, corrected
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.superlu import SuperLU
 
 __all__ = [
     "SAMPLES",
+    "Cycle",
     "DenseCholesky",
     "Factor",
     "LinearSolver",
@@ -17,4 +18,5 @@ __all__ = [
     "Scaled",
     "SuperLU",
     "choose_linear",
+    "corrected",
 ]

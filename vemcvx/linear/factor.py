@@ -7,19 +7,23 @@ parallel one (PETSc, say) would stand here.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.sparse.linalg import LinearOperator, cg
 
-from vemcvx.arrays import Floats, Ints, power_of_two
+from vemcvx.arrays import Bools, Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
 
 Matrix = Floats | sp.csr_matrix
 """Of a program: dense where it was condensed, sparse where it was not."""
 
+MOST_CORRECTING = 100
+"""Conjugate gradients of a correction: what these have not reached, the next one will."""
 SAMPLES = 8
 """Random forces from which the energy of others is estimated."""
 
@@ -30,11 +34,24 @@ def weighted(size: Floats, compliance: Floats) -> float:
     return unit * (unit * float((size / unit) ** 2 @ compliance))
 
 
+Cycle = Callable[[Floats], Floats]
+"""b (n,) -> an approximation of K^{-1} b, linear, symmetric and positive definite in b."""
+
+
 class Factor(Protocol):
     """A matrix ready to be solved with."""
 
+    @property
+    def cycle(self) -> Cycle | None:
+        """A preconditioner, where solving is iterative, so that less sharp answers take less time; else None."""
+        return None
+
     def solve(self, b: Floats) -> Floats:
         """x with K x = b; (n,) or (n, k)."""
+
+    def rough(self, b: Floats) -> Floats:
+        """K^{-1} b (n,), for sizes: an iterative one is not sharp."""
+        return self.solve(b)
 
     def energy(self, b: Floats) -> float:
         """b'K^{-1}b of a force (n,); if it is solved inexactly a bound from above: certificates rest on it."""
@@ -85,6 +102,14 @@ class Scaled(Factor):
         D = self._D if b.ndim == 1 else self._D[:, None]
         return self._kappa * (self._factor.solve(b / D) / D)
 
+    @property
+    def cycle(self) -> Cycle | None:
+        inner, D, kappa = self._factor.cycle, self._D, self._kappa
+        return None if inner is None else lambda b: kappa * (inner(b / D) / D)
+
+    def rough(self, b: Floats) -> Floats:
+        return self._kappa * (self._factor.rough(b / self._D) / self._D)
+
     def energy(self, b: Floats) -> float:
         return self._kappa * self._factor.energy(b / self._D)
 
@@ -93,6 +118,25 @@ class Scaled(Factor):
         undo = sp.diags_array(1.0 / D)
         plain = sp.csr_matrix(undo @ K_FF @ undo) * self._kappa
         return Scaled(self._factor.within(plain, F), D, self._kappa)
+
+
+def corrected(M: Matrix, x: Floats, b: Floats, free: Bools, *, cycle: Cycle, part: float) -> Floats:
+    """x (n,) changed on the `free` unknowns until b - M x is, there, only `part` of what it was.
+
+    By conjugate gradients on the principal part of M, K up to added stiffness, for which the principal part of K's
+    cycle is a preconditioner, too.
+    """
+
+    def within(v: Floats) -> Floats:
+        return np.where(free, M @ np.where(free, v, 0.0), 0.0)
+
+    def conditioned(v: Floats) -> Floats:
+        return np.where(free, cycle(v), 0.0)
+
+    shape = (len(b), len(b))
+    apply, before = (LinearOperator(shape, matvec=f, dtype=np.float64) for f in (within, conditioned))
+    step, _ = cg(apply, np.where(free, b - M @ x, 0.0), rtol=part, atol=0.0, maxiter=MOST_CORRECTING, M=before)
+    return x + np.where(free, step, 0.0)
 
 
 class LinearSolver(ABC):

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.linear import DenseCholesky, Factor, Matrix, SuperLU
+from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
 from vemcvx.program.rows import Rows
@@ -149,9 +149,18 @@ class Operators(ArrayRecord):
         return self._response(self.D)
 
     def _response(self, rows: sp.csr_matrix) -> Floats:
+        """The diagonal of rows K^{-1} rows'; of an iterative factor an estimate, the largest share of a few."""
+        if self.factor.cycle is not None:
+            return self._sampled(rows)
         dense = rows.toarray()
         response: Floats = np.einsum("ij,ji->i", dense, self.factor.solve(np.ascontiguousarray(dense.T)))
         return response
+
+    def _sampled(self, rows: sp.csr_matrix) -> Floats:
+        """What single unknowns would answer, times the most that some rows answer more than that."""
+        alone: Floats = rows.multiply(rows) @ (1.0 / self.K.diagonal())
+        some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
+        return alone * max((self.factor.energy(rows[i].toarray()[0]) / alone[i] for i in some), default=1.0)
 
     def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Matrix:
         """K + B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""

@@ -219,7 +219,7 @@ class StepProgram(ArrayRecord):
         blur = EPS * (np.abs(self.g) + held + operators.absolute @ size)
         slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(self.b)
         slip_blur = EPS * operators.blocks(slip).sum(axis=1)
-        floor = 0.5 * float(blur @ np.abs(operators.factor.solve(blur))) + float(self.w @ slip_blur)
+        floor = 0.5 * float(blur @ np.abs(operators.factor.rough(blur))) + float(self.w @ slip_blur)
         floor += float(p @ self.excess_blur(d))
         if operators.kernel is not None:
             # A load off balance by so much moves the answer along N, and does work on that motion.

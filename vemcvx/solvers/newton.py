@@ -144,27 +144,38 @@ class _Search:
     @property
     def done(self) -> bool:
         """Sharp enough, at the rounding floor, at the target and no longer improving, or out of iterations."""
-        enough = self.target if self.stationary else FURTHER_GAP * self.target
+        enough = self.target if self.stationary or not self.exact else FURTHER_GAP * self.target
         return self.gap <= enough or self.iterations >= self.max_iterations or self.gap <= self.floor
+
+    @property
+    def exact(self) -> bool:
+        """Whether linear systems are solved to rounding: the same sets then have the same answer."""
+        return self.program.operators.factor.cycle is None
 
     @property
     def words(self) -> str:
         return "converged" if self.gap <= self.target or self.gap <= self.floor else "iteration limit"
 
     def newton(self, point: Iterate, shift: Shifts, patience: int = PATIENCE) -> None:
-        """Active-set steps while one in `patience` halves the best gap and the sets change."""
+        """Active-set steps while one in `patience` halves the best gap and the sets change.
+
+        Those of discs change with every direction: where their answer is sharp enough, nothing more is to be learnt.
+        """
+        converges = self.program.operators.block > 1 or not self.exact
         seen: Sets | None = None
         waited = 0
         while waited < patience and self.iterations < self.max_iterations:
             sets = sets_at(self.program, point, shift)
-            if seen is not None and sets.same(seen):
+            if self.exact and seen is not None and sets.same(seen):
                 self.stationary = True
                 return
             before = self.gap
-            point = answer_on(self.program, sets)
+            point = answer_on(self.program, sets, point)
             self.offer(point, "newton")
             waited = 0 if self.gap <= 0.5 * before else waited + 1
             if waited and self.gap <= self.target:
                 self.stationary = True
+                return
+            if converges and self.done:
                 return
             seen = sets

@@ -121,7 +121,9 @@ class DependentStep:
 
         None if no solution is found, in as many sets as are left of the iterations, or `most` of them.
         """
-        most = 0 if self.norms.slope is None else int(min(self.run.most - spent, most, sys.maxsize))
+        # Iteratively, how each place answers to each other one would take as many solves.
+        known = self.norms.slope is not None and self.run.operators.factor.cycle is None
+        most = int(min(self.run.most - spent, most, sys.maxsize)) if known else 0
         rounds = iter(range(most))
         return self.pose(state.weights).settled(state, self.norms, rounds), most - length_hint(rounds)
 

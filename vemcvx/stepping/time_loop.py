@@ -84,7 +84,8 @@ def march(
     kept = stored_steps(store, steps)
     start = time.perf_counter()
     linear = choose_linear(system.n, linear)
-    with one_thread(len(system.retained) if condense and linear.eliminates else system.n):
+    dense = len(system.retained) if condense else system.n
+    with one_thread(dense if linear.eliminates else 0):
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)

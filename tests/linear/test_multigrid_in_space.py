@@ -1,0 +1,93 @@
+"""Frictional steps in space on multigrid: matrix-free, inexact, certified, and as good as on direct factors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blocks_in_space import block, on_floor
+from scipy.sparse.linalg import cg
+
+import vemcvx as vx
+from vemcvx.program.step_program import StepProgram
+from vemcvx.solvers.sets import INEXACT, Iterate, Sets, answer_on
+from vemcvx.stepping.state import prepare
+from vemcvx.stepping.time_loop import march
+
+pytest.importorskip("pyamg")
+
+TIMES = np.linspace(0.0, 1.0, 7)
+
+
+def turning(t):
+    angle, pull = 2 * np.pi * t, 0.5 * min(1.0, 4 * t)
+    return np.array([pull * np.cos(angle), pull * np.sin(angle), -0.2 * pull])
+
+
+def systems():
+    body = block(6)
+    return {
+        "bilateral": on_floor(body, turning, bound=0.2),
+        "one-sided": on_floor(body, lambda t: turning(t) - [0, 0, min(1.0, 4 * t)], contact="unilateral", bound=0.1),
+    }
+
+
+@pytest.mark.parametrize("name", ["bilateral", "one-sided"])
+def test_steps_on_multigrid_are_those_of_direct_factors(name):
+    """Within both certificates, sticking the same terms; most of them stick and slip at some instant."""
+    system = systems()[name]
+    direct, iterative = (march(system, TIMES, linear=linear) for linear in (vx.SuperLU(), vx.Multigrid()))
+    assert iterative.certificate.max() <= 1e-8
+    apart = iterative.state - direct.state
+    distance = np.sqrt(np.maximum(np.einsum("si,si->s", apart, (system.K @ apart.T).T), 0.0))
+    claimed = iterative.certificate_total + direct.certificate_total
+    claimed = claimed + iterative.certificate_floor + direct.certificate_floor
+    assert (distance <= claimed * direct.scale).all()
+    assert np.array_equal(iterative.sticking, direct.sticking)
+    assert 0.2 < direct.sticking[1:].mean() < 0.8
+
+
+def test_linear_systems_are_solved_no_more_sharply_than_sets_are_known(monkeypatch):
+    """Two thirds, at most, of the conjugate gradients that it would take to solve each of them to rounding."""
+    counted = []
+
+    def counting(*args, **kwargs):
+        counted.append(0)
+        return cg(*args, **kwargs, callback=lambda x: counted.__setitem__(-1, counted[-1] + 1))
+
+    system = systems()["bilateral"]
+    factor = vx.Multigrid().factorise(system.K, system.near_kernel)
+    monkeypatch.setattr("vemcvx.linear.multigrid.cg", counting)
+    factor.solve(system.force(1.0))
+    once = counted.pop()
+    monkeypatch.setattr("vemcvx.linear.multigrid.cg", cg)
+    monkeypatch.setattr("vemcvx.linear.factor.cg", counting)
+    history = march(system, TIMES, linear=vx.Multigrid())
+    assert len(counted) == history.iterations.sum() > 4 * (len(TIMES) - 1)
+    assert sum(counted) < 2 / 3 * once * len(counted)
+
+
+def test_stiffness_that_is_added_is_in_the_preconditioner():
+    """Slips so small that their curvature is a hundred times K: every correction gains its digits nevertheless."""
+    operators = prepare(systems()["bilateral"], vx.Newton(), True, True, vx.Multigrid()).scaling.operators
+    m, n = operators.count, operators.K.shape[0]
+    program = StepProgram(operators, operators.K @ np.cos(np.arange(n)), np.full(m, 1.0), np.zeros(2 * m))
+    slipping = Sets(np.zeros(m, dtype=bool), np.tile([0.6, 0.8], (m, 1)), np.full(m, 300.0), np.zeros(0, dtype=bool))
+    exact = answer_on(program, slipping).d
+    near = Iterate(np.zeros(n), np.zeros((m, 2)), np.zeros(0))
+    errors = []
+    for _ in range(6):
+        near = answer_on(program, slipping, near)
+        errors.append(np.sqrt((near.d - exact) @ (operators.K @ (near.d - exact))))
+    # The residual of every one is INEXACT of the one before, in another norm.
+    assert errors[-1] < (3 * INEXACT) ** 5 * errors[0]
+
+
+def test_flexibilities_are_estimated_by_a_few():
+    """Of iterative factors: from above where looked at, hence nowhere far below."""
+    system = systems()["bilateral"]
+    exact, estimate = (
+        prepare(system, vx.Newton(), True, True, linear).operators.norm_flexibility
+        for linear in (vx.SuperLU(), vx.Multigrid())
+    )
+    assert (estimate > 0.5 * exact).all()
+    assert (estimate < 4.0 * exact).all()

@@ -1,0 +1,127 @@
+"""A block on a rough floor in space, as a System of matrices: scikit-fem's hexahedra or tetrahedra, no mesh of ours.
+
+The block (0, 1)^3 stands on its face z = 0, in bilateral or one-sided contact with friction of Tresca or Coulomb; its
+top is pulled by a traction that may turn, or it is held on the face x = 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+from skfem.helpers import ddot, dot, sym_grad, trace
+
+import vemcvx as vx
+
+
+@skfem.BilinearForm
+def elastic(u, v, w):
+    return w.lam * trace(sym_grad(u)) * trace(sym_grad(v)) + 2 * w.mu * ddot(sym_grad(u), sym_grad(v))
+
+
+@skfem.LinearForm
+def pulled(v, w):
+    return dot(w.force, v)
+
+
+@skfem.LinearForm
+def share(v, w):
+    return v
+
+
+@dataclass(frozen=True)
+class Block:
+    """K of all (n_nodes, 3) displacements, loads of unit tractions on the top, and int phi_i over the floor."""
+
+    points: np.ndarray
+    K: sp.csr_matrix
+    top: np.ndarray
+    """(3, 3 n_nodes) the load of a unit traction on z = 1, along each axis"""
+    floor: np.ndarray
+    """nodes on z = 0"""
+    shares: np.ndarray
+    """(n_nodes,) int phi_i over z = 0"""
+
+
+@cache
+def block(n, cells="hexahedra", lam=1.0, mu=1.0):
+    """The block with n cells along each edge."""
+    line = np.linspace(0.0, 1.0, n + 1)
+    kind, linear = {
+        "hexahedra": (skfem.MeshHex, skfem.ElementHex1()),
+        "tetrahedra": (skfem.MeshTet, skfem.ElementTetP1()),
+    }[cells]
+    mesh = kind.init_tensor(line, line, line)
+    element = skfem.ElementVector(linear)
+    K = sp.csr_matrix(elastic.assemble(skfem.Basis(mesh, element), lam=lam, mu=mu))
+    top = skfem.FacetBasis(mesh, element, facets=mesh.facets_satisfying(lambda x: np.isclose(x[2], 1.0)))
+    under = skfem.FacetBasis(mesh, linear, facets=mesh.facets_satisfying(lambda x: np.isclose(x[2], 0.0)))
+    unit = np.eye(3)
+    loads = np.array([pulled.assemble(top, force=np.einsum("i,kq->ikq", e, np.ones(top.dx.shape))) for e in unit])
+    points = mesh.p.T.copy()
+    return Block(points, K, loads, np.flatnonzero(points[:, 2] == 0.0), share.assemble(under))
+
+
+def on_floor(
+    body, traction, *, bound=1.0, contact="bilateral", coefficient=None, held=True, gap=0.0, frames=None, ground=None
+):
+    """The System of the block on its floor.
+
+    Parameters
+    ----------
+    traction : callable t -> (3,)
+        On the top.
+    bound : float
+        Tresca's, a force per area.
+    contact : "bilateral" or "unilateral"
+    coefficient : float, optional
+        Coulomb's, in place of the bound.
+    held : bool
+        Whether the face x = 1 is clamped.
+    frames : (m,) angles, optional
+        By which the tangential frames are turned.
+    """
+    n = len(body.points)
+    fixed = np.zeros((n, 3), dtype=bool)
+    if held:
+        fixed[body.points[:, 0] == 1.0] = True
+    if contact == "bilateral":
+        fixed[body.floor, 2] = True
+    free = np.flatnonzero(~fixed.ravel())
+    number = np.full(3 * n, -1)
+    number[free] = np.arange(len(free))
+    nodes = body.floor[~fixed[body.floor, 0]]
+    angle = np.zeros(len(nodes)) if frames is None else frames
+    m = len(nodes)
+    rows = np.repeat(np.arange(2 * m), 2)
+    columns = np.repeat(np.column_stack([number[3 * nodes], number[3 * nodes + 1]])[:, None], 2, axis=1).ravel()
+    turn = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], axis=1).ravel()
+    keep = turn != 0
+    B = sp.csr_matrix((turn[keep], (rows[keep], columns[keep])), shape=(2 * m, len(free)))
+    K = sp.csr_matrix(body.K[free][:, free])
+    loads = body.top[:, free]
+    weights = body.shares[nodes]
+    limits = None
+    norms = vx.Norms(B, bound * weights, block=2, ground=ground)
+    if contact == "unilateral":
+        D = sp.csr_matrix((-np.ones(m), (np.arange(m), number[3 * nodes + 2])), shape=(m, len(free)))
+        limits = vx.Limits(D, np.full(m, gap))
+        if coefficient is not None:
+            norms = vx.Norms(
+                B,
+                np.zeros(m),
+                block=2,
+                law=lambda t, p: coefficient * p,
+                slope=lambda t, p: sp.csr_matrix(coefficient * sp.eye_array(m)),
+            )
+    x = body.points - 0.5
+    rigid = np.zeros((n, 3, 6))
+    rigid[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
+        rigid[:, i, 3 + k], rigid[:, j, 3 + k] = -x[:, j], x[:, i]
+    return vx.System(
+        K, lambda t: np.asarray(traction(t)) @ loads, norms, limits=limits, near_kernel=rigid.reshape(3 * n, 6)[free]
+    )

@@ -172,3 +172,24 @@ def test_dashpots_and_dragging_together(family):
     assert (np.diff(history.dissipated - rubbed) >= -1e-13).all()
     rest = history.work - (history.energy - history.energy[0]) - history.dissipated
     assert (np.diff(rest) >= -1e-12 * history.work.max()).all()
+
+
+@pytest.mark.parametrize(("lift", "gap", "touches"), [(0.02, 0.0, False), (0.0, 0.0, True), (-0.02, 0.03, False)])
+def test_a_node_that_supports_lift_off_is_open(lift, gap, touches):
+    """How far it is from the obstacle is known, though nothing can be told of what presses there."""
+
+    def moved(x, t):
+        return np.tile([0.01 * t, lift * t], (len(x), 1))
+
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.3),
+        vx.PrescribedDisplacement(moved, on="left"),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.01 * t, -0.05 * t], (len(x), 1)), on="right"),
+        vx.UnilateralContact(on="bottom", gap=gap),
+        vx.TrescaFriction(0.1, on="bottom", while_closed=False),
+    )
+    contact = vx.simulate(scene, vx.meshes.squares(3), [0.0, 1.0]).contact
+    corner = int(np.flatnonzero(contact.points[:, 0] == 0.0)[0])
+    assert contact.closed[-1, corner] == touches
+    assert contact.closed[-1, np.flatnonzero(contact.points[:, 0] == 1.0)].all()
+    assert contact.open_count[-1] == (~contact.closed[-1]).sum()

@@ -212,16 +212,18 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
 
 def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     """Whether each node touches its obstacle, (S, m); true where nothing can open."""
-    obstacles, surface = posed.obstacles, posed.surface
-    closed = np.ones((len(u), len(surface.nodes)), dtype=bool)
-    if obstacles is None:
-        return closed
-    at = surface.jumps.find(obstacles.jumps)
-    stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
-    closed[:, at] = False
-    for row, n in enumerate(trajectory.stored):
-        gap, move = obstacles.gap(float(trajectory.times[n])), obstacles.rows @ u[row].ravel()
-        blur = 8 * EPS * (np.abs(gap) + np.abs(move).max(initial=0.0))
-        touches = trajectory.pressures[row] + stiffness * (move - gap + blur) >= 0
-        np.logical_or.at(closed[row], at, touches)
+    closed = np.ones((len(u), len(posed.surface.nodes)), dtype=bool)
+    met = [] if posed.obstacles is None else [(posed.obstacles, trajectory.pressures)]
+    if posed.obstacles is not None and posed.obstacles.prescribed is not None:
+        met.append((posed.obstacles.prescribed, np.zeros((len(u), len(posed.obstacles.prescribed.nodes)))))
+    places = [posed.surface.jumps.find(obstacles.jumps) for obstacles, _ in met]
+    for at in places:
+        closed[:, at[at >= 0]] = False
+    for (obstacles, p), at in zip(met, places, strict=True):
+        stiffness = np.asarray((obstacles.rows @ posed.A).multiply(obstacles.rows).sum(axis=1)).ravel()
+        for row, n in enumerate(trajectory.stored):
+            gap, move = obstacles.gap(float(trajectory.times[n])), obstacles.rows @ u[row].ravel()
+            blur = 8 * EPS * (np.abs(gap) + np.abs(move).max(initial=0.0))
+            touches = p[row] + stiffness * (move - gap + blur) >= 0
+            np.logical_or.at(closed[row], at[at >= 0], touches[at >= 0])
     return closed

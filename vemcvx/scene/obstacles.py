@@ -7,7 +7,7 @@ their edges; compliant obstacles each act with a force of their own.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -40,6 +40,8 @@ class Obstacles:
     """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.edges`"""
     subjects: tuple[str, ...] = ()
     """whose they are, in words"""
+    prescribed: Obstacles | None = None
+    """those that supports alone move nodes towards or away from: no limits, but whether they are met is known"""
 
     @property
     def nodes(self) -> Ints:
@@ -66,24 +68,28 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
     compliance = np.concatenate([o.compliance for o in obstacles])
     first, limit = _limits(jumps, normals, compliance)
     rows = normal_rows(jumps[first], normals[first], points)
-    moves = np.flatnonzero(np.diff(on_free(rows, supports).indptr) > 0)
+    moves = np.diff(on_free(rows, supports).indptr) > 0
+    ends = united(ends, limit)
 
-    def gap(t: float) -> Floats:
-        nearest = np.full(len(first), np.inf)
-        np.minimum.at(nearest, limit, np.concatenate([o.gap(t) for o in obstacles]))
-        return nearest[moves]
+    def those(chosen: Ints) -> Obstacles:
+        def gap(t: float) -> Floats:
+            nearest = np.full(len(first), np.inf)
+            np.minimum.at(nearest, limit, np.concatenate([o.gap(t) for o in obstacles]))
+            return nearest[chosen]
 
-    ends, kept = united(ends, limit)[moves], first[moves]
-    return Obstacles(
-        rows=sp.csr_matrix(rows[moves]),
-        jumps=jumps[kept],
-        normals=normals[kept],
-        lengths=lengths_of(ends),
-        compliance=compliance[kept],
-        gap=gap,
-        ends=ends,
-        subjects=tuple(o.subject for o in obstacles),
-    )
+        kept = first[chosen]
+        return Obstacles(
+            rows=sp.csr_matrix(rows[chosen]),
+            jumps=jumps[kept],
+            normals=normals[kept],
+            lengths=lengths_of(ends[chosen]),
+            compliance=compliance[kept],
+            gap=gap,
+            ends=ends[chosen],
+            subjects=tuple(o.subject for o in obstacles),
+        )
+
+    return replace(those(np.flatnonzero(moves)), prescribed=those(np.flatnonzero(~moves)))
 
 
 def _limits(jumps: Jumps, normals: Floats, compliance: Floats) -> tuple[Ints, Ints]:

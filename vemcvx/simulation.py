@@ -16,7 +16,7 @@ from vemcvx.arrays import Floats, brief, shaped
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.from_march import record
 from vemcvx.results.programs import with_origin
@@ -33,7 +33,7 @@ OFF_SUPPORT = 1e-9
 
 def simulate(
     scene: Scene,
-    mesh: PolygonMesh,
+    mesh: AnyMesh,
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
@@ -51,12 +51,12 @@ def simulate(
     Parameters
     ----------
     scene : Scene
-    mesh : PolygonMesh
+    mesh : PolygonMesh or PolyhedralMesh
     times : increasing sequence of instants
         times[0] is the initial instant; data are evaluated at each of the others.
     solver : Solver, or object with solve(program, target), optional
         By default Direct for programs without friction and one-sided contact, else Newton.
-    initial : None, (n_nodes, 2) array, "equilibrium" or "settled"
+    initial : None, (n_nodes, dim) array, "equilibrium" or "settled"
         The displacement at times[0]: zero; the array; the equilibrium a(u_0, .) = l(0) without friction; the result of
         one step from zero.
     store : "all", "last", int n or sequence of int
@@ -124,7 +124,7 @@ def simulate(
 
 def programs(
     scene: Scene,
-    mesh: PolygonMesh,
+    mesh: AnyMesh,
     times: ArrayLike,
     *,
     solver: Solver | Solves | None = None,
@@ -182,7 +182,7 @@ def check_kinds(scene: object, mesh: object) -> None:
     """Raise SceneError unless these are a scene and a mesh, in this order."""
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: found {brief(scene)} where the scene goes; give a Scene(...), then a mesh.")
-    if not isinstance(mesh, PolygonMesh):
+    if not isinstance(mesh, (PolygonMesh, PolyhedralMesh)):
         raise SceneError(
             f"simulate: found {brief(mesh)} where the mesh goes; give a PolygonMesh, such as vemcvx.meshes.squares(16)."
         )

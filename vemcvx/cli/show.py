@@ -11,7 +11,7 @@ from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.said import say_words
 from vemcvx.effects import Effect
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
@@ -39,7 +39,7 @@ def mesh_name(problem: Problem, family: str | None, n: int) -> str:
     return name if is_file(name) else f"{name}, n = {n}"
 
 
-def scene_in_words(scene: Scene, mesh: PolygonMesh, times: Floats, name: str) -> list[tuple[str, str]]:
+def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
     """The scene as rows of a name and words; data are looked at, whether they are zero, at these instants."""
     posed = pose_scene(scene, mesh, times.tolist())
     seen = Condensation(posed.system)

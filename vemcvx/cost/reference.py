@@ -30,6 +30,7 @@ from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.history import History
+from vemcvx.meshes import plane_mesh
 from vemcvx.results.io.archive import read_archive, write_archive
 from vemcvx.simulation import simulate
 
@@ -203,7 +204,7 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
     found = []
     for u, t in zip(ran.displacement, reference.instants, strict=True):
         row = int(np.argmin(np.abs(fine.times - t)))
-        there = Field(fine.mesh, fine.displacement[row], fine.moduli, float(fine.times[row]))
+        there = Field(plane_mesh(fine.mesh, "cost"), fine.displacement[row], fine.moduli, float(fine.times[row]))
         found.append(energy_distance(Field(ran.mesh, u, ran.moduli, t), there, common=reference.common))
     scale, apart = max(one.reference for one in found), max(one.moduli_apart for one in found)
     if scale == 0.0:

@@ -21,7 +21,7 @@ from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures.field import step_at
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.results.io.summary import finite_or_none, peak_memory_mb
 from vemcvx.simulation import simulate
 
@@ -80,7 +80,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }
-    return Ran(history.mesh, history.displacement[rows], history.moduli, found)
+    return Ran(plane_mesh(history.mesh, "cost"), history.displacement[rows], history.moduli, found)
 
 
 def _warm_up(recipe: Recipe, point: Point) -> None:

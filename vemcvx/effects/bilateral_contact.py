@@ -41,4 +41,3 @@ class BilateralContact(Effect):
 
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"
-

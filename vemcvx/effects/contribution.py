@@ -210,14 +210,14 @@ class Material:
     """(2, n_cells) Lame's lam, already reduced in plane stress, and mu; or (6, n_cells), the upper triangle of the
     elastic matrix row by row: see :mod:`vemcvx.vem.hooke`"""
     thermal_stress_moduli: Floats
-    """(n_cells, 3) stress that holds back a unit strain in all three directions of space, with a minus sign"""
+    """(n_cells, components) stress that holds back a unit strain in all directions of space, with a minus sign"""
     plane: str
-    """plane "strain" or "stress"; one for the whole body"""
+    """plane "strain", as in space, or "stress"; one for the whole body"""
     cells: Bools | None = None
     """(n_cells,) which cells; None means all"""
     out_of_plane: Floats | None = None
     """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
-    eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say"""
+    eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
     stabilisation: Floats | None = None
     """(n_cells,) tau, by which the stiffness weighs what Pi misses; None means :func:`vemcvx.vem.softest_shear`"""
 
@@ -242,7 +242,7 @@ class InitialStress:
 
     subject: str
     value: Callable[[float], Floats]
-    """t -> (n_cells, 3): xx, yy, xy"""
+    """t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz"""
 
 
 @dataclass(frozen=True)

@@ -82,8 +82,8 @@ class CoulombFriction(Effect):
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
             given=(
-                *((Given(subject, "bound", under, part.edges),) if varies(self.coefficient, self.cap) else ()),
-                *(() if ground is None else (ground.given(part.edges),)),
+                *((Given(subject, "bound", under, part.sides),) if varies(self.coefficient, self.cap) else ()),
+                *(() if ground is None else (ground.given(part.sides),)),
             ),
         )
 

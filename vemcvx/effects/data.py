@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import called
 from vemcvx.arrays import Floats, Ints, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
+from vemcvx.vem import component_names
 
 Datum = ArrayLike | Callable[[Floats, float], ArrayLike]
 """A constant, or f(x, t)."""
@@ -46,9 +47,10 @@ def vector(value: Datum, x: Floats, t: float, subject: str) -> Floats:
 
 
 def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
-    """Values (m, 3) of a symmetric tensor (xx, yy, xy) at the points `x` (m, dim) and the instant `t`."""
-    shape = (len(x), 3)
-    wanted = f"3 components (xx, yy, xy), or an array {shape}, one row a point"
+    """Values (m, components) of a symmetric tensor at the points `x` (m, dim) and the instant `t`."""
+    names = component_names(x.shape[1])
+    shape = (len(x), len(names))
+    wanted = f"{len(names)} components ({', '.join(names)}), or an array {shape}, one row a point"
     return _shaped(_call(value, (x, t), "x, t", subject), shape, subject, wanted, _place(x, t))
 
 
@@ -83,12 +85,12 @@ def varies(*values: Datum | Constant | None) -> bool:
 class InCells:
     """Points (k, dim) of cells (k,) at which material constants are read: the centroids, or others."""
 
-    mesh: PolygonMesh
+    mesh: AnyMesh
     x: Floats
     cells: Ints
 
     @classmethod
-    def centroids(cls, mesh: PolygonMesh) -> InCells:
+    def centroids(cls, mesh: AnyMesh) -> InCells:
         """One point a cell."""
         return cls(mesh, mesh.centroids, np.arange(mesh.n_cells))
 

@@ -5,7 +5,7 @@ They add
     int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds
 
 to a(u, v). Traces are linear on edges and two Gauss points an edge integrate their products exactly (the P1 mass
-matrix of the edge) for constant and affine k.
+matrix of the edge) for constant and affine k; likewise on faces of polyhedra, where traces are piecewise linear.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
-from vemcvx.vem import BoundaryPart, Space
+from vemcvx.vem import SideRule, Space
 
 GAUSS = 2
 
@@ -48,25 +48,29 @@ class ElasticFoundation(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "ElasticFoundation")
-        points, shares = part.gauss(GAUSS)
-        n, dim = part.normals, part.normals.shape[1]
-        across = n[:, :, None] * n[:, None, :]
-        along = np.eye(dim) - across
-        ends = shares / shares.sum(axis=1, keepdims=True)
-        blocks = np.zeros((len(part.edges), 2, dim, 2, dim))
-        for name, direction in (("normal", across), ("tangential", along)):
-            k = self._stiffness(name, points.reshape(-1, dim)).reshape(-1, GAUSS)
-            mass = np.einsum("eiq,ejq,eq->eij", shares, ends, k)
-            # The product above rounds (i, j) and (j, i) differently.
-            mass = 0.5 * (mass + mass.transpose(0, 2, 1))
-            blocks += mass[:, :, None, :, None] * direction[:, None, :, None, :]
+        springs = [_spread(self._of_sides(rule, part.normals[rule.sides]), rule, space) for rule in part.rules(GAUSS)]
 
         def at(x: Floats) -> Floats:
             return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])
 
         subject = f"ElasticFoundation on {where(self.on)}"
-        given = (Given(subject, "foundation", at, part.edges),) if data.varies(self.normal, self.tangential) else ()
-        return Contribution(stiffness=_assembled(blocks, part, space.n_unknowns), given=given)
+        given = (Given(subject, "foundation", at, part.sides),) if data.varies(self.normal, self.tangential) else ()
+        return Contribution(stiffness=sp.csr_matrix(sum(springs[1:], start=springs[0])), given=given)
+
+    def _of_sides(self, rule: SideRule, n: Floats) -> Floats:
+        """The matrices (m, n, dim, n, dim) of sides with these normals (m, dim), symmetric to the bit."""
+        (m, count, q), dim = rule.shares.shape, n.shape[1]
+        across = n[:, :, None] * n[:, None, :]
+        along = np.eye(dim) - across
+        ends = rule.shares / rule.shares.sum(axis=1, keepdims=True)
+        blocks = np.zeros((m, count, dim, count, dim))
+        for name, direction in (("normal", across), ("tangential", along)):
+            k = self._stiffness(name, rule.points.reshape(-1, dim)).reshape(m, q)
+            mass = np.einsum("eiq,ejq,eq->eij", rule.shares, ends, k)
+            # The product above rounds (i, j) and (j, i) differently.
+            mass = 0.5 * (mass + mass.transpose(0, 2, 1))
+            blocks += mass[:, :, None, :, None] * direction[:, None, :, None, :]
+        return blocks
 
     def describe(self) -> str:
         return (
@@ -83,10 +87,10 @@ class ElasticFoundation(Effect):
         return k
 
 
-def _assembled(blocks: Floats, part: BoundaryPart, n: int) -> sp.csr_matrix:
-    """Sum of the edges' matrices (m, 2, dim, 2, dim) over all nodal values, symmetric to the bit."""
-    dim = blocks.shape[2]
-    unknowns = part.edges[:, :, None] * dim + np.arange(dim)
+def _spread(blocks: Floats, rule: SideRule, space: Space) -> sp.csr_matrix:
+    """Sum of the sides' matrices (m, n, dim, n, dim) over all nodal values, symmetric to the bit."""
+    dim, n = blocks.shape[2], space.n_unknowns
+    unknowns = rule.nodes[:, :, None] * dim + np.arange(dim)
     rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape)
     columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape)
     return sp.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)).tocsr()

@@ -63,7 +63,7 @@ class NormalCompliance(Effect):
 
         compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
         made = obstacle(space, rows, subject, self.gap, compliance)
-        given = Given(subject, "spring", spring, part.edges)
+        given = Given(subject, "spring", spring, part.sides)
         return replace(made, given=(given,) if data.varies(self.stiffness, self.gap) else ())
 
     def describe(self) -> str:

@@ -59,6 +59,7 @@ class Orthotropic(MaterialLaw):
     on: str | Sequence[str] | None = None
 
     def contribute(self, space: Space) -> Contribution:
+        space.require_plane("Orthotropic", "take Elasticity, or an effect of your own with a stiffness")
         choice(self.plane, "Orthotropic", "plane", PLANES)
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)

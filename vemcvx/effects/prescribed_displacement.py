@@ -12,7 +12,7 @@ from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Given, Support
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
-from vemcvx.vem import BoundaryPart, Space
+from vemcvx.vem import Part, Space
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,13 @@ class PrescribedDisplacement(Effect):
     Parameters
     ----------
     value : constant or callable
-        With ``direction=None`` the whole vector, (2,) or f(x, t) -> (m, 2), in units of length; otherwise
+        With ``direction=None`` the whole vector, (dim,) or f(x, t) -> (m, dim), in units of length; otherwise
         the one component u . direction, a number or f(x, t) -> (m,).
     on : str or sequence of str
         Boundary names.
-    direction : None, (2,) vector, "normal" or "tangent"
-        "normal" is outward; "tangent" is the normal turned by +90 degrees, so that the body lies on its left.
-        A vector is normalised. At a corner of `on` both normals (tangents) are prescribed.
+    direction : None, (dim,) vector, "normal" or "tangent"
+        "normal" is outward; "tangent" is, in the plane, the normal turned by +90 degrees, so that the body lies on its
+        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed.
     """
 
     value: data.Datum
@@ -43,7 +43,7 @@ class PrescribedDisplacement(Effect):
         if self.direction is None:
             whole = self._whole(part.nodes, space.mesh.points[part.nodes], subject)
             return Contribution(supports=(whole,), given=self._given(part, data.vector, subject))
-        nodes, directions = self._rows(part, subject)
+        nodes, directions = self._rows(part, space, subject)
         points = space.mesh.points[nodes]
 
         def value(t: float) -> Floats:
@@ -52,11 +52,11 @@ class PrescribedDisplacement(Effect):
         support = Support(subject, nodes, directions, points, value)
         return Contribution(supports=(support,), given=self._given(part, data.scalar, subject))
 
-    def _given(self, part: BoundaryPart, read: Callable[..., Floats], subject: str) -> tuple[Given, ...]:
+    def _given(self, part: Part, read: Callable[..., Floats], subject: str) -> tuple[Given, ...]:
         def at(x: Floats, t: float) -> Floats:
             return read(self.value, x, t, subject)
 
-        return (Given(subject, "displacement", at, part.edges),) if data.varies(self.value) else ()
+        return (Given(subject, "displacement", at, part.sides),) if data.varies(self.value) else ()
 
     def describe(self) -> str:
         held = "" if self.direction is None else f" along {self.direction}"
@@ -71,12 +71,13 @@ class PrescribedDisplacement(Effect):
         repeated = np.repeat(nodes, dim)
         return Support(subject, repeated, np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0), value)
 
-    def _rows(self, part: BoundaryPart, subject: str) -> tuple[Ints, Floats]:
+    def _rows(self, part: Part, space: Space, subject: str) -> tuple[Ints, Floats]:
         if isinstance(self.direction, str):
             rows = part.node_normals
             if self.direction == "normal":
                 return rows.nodes, rows.normals
             if self.direction == "tangent":
+                space.require_plane(f"{subject}: direction 'tangent'", "give a vector along the boundary")
                 return rows.nodes, rows.tangents
             raise SceneError(
                 f"{subject}: found direction {self.direction!r}; there are 'normal', 'tangent', a vector, "

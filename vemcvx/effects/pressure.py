@@ -1,6 +1,6 @@
 """A pressure p on a part of the boundary: sigma n = -p n, the traction f_2 = -p n of (3.4).
 
-n is the outward normal of the undeformed edge: the pressure does not follow the body (small displacements).
+n is the outward normal of the undeformed edge or face: the pressure does not follow the body (small displacements).
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ import scipy.sparse as sp
 from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.vem import Space, edge_load
+from vemcvx.vem import Space, edge_load, loaded_sides
 
 
 @dataclass(frozen=True)
 class Pressure(Effect):
-    """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p on every edge, as of Traction.
+    """Pressure on a part of the boundary: the load -int p n . v ds, exact for affine p, as of Traction.
 
     Parameters
     ----------
     value : number, or callable f(x, t) -> (m,)
-        p, force per length (and unit thickness), evaluated at t_n; compression positive, suction negative.
+        p, force per length (and unit thickness), in space per area, evaluated at t_n; compression positive, suction
+        negative.
     on : str or sequence of str
         Boundary names; at a corner the pressure acts on each side along its own normal.
     """
@@ -35,12 +36,11 @@ class Pressure(Effect):
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "Pressure")
         points, matrix = edge_load(space, part)
-        q, dim = points.shape
-        each = q // len(part.edges)
-        normals = np.repeat(part.normals, each, axis=0)
+        (q, dim), side = points.shape, loaded_sides(part)
+        normals = part.normals[side]
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
         subject = f"Pressure on {where(self.on)}"
-        load = Load(subject, points, matrix @ inward, self.value, edges=np.repeat(part.edges, each, axis=0))
+        load = Load(subject, points, matrix @ inward, self.value, edges=part.sides[side])
         return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:

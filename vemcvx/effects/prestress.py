@@ -27,7 +27,7 @@ class Prestress(Effect):
     Parameters
     ----------
     stress : (3,) constant, or callable f(x, t) -> (m, 3)
-        xx, yy, xy, force per area, tension positive, at centroids and t_n.
+        xx, yy, xy, in space (6,): xx, yy, zz, xy, yz, xz; force per area, tension positive, at centroids and t_n.
     """
 
     stress: data.Datum

@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.vem import Space, edge_load
+from vemcvx.vem import Space, edge_load, loaded_sides
 
 
 @dataclass(frozen=True)
 class Traction(Effect):
-    """Surface force per unit length (and unit thickness): the load int f_2 . v ds, exact for affine f_2 on every edge.
+    """Surface force per length (and unit thickness), in space per area: the load int f_2 . v ds, exact for affine f_2.
 
     Parameters
     ----------
-    force : (2,) constant, or callable f(x, t) -> (m, 2)
-        Cartesian components, force per length, evaluated at t_n.
+    force : (dim,) constant, or callable f(x, t) -> (m, dim)
+        Cartesian components, force per length (area), evaluated at t_n.
     on : str or sequence of str
         Boundary names.
     """
@@ -31,8 +29,7 @@ class Traction(Effect):
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "Traction")
         points, matrix = edge_load(space, part)
-        edges = np.repeat(part.edges, len(points) // len(part.edges), axis=0)
-        load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=edges)
+        load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=part.sides[loaded_sides(part)])
         return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:

@@ -30,8 +30,7 @@ from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, 
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
-from vemcvx.vem import Space
-from vemcvx.vem.boundary import BoundaryRows
+from vemcvx.vem import BoundaryRows, Space
 
 QUADRATURES = ("nodes", "integral")
 BACKWARD = "backward bound"
@@ -100,7 +99,7 @@ class TrescaFriction(Effect):
     Parameters
     ----------
     bound : number, or callable f(x, t) -> (m,)
-        g >= 0, force per length (and unit thickness), evaluated at t_n.
+        g >= 0, force per length (and unit thickness), in space per area, evaluated at t_n.
     on : str or sequence of str
         Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
         and n the outward normal of the first.
@@ -109,7 +108,7 @@ class TrescaFriction(Effect):
     backward : number, or callable f(x, t) -> (m,), optional
         The bound against slip in the other direction, if it differs (scales, ratchets, brushed fibres); >= 0, force per
         length. `bound` then limits friction against slip forward, along the boundary with the body on the left (on a
-        floor, to the right), and `backward` against slip the other way.
+        floor, to the right), and `backward` against slip the other way. In the plane only.
     while_closed : bool, optional
         True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
         CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
@@ -135,6 +134,8 @@ class TrescaFriction(Effect):
             raise SceneError(
                 f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
             )
+        if self.backward is not None:
+            space.require_plane(f"{subject}: backward=", "tangents in space have no two directions; leave it out")
         part = space.part(self.on, "TrescaFriction", contact=True)
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
@@ -161,8 +162,8 @@ class TrescaFriction(Effect):
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
             given=(
-                *((Given(subject, "bound", given, part.edges),) if varies(self.bound, self.backward) else ()),
-                *(() if ground is None else (ground.given(part.edges),)),
+                *((Given(subject, "bound", given, part.sides),) if varies(self.bound, self.backward) else ()),
+                *(() if ground is None else (ground.given(part.sides),)),
             ),
         )
 

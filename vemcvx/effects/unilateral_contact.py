@@ -44,7 +44,7 @@ class UnilateralContact(Effect):
         part = space.part(self.on, "UnilateralContact", contact=True)
         rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
         made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
-        given = Given(subject, "gap", partial(distance, self.gap, subject), part.edges)
+        given = Given(subject, "gap", partial(distance, self.gap, subject), part.sides)
         return replace(made, given=(given,) if data.varies(self.gap) else ())
 
     def describe(self) -> str:

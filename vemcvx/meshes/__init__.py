@@ -3,6 +3,7 @@
 In space: polyhedral meshes, and families of meshes of a box.
 """
 
+from vemcvx.meshes.any_mesh import AnyMesh, plane_mesh
 from vemcvx.meshes.families.cubes import cubes
 from vemcvx.meshes.families.distorted import distorted
 from vemcvx.meshes.families.hanging import hanging
@@ -42,6 +43,7 @@ SPACE_FAMILIES = {
 __all__ = [
     "FAMILIES",
     "SPACE_FAMILIES",
+    "AnyMesh",
     "Interface",
     "PolygonMesh",
     "PolyhedralMesh",
@@ -55,6 +57,7 @@ __all__ = [
     "kelvin",
     "l_shape",
     "nonconvex",
+    "plane_mesh",
     "prisms",
     "read",
     "refinement",

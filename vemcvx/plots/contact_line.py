@@ -12,6 +12,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import HistoryError
+from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.results.results import Results
 
@@ -77,6 +78,7 @@ def apart(history: Results, line: ContactLine) -> Bools:
 def contact_line(history: Results, picture: str) -> ContactLine:
     """The contact nodes of a history laid out, or HistoryError if there are none."""
     contact = history.contact
+    plane_mesh(history.mesh, picture)
     if len(contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     edges = _edges(history)

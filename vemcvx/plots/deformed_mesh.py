@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import axes_or_new, draw_arrows, figure_of, legend_below
+from vemcvx.meshes import plane_mesh
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
 from vemcvx.plots.scale import common_magnification, extent, value_range
@@ -58,7 +59,7 @@ def deformed_mesh(
         Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
         the friction forces per length on the body at contact nodes.
     """
-    row, mesh = history.row(step), history.mesh
+    row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh")
     factor = common_magnification(history, _size(history), magnify)
     u = history.displacement[row]
     ax = axes_or_new(ax, *size_of_page(history))
@@ -90,7 +91,7 @@ def _largest_mean(history: Results) -> float:
 
 def cell_means(history: Results, at_nodes: Floats) -> Floats:
     """(n_cells,) means of nodal values (n_nodes,) over the vertices of each cell."""
-    mesh = history.mesh
+    mesh = plane_mesh(history.mesh, "deformed_mesh")
     return np.add.reduceat(at_nodes[mesh.vertices], mesh.offsets[:-1]) / np.diff(mesh.offsets)
 
 

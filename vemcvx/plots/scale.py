@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, brief
 from vemcvx.errors import HistoryError
+from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.topology import directed_edges
 from vemcvx.results.results import Results
 
@@ -53,7 +54,7 @@ def _positive(raw: object) -> float:
 
 def _stretch(history: Results) -> float:
     """How far ends of edges move apart, or around each other, as a part of the edge's length."""
-    mesh = history.mesh
+    mesh = plane_mesh(history.mesh, "plots")
     ends = np.unique(np.sort(directed_edges(mesh.offsets, mesh.vertices), axis=1), axis=0)
     lengths = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
     return max(

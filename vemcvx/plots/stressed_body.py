@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Bools, Floats
 from vemcvx.canvas import draw_arrows
 from vemcvx.errors import HistoryError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
 from vemcvx.plots.scale import common_magnification, value_range
 from vemcvx.plots.units import Units, instant, unit
@@ -92,7 +92,7 @@ def stressed_body(
     for name, found, known in (("stress", stress, STRESSES), ("forces", forces, FORCES)):
         if found not in known:
             raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
-    row, mesh = history.row(step), history.mesh
+    row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body")
     u, (label, part) = history.displacement[row], STRESSES[stress]
     seen = _inside(mesh.centroids, window)
     size = float(np.ptp(mesh.points, axis=0).max() if window is None else max(np.ptp(window, axis=1)))
@@ -132,7 +132,7 @@ def _inside(points: Floats, window: Window | None) -> Bools:
 
 def _image(ax: Axes, history: Results, moved: Floats, signs: tuple[int, int]) -> None:
     """The body in the mirror, coloured like the body itself."""
-    cells, mesh = ax.collections[0], history.mesh
+    cells, mesh = ax.collections[0], plane_mesh(history.mesh, "stressed_body")
     # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
     PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices).plot(
         ax=ax,

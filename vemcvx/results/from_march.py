@@ -114,7 +114,8 @@ def _prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> F
     """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
     if posed.prestress is None:
         return None
-    stress = storage.array("prestress", (len(trajectory.stored), posed.space.mesh.n_cells, 3))
+    shape = posed.material.thermal_stress_moduli.shape
+    stress = storage.array("prestress", (len(trajectory.stored), *shape))
     for row, t in enumerate(trajectory.times[trajectory.stored]):
         stress[row] = posed.prestress.stress(float(t))
     return stress

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from vemcvx.errors import HistoryError, SceneWarning
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.results import Results
 from vemcvx.scene.pose import pose_scene
@@ -15,7 +15,7 @@ from vemcvx.stepping.programs import programs_of_trajectory
 
 
 def with_origin(
-    programs: Iterator[SolvedProgram], effects: Sequence[str], mesh: PolygonMesh, **more: str
+    programs: Iterator[SolvedProgram], effects: Sequence[str], mesh: AnyMesh, **more: str
 ) -> Iterator[SolvedProgram]:
     """The programs, which now say what scene and mesh they are of."""
     size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}

@@ -10,8 +10,7 @@ import numpy as np
 from vemcvx.arguments import is_whole
 from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.errors import SceneError
-from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons.topology import edge_keys
+from vemcvx.meshes import AnyMesh
 from vemcvx.results.contact import Contact
 from vemcvx.scene import Scene
 from vemcvx.stepping.trajectory import Trajectory
@@ -22,7 +21,7 @@ from vemcvx.vem import Space, equivalent, principal, strains, stresses
 class Results:
     """The arrays of a simulation: what a :class:`vemcvx.History`, whose docstring says all of them, is made of."""
 
-    mesh: PolygonMesh
+    mesh: AnyMesh
     scene: Scene | None
     effects: tuple[str, ...]
     displacement: Annotated[Floats, "S nodes dim"]
@@ -31,7 +30,7 @@ class Results:
     moduli: Annotated[Floats, "constants cells"]
     trajectory: Trajectory
     seconds: dict[str, float]
-    prestress: Annotated[Floats | None, "S cells 3"] = None
+    prestress: Annotated[Floats | None, "S cells components"] = None
     out_of_plane: Annotated[Floats | None, "cells 3"] = None
     out_of_plane_prestress: Annotated[Floats | None, "S cells"] = None
     inactive: tuple[str, ...] = ()
@@ -132,13 +131,16 @@ class Results:
         total: Floats = self.forces[:, part.nodes].sum(axis=1)
         if self.dragged_ends is None or self.dragged_friction is None:
             return total
-        here, dragged = (edge_keys(edges, self.mesh.n_nodes) for edges in (part.edges, self.dragged_ends))
+        most = max(self.dragged_ends.max(), part.names.max()) + 1
+        here, dragged = (names[:, 0] * most + names[:, 1] for names in (part.names, self.dragged_ends))
         elsewhere = np.isin(self.dragged_ends[:, 0], part.nodes) & ~np.isin(dragged, here)
         total -= self.dragged_friction[:, elsewhere].sum(axis=1)
         return total
 
     def stress(self, step: int) -> Floats:
         """(n_cells, 3) stresses (xx, yy, xy) of Pi u, and those at zero strain, at a stored step; tension positive.
+
+        In space (n_cells, 6): xx, yy, zz, xy, yz, xz.
 
         Raises
         ------
@@ -159,8 +161,9 @@ class Results:
         Raises
         ------
         SceneError
-            That step was not stored, or the material does not say.
+            That step was not stored, the material does not say, or the body is in space, where `stress` has it.
         """
+        self._space.require_plane("history: out_of_plane_stress", "take the third column of stress(step)")
         row = self.row(step)
         if self.out_of_plane is None:
             raise SceneError(
@@ -175,10 +178,13 @@ class Results:
 
         See :mod:`vemcvx.vem.hooke` for the formula, `out_of_plane_stress` for that component and its errors.
         """
-        return equivalent(self.stress(step), self.out_of_plane_stress(step))
+        stress = self.stress(step)
+        return equivalent(stress, self.out_of_plane_stress(step)) if self._space.in_plane else equivalent(stress)
 
     def principal_stresses(self, step: int) -> Floats:
         """(n_cells, 2) principal stresses in the plane at a stored step, the larger one first; tension positive.
+
+        In space (n_cells, 3), the largest first.
 
         Raises
         ------

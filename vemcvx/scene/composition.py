@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats
 from vemcvx.effects import Contribution, Eigenstrain, InitialStress, Material
 from vemcvx.errors import SceneError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.vem import Space, elastic_matrix, stress_load, upper_triangle
 
 # A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a scale on
@@ -27,7 +27,7 @@ from vemcvx.vem import Space, elastic_matrix, stress_load, upper_triangle
 ROUNDED = 16 * float(np.finfo(float).eps)
 
 
-def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
+def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
     if len(materials) == 1 and materials[0].cells is None:
         return materials[0]
@@ -55,7 +55,7 @@ def compose(materials: Sequence[Material], mesh: PolygonMesh) -> Material:
     )
 
 
-def _check_cover(materials: Sequence[Material], mesh: PolygonMesh) -> None:
+def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:
     whole = np.ones(mesh.n_cells, dtype=bool)
     count = np.sum([whole if m.cells is None else m.cells for m in materials], axis=0)
     found = []
@@ -79,10 +79,10 @@ class InitialStresses:
     eigenstrains: tuple[Eigenstrain, ...]
     stresses: tuple[InitialStress, ...]
     matrix: sp.csr_matrix
-    """(n_u, 3 n_cells) virtual work of stresses constant on cells"""
+    """(n_u, components n_cells) virtual work of stresses constant on cells"""
 
     def stress(self, t: float) -> Floats:
-        """sigma_0 (n_cells, 3), (xx, yy, xy), at the instant `t`."""
+        """sigma_0 (n_cells, components) at the instant `t`."""
         total = np.zeros_like(self.material.thermal_stress_moduli)
         for stress in self.stresses:
             total += stress.value(t)

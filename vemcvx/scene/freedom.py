@@ -19,8 +19,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import VemcvxError
-from vemcvx.scene.jumps import Jumps, across, summing
+from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.supports import PARALLEL, Supports
+from vemcvx.vem import tangents_of
 
 STILL = 16 * float(np.finfo(float).eps)
 """Positions that differ by less, relative to the largest, are one: what rounding leaves of a datum drags nothing."""
@@ -59,12 +60,12 @@ def freedom(
     Where there is a `ground`, t -> (k, dim), it is their motion relative to it that counts.
     """
     k, dim = normals.shape
-    tangents = jumps.matrix(across(normals), supports.points)
+    tangents = jumps.matrix(tangents_of(normals), supports.points)
     slides = np.asarray(np.diff(on_free(tangents, supports).indptr).reshape(k, dim - 1).any(axis=1))
     opens = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
     held = np.flatnonzero(~slides)
     dragged = np.zeros(k, dtype=bool)
-    under = None if ground is None else (lambda t: along(across(normals[held]), ground(t)[held]))
+    under = None if ground is None else (lambda t: along(tangents_of(normals[held]), ground(t)[held]))
     dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times, under)
     return Freedom(slides, opens, dragged, *_grips(jumps, normals, supports))
 

@@ -155,12 +155,3 @@ class Sites:
         start = np.cumsum(count) - count
         sizes = tuple(order[start[count == k][:, None] + np.arange(k)] for k in np.unique(count))
         return cls(of_node, sizes)
-
-
-def across(normals: Floats) -> Floats:
-    """(k, dim - 1, dim) orthonormal vectors across each normal; exact where the normal is an axis."""
-    dim = normals.shape[1]
-    if dim == 2:
-        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    # The right singular vectors beyond the first span the plane across the normal.
-    return np.linalg.svd(normals[:, None, :])[2][:, 1:, :]

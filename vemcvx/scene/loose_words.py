@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
+from vemcvx.vem import split_motion
 
 SMALL = 1e-3
 """What moves by less than this part of the largest motion is not mentioned."""
 
 
-def body_names(mesh: PolygonMesh, piece: Ints, node: Ints) -> list[str | None]:
+def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:
     """The name of each piece, given as pairs of piece and node, at the interfaces it touches; None without just one."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
@@ -98,8 +99,14 @@ def _forward(mode: Floats) -> Floats:
 
 
 def _rigid(mode: Floats) -> str:
-    x, y, turn = np.round(mode / np.linalg.norm(mode), 6)
-    if abs(turn) > 0.9:
-        return "a rotation"
-    moves = f"the translation ({x + 0.0:.2g}, {y + 0.0:.2g})"
-    return moves if abs(turn) < 1e-3 else f"{moves} with a rotation"
+    move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
+    rate = np.linalg.norm(turn)
+    about = f" about ({_listed(turn / rate)})" if rate > SMALL and len(turn) > 1 else ""
+    if rate > 0.9:
+        return f"a rotation{about}"
+    moves = f"the translation ({_listed(move)})"
+    return moves if rate < SMALL else f"{moves} with a rotation{about}"
+
+
+def _listed(components: Floats) -> str:
+    return ", ".join(f"{component:.2g}" for component in components)

@@ -23,7 +23,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Given, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.ordering import nested_dissection
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.motion import Motion
 from vemcvx.program.system import Damping, System
@@ -91,7 +91,7 @@ class PosedScene:
         return u if self.supports.still else u + self.supports.motion(t)
 
 
-def pose_scene(scene: Scene, mesh: PolygonMesh, times: Sequence[float] = ()) -> PosedScene:
+def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; what is zero at all of `times` is left out (:mod:`vemcvx.scene.inactive`).
 
     Raises

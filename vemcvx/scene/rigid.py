@@ -1,8 +1,9 @@
 """Bodies that float: motions without strain that no support resists.
 
-A piece of the body is made of cells joined along edges; without strain it moves as a rigid body. Pieces that
-share single nodes only are hinged there. With c the rigid motion of every piece and R_q c_q its nodal values, the
-distance to the nearest admissible field, the same at every node for all pieces there and obeying the supports, is
+A piece of the body is made of cells joined along edges, in space along faces; without strain it moves as a rigid body.
+Pieces that share single nodes only are hinged there. With c the rigid motion of every piece and R_q c_q its nodal
+values, the distance to the nearest admissible field, the same at every node for all pieces there and obeying the
+supports, is
 
     sum_q |R_q c_q|^2 - |W^{-1/2} P'sum_q R_q c_q|^2,    W = number of pieces at a node,
 
@@ -100,9 +101,8 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
 
     @cache
     def motions() -> sp.csr_matrix:
-        mesh = space.mesh
-        cell = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.offsets))
-        graph = sp.csr_matrix((np.ones(len(cell)), (mesh.vertices, cell)), shape=(mesh.n_nodes, mesh.n_cells))
+        mesh, (cell, node) = space.mesh, space.incidences
+        graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
         label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
         return _motions(label, np.arange(mesh.n_nodes), mesh.points)
 
@@ -156,12 +156,12 @@ def _coupled(springs: sp.csr_matrix, site: Ints, dim: int) -> sp.csr_matrix:
 
 
 def _pieces(space: Space) -> tuple[Ints, Ints]:
-    """Every (piece, node) pair: pieces are the sets of cells that edges join."""
-    mesh = space.mesh
-    one, other = mesh.neighbours.T
+    """Every (piece, node) pair: pieces are the sets of cells that edges, in space faces, join."""
+    mesh, (cell, node) = space.mesh, space.incidences
+    one, other = space.neighbours.T
     graph = sp.csr_matrix((np.ones(len(one)), (one, other)), shape=(mesh.n_cells, mesh.n_cells))
     label = connected_components(graph, directed=False)[1].astype(np.int64)
-    pair = np.unique(np.repeat(label, np.diff(mesh.offsets)) * mesh.n_nodes + mesh.vertices)
+    pair = np.unique(label[cell] * mesh.n_nodes + node)
     return pair // mesh.n_nodes, pair % mesh.n_nodes
 
 

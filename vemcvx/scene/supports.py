@@ -19,7 +19,8 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import Friction, Obstacle, Support
 from vemcvx.errors import SceneError
-from vemcvx.scene.jumps import Jumps, Sites, across
+from vemcvx.scene.jumps import Jumps, Sites
+from vemcvx.vem import tangents_of
 
 Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
@@ -209,7 +210,7 @@ def _frames(
         for chosen, site, jumps in _layers(surface, place[sites.of_node]):
             _append(frame, filled, site, jumps.over(members[site], surface.normals[chosen]))
             if members.shape[1] > 1:
-                for tangents in across(surface.normals[chosen]).swapaxes(0, 1):
+                for tangents in tangents_of(surface.normals[chosen]).swapaxes(0, 1):
                     _append(frame, filled, site, jumps.over(members[site], tangents))
     _fill_with_axes(frame, filled)
     return _Frames(members, frame, held, slots)

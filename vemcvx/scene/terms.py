@@ -23,8 +23,9 @@ from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import Moving, along, freedom, normal_rows, on_free
-from vemcvx.scene.jumps import Jumps, across, summing
+from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.supports import PARALLEL, Supports
+from vemcvx.vem import tangents_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +104,7 @@ def friction_terms(
     ends = ends[kept]
 
     sums = _Sums(frictions, gather, np.sign(np.einsum("ij,ij->i", normals, normals[first][term])))
-    tangents = across(normals[first][kept])
+    tangents = tangents_of(normals[first][kept])
     moves = under is not None and len(kept) > 0
     laws = [f for f in frictions if f.law is not None]
     return Terms(

@@ -1,34 +1,54 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
 from vemcvx.vem.anisotropic import anisotropic_stiffness, mean_shear, softest_shear
-from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds
-from vemcvx.vem.hooke import elastic_matrix, equivalent, principal, stresses, upper_triangle
+from vemcvx.vem.boundary import BoundaryPart, SideRule
+from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.face_part import FacePart
+from vemcvx.vem.frames import tangents_of
+from vemcvx.vem.hooke import (
+    component_names,
+    elastic_matrix,
+    equivalent,
+    isotropic_stress,
+    principal,
+    stresses,
+    upper_triangle,
+)
 from vemcvx.vem.isotropic import stabilisation_factor, stiffness
-from vemcvx.vem.loads import cell_load, edge_load, stress_load
+from vemcvx.vem.loads import cell_load, edge_load, loaded_sides, stress_load
 from vemcvx.vem.quadrature import cell_quadrature
-from vemcvx.vem.space import CellGroup, Space
-from vemcvx.vem.strain import rigid_modes, strains
+from vemcvx.vem.rows import BoundaryRows, EdgeEnds
+from vemcvx.vem.space import Part, Space
+from vemcvx.vem.strain import rigid_modes, split_motion, strains
 
 __all__ = [
     "BoundaryPart",
     "BoundaryRows",
     "CellGroup",
     "EdgeEnds",
+    "FacePart",
+    "Part",
+    "SideRule",
     "Space",
     "anisotropic_stiffness",
     "cell_load",
     "cell_quadrature",
+    "component_names",
     "edge_load",
     "elastic_matrix",
     "equivalent",
+    "isotropic_stress",
+    "loaded_sides",
     "mean_shear",
     "principal",
     "rigid_modes",
     "softest_shear",
+    "split_motion",
     "stabilisation_factor",
     "stiffness",
     "strains",
     "stress_load",
     "stresses",
+    "tangents_of",
     "upper_triangle",
 ]

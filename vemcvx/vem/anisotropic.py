@@ -22,7 +22,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import assemble_cells
-from vemcvx.vem.projection import area_gradients
+from vemcvx.vem.cells import CellGroup
 from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import add_stabilisation
 
@@ -38,7 +38,7 @@ def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
         on cells that another material fills.
     """
     tau = softest_shear(C)
-    return assemble_cells(space, lambda cells: general_blocks(cells.corners, C[cells.cells], tau[cells.cells]))
+    return assemble_cells(space, lambda cells: general_blocks(cells, C[cells.cells], tau[cells.cells]))
 
 
 def softest_shear(C: Floats) -> Floats:
@@ -60,14 +60,14 @@ def _deviatoric(C: Floats) -> tuple[Floats, Floats, Floats]:
     return 0.5 * (C[:, 0, 0] + C[:, 1, 1]) - C[:, 0, 1], 2.0 * C[:, 2, 2], C[:, 0, 2] - C[:, 1, 2]
 
 
-def general_blocks(corners: Floats, C: Floats, tau: Floats) -> Floats:
-    """The local matrices (c, n, n, 2, 2) of cells with n vertices (c, n, 2); `local_blocks` is the isotropic case."""
-    areas, g = area_gradients(corners)
+def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
+    """The local matrices (c, n, n, 2, 2) of polygons with n vertices; `local_blocks` is the isotropic case."""
+    areas, g = cells.gradients()
     B = np.zeros((*g.shape[:2], 3, 2))
     B[:, :, 0, 0] = B[:, :, 2, 1] = g[:, :, 0]
     B[:, :, 1, 1] = B[:, :, 2, 0] = g[:, :, 1]
     stress = np.einsum("ckl,cjlb->cjkb", C / areas[:, None, None], B)
     blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
     blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
-    add_stabilisation(blocks, corners, tau)
+    add_stabilisation(blocks, cells, tau)
     return blocks

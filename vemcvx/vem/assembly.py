@@ -1,6 +1,6 @@
 """Sums of local matrices into one sparse matrix, by counting sorts instead of a sort of all triples.
 
-The pattern lives on nodes: an entry (i, j) is a 2 x 2 block. Every pair of vertices of every cell is one
+The pattern lives on nodes: an entry (i, j) is a dim x dim block. Every pair of vertices of every cell is one
 contribution; two stable counting sorts (by column, then by row) bring the contributions to one block
 together, in the order of cells. The blocks (i, j) and (j, i) are then sums of the same numbers in the same
 order: local matrices that are symmetric to the bit give a global one that is.
@@ -9,27 +9,30 @@ order: local matrices that are symmetric to the bit give a global one that is.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isqrt
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.vem.space import CellGroup, Space
+from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.space import Space
 
 # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
 CHUNK = 2**16
 
 
 def assemble_cells(space: Space, local: Callable[[CellGroup], Floats]) -> sp.csr_matrix:
-    """Sum of local matrices: `local` gives those of a piece of a group, (c, n, n, 2, 2)."""
+    """Sum of local matrices: `local` gives those of a piece of a group, (c, n, n, dim, dim)."""
     pairs = sum(group.nodes.size * group.nodes.shape[1] for group in space.groups)
-    blocks = np.empty((pairs, 4))
+    block = space.mesh.points.shape[1] ** 2
+    blocks = np.empty((pairs, block))
     start = 0
     for group in space.groups:
         for chunk in group.chunks(CHUNK):
             matrices = local(chunk)
-            stop = start + matrices.size // 4
-            blocks[start:stop] = matrices.reshape(-1, 4)
+            stop = start + matrices.size // block
+            blocks[start:stop] = matrices.reshape(-1, block)
             start = stop
     return assemble([group.nodes for group in space.groups], blocks, space.mesh.n_nodes)
 
@@ -37,8 +40,8 @@ def assemble_cells(space: Space, local: Callable[[CellGroup], Floats]) -> sp.csr
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
     """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
-    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `blocks` (pairs, 4) are row-major
-    2 x 2 blocks: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
+    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `blocks` (pairs, dim^2) are
+    row-major: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
     """
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
@@ -49,8 +52,9 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
     first = np.flatnonzero(np.concatenate([[True], (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])]))
     gather = sp.csr_matrix((np.ones(len(order)), order, np.append(first, len(order))), shape=(len(first), len(order)))
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows[first], minlength=n_nodes))])
-    shape = (2 * n_nodes, 2 * n_nodes)
-    return sp.bsr_matrix(((gather @ blocks).reshape(-1, 2, 2), columns[first], indptr), shape=shape).tocsr()
+    dim = isqrt(blocks.shape[1])
+    shape = (dim * n_nodes, dim * n_nodes)
+    return sp.bsr_matrix(((gather @ blocks).reshape(-1, dim, dim), columns[first], indptr), shape=shape).tocsr()
 
 
 def _counting_sort(keys: Ints, n: int) -> Ints:

@@ -1,11 +1,12 @@
-"""Stresses from strains, cell by cell, in the plane, and what of them does not depend on the axes.
+"""Stresses from strains, cell by cell, and what of them does not depend on the axes.
 
-Moduli are rows over cells: (2, n_cells) Lame's lam (as it acts in the plane) and mu, or (6, n_cells) the upper
-triangle of the elastic matrix C row by row: xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy, where the strain that goes with
-xy is 2 e_xy. Principal stresses in the plane, and von Mises' equivalent stress:
+Components of symmetric tensors are in the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; of strains
+those across are 2 e_xy and so on. Moduli are rows over cells: (2, n_cells) Lame's lam (in the plane as it acts there)
+and mu, or, in the plane, (6, n_cells) the upper triangle of the elastic matrix C row by row: xx-xx, xx-yy, xx-xy,
+yy-yy, yy-xy, xy-xy. Principal stresses in the plane, and von Mises' equivalent stress:
 
     sigma_1,2 = (xx + yy) / 2 +- sqrt(((xx - yy) / 2)^2 + xy^2)                                 Mohr's circle (1882)
-    sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 xy^2                          von Mises (1913)
+    sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 (xy^2 + yz^2 + xz^2)          von Mises (1913)
 
 zz, across the plane, is the third principal stress: 0 in plane stress, lam (e_xx + e_yy) and more in plane strain.
 """
@@ -17,20 +18,34 @@ import numpy as np
 from vemcvx.arrays import Floats
 
 UPPER = np.triu_indices(3)
+COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
+"""Of symmetric tensors in dim dimensions, axis by axis."""
+
+
+def component_names(dim: int) -> tuple[str, ...]:
+    """Those names: xx, yy, xy ..."""
+    return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
+
+
+def isotropic_stress(value: Floats, dim: int) -> Floats:
+    """(k, components) of a stress (k,) in all directions."""
+    return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
 
 
 def stresses(moduli: Floats, strain: Floats) -> Floats:
-    """Stresses (n_cells, 3), (xx, yy, xy), of the strains (n_cells, 3), (e_xx, e_yy, 2 e_xy)."""
+    """Stresses (n_cells, components) of strains of these components."""
     if len(moduli) == len(UPPER[0]):
         stress: Floats = np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
         return stress
     lam, mu = moduli
-    xx, yy, xy = strain.T
-    return np.column_stack([2 * mu * xx + lam * (xx + yy), 2 * mu * yy + lam * (xx + yy), mu * xy])
+    dim = 2 if strain.shape[1] == len(COMPONENTS[2]) else 3
+    trace = strain[:, 0] + strain[:, 1] if dim == 2 else strain[:, 0] + strain[:, 1] + strain[:, 2]
+    normal = [2 * mu * strain[:, a] + lam * trace for a in range(dim)]
+    return np.column_stack([*normal, *(mu * shear for shear in strain[:, dim:].T)])
 
 
 def elastic_matrix(moduli: Floats) -> Floats:
-    """C (n_cells, 3, 3) of moduli in either form."""
+    """C (n_cells, 3, 3) of moduli in either form, in the plane."""
     C = np.zeros((moduli.shape[1], 3, 3))
     if len(moduli) == len(UPPER[0]):
         C[:, UPPER[0], UPPER[1]] = C[:, UPPER[1], UPPER[0]] = moduli.T
@@ -48,15 +63,24 @@ def upper_triangle(C: Floats) -> Floats:
 
 
 def principal(stress: Floats) -> Floats:
-    """Principal stresses in the plane (n, 2), the larger one first, of stresses (n, 3), (xx, yy, xy)."""
+    """Principal stresses (n, dim), those in the plane or all three, the largest first, of stresses (n, components)."""
+    if stress.shape[1] == len(COMPONENTS[3]):
+        tensor = np.empty((len(stress), 3, 3))
+        for (a, b), component in zip(COMPONENTS[3], stress.T, strict=True):
+            tensor[:, a, b] = tensor[:, b, a] = component
+        return np.ascontiguousarray(np.linalg.eigvalsh(tensor)[:, ::-1])
     xx, yy, xy = stress.T
     centre, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     return np.column_stack([centre + radius, centre - radius])
 
 
-def equivalent(stress: Floats, out_of_plane: Floats) -> Floats:
-    """Von Mises' stress (n,) of stresses (n, 3), (xx, yy, xy), in the plane and (n,), zz, across it."""
-    xx, yy, xy = stress.T
-    apart = (xx - yy) ** 2 + (yy - out_of_plane) ** 2 + (out_of_plane - xx) ** 2
-    squared: Floats = 0.5 * apart + 3.0 * xy**2
+def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
+    """Von Mises' stress (n,) of stresses (n, 6), or (n, 3) in the plane and (n,), zz, across it."""
+    if out_of_plane is None:
+        xx, yy, zz, *shear = stress.T
+    else:
+        xx, yy, *shear = stress.T
+        zz = out_of_plane
+    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    squared: Floats = 0.5 * apart + 3.0 * sum(component**2 for component in shear)
     return np.sqrt(squared)

@@ -6,10 +6,11 @@
 with Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`; Pi_0 div u is the trace of eps(Pi u). Between the
 components a, b of the vertices i, j this is
 
-    (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau delta_ab ((I - Pi)'(I - Pi))_ij.
+    (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau h_K^(dim - 2) delta_ab ((I - Pi)'(I - Pi))_ij.
 
 tau = 2 mu ("shear") has the units of the rest and leaves the volumetric part alone, so nothing locks as
-lam grows; tau = 1 ("unit") is (3.13) to the letter. On triangles Pi v = v, and the last term is left out.
+lam grows; tau = 1 ("unit") is (3.13) to the letter. On triangles and
+tetrahedra Pi v = v, and the last term is left out.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats
 from vemcvx.errors import SceneError
 from vemcvx.vem.assembly import assemble_cells
-from vemcvx.vem.projection import area_gradients
-from vemcvx.vem.space import CellGroup, Space
+from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.space import Space
 from vemcvx.vem.stabilisation import add_stabilisation
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
-    """Matrix of a^h over all nodal values, (2 n_nodes, 2 n_nodes), symmetric to the bit.
+    """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     tau = stabilisation_factor(mu, stabilisation)
 
     def local(cells: CellGroup) -> Floats:
-        return local_blocks(cells.corners, lam[cells.cells], mu[cells.cells], tau[cells.cells])
+        return local_blocks(cells, lam[cells.cells], mu[cells.cells], tau[cells.cells])
 
     return assemble_cells(space, local)
 
@@ -62,20 +63,23 @@ def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:
     return 2.0 * mu if stabilisation == "shear" else np.sign(mu)
 
 
-def local_blocks(corners: Floats, lam: Floats, mu: Floats, tau: Floats) -> Floats:
-    """The local matrices (c, n, n, 2, 2) of cells with n vertices (c, n, 2), relative to a point of the cell.
+def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floats:
+    """The local matrices (c, n, n, dim, dim) of cells with n vertices.
 
     Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
     """
-    areas, g = area_gradients(corners)
-    lam, mu = (lam / areas)[:, None, None], (mu / areas)[:, None, None]
-    x, y = g[:, :, 0], g[:, :, 1]
-    xx, yy, xy = x[:, :, None] * x[:, None, :], y[:, :, None] * y[:, None, :], x[:, :, None] * y[:, None, :]
-    yx = xy.transpose(0, 2, 1)
-    blocks = np.empty((*xx.shape, 2, 2))
-    blocks[..., 0, 0] = (lam + 2.0 * mu) * xx + mu * yy
-    blocks[..., 1, 1] = (lam + 2.0 * mu) * yy + mu * xx
-    blocks[..., 0, 1] = lam * xy + mu * yx
-    blocks[..., 1, 0] = lam * yx + mu * xy
-    add_stabilisation(blocks, corners, tau)
+    measures, g = cells.gradients()
+    lam, mu = (lam / measures)[:, None, None], (mu / measures)[:, None, None]
+    axes = range(g.shape[2])
+    square = [g[:, :, None, a] * g[:, None, :, a] for a in axes]
+    blocks = np.empty((*square[0].shape, len(axes), len(axes)))
+    for a in axes:
+        others = sum(square[b] for b in axes if b != a)
+        blocks[..., a, a] = (lam + 2.0 * mu) * square[a] + mu * others
+        for b in range(a + 1, len(axes)):
+            ab = g[:, :, None, a] * g[:, None, :, b]
+            ba = ab.transpose(0, 2, 1)
+            blocks[..., a, b] = lam * ab + mu * ba
+            blocks[..., b, a] = lam * ba + mu * ab
+    add_stabilisation(blocks, cells, tau)
     return blocks

@@ -4,7 +4,7 @@
 
 where v_hat is the average of the vertex values of v on K: each vertex of K takes an equal part of the cell's
 force int_K f_1 dx. Traces are linear, and two Gauss points an edge integrate f_2 . v exactly for f_2 of
-degree 2.
+degree 2; seven points a triangle of a face, for f_2 of degree 4.
 """
 
 from __future__ import annotations
@@ -13,30 +13,39 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.vem.boundary import BoundaryPart
-from vemcvx.vem.projection import area_gradients
+from vemcvx.vem.hooke import COMPONENTS
 from vemcvx.vem.quadrature import cell_quadrature
-from vemcvx.vem.space import Space
+from vemcvx.vem.space import Part, Space
 
+# Gauss points on an edge.
+GAUSS = 2
 # Cells are taken in pieces of a few tens of megabytes.
 CHUNK = 2**22
 
 
-def edge_load(space: Space, part: BoundaryPart) -> tuple[Floats, sp.csr_matrix]:
-    """The load of a force per length on a part of the boundary.
+def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix]:
+    """The load of a force per length, in space per area, on a part of the boundary.
 
     Returns
     -------
-    points : (q, 2) array
-        Two Gauss points an edge.
-    matrix : (2 n_nodes, 2 q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on edges.
+    points : (q, dim) array
+        Two Gauss points an edge; seven a triangle of a face.
+    matrix : (n_u, dim q) csr_matrix
+        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on edges, 4 on faces.
     """
-    points, shares = part.gauss(2)
-    m = len(part.edges)
-    nodes = np.repeat(part.edges, 2, axis=0)
-    matrix = _spread(nodes, shares.transpose(0, 2, 1).reshape(2 * m, 2), space.mesh.n_nodes)
-    return points.reshape(-1, 2), matrix.tocsr()
+    rules = part.rules(GAUSS)
+    points = np.concatenate([rule.points.reshape(-1, space.dim) for rule in rules])
+    matrices = []
+    for rule in rules:
+        m, n, q = rule.shares.shape
+        nodes = np.repeat(rule.nodes, q, axis=0)
+        matrices.append(_spread(nodes, rule.shares.transpose(0, 2, 1).reshape(m * q, n), space))
+    return points, sp.hstack(matrices, format="csc").tocsr()
+
+
+def loaded_sides(part: Part) -> Ints:
+    """The side (q,), as a place in the part, of each point of `edge_load`."""
+    return np.concatenate([np.repeat(rule.sides, rule.points.shape[1]) for rule in part.rules(GAUSS)])
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
@@ -44,10 +53,10 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
 
     Returns
     -------
-    points : (q, 2) array
+    points : (q, dim) array
         Points inside the cells: :func:`vemcvx.vem.quadrature.cell_quadrature`.
-    matrix : (2 n_nodes, 2 q) csr_matrix
-        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on cells.
+    matrix : (n_u, dim q) csr_matrix
+        ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on polygons, 1 on polyhedra.
     cells : (q,) array of int
         The cell of each point.
     """
@@ -59,7 +68,7 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
             points.append(x)
             cells.append(chunk.cells[owner])
             shares = np.repeat(weights[:, None] / n, n, axis=1)
-            matrices.append(_spread(chunk.nodes[owner], shares, space.mesh.n_nodes))
+            matrices.append(_spread(chunk.nodes[owner], shares, space))
     return np.concatenate(points), sp.hstack(matrices, format="csc").tocsr(), np.concatenate(cells)
 
 
@@ -68,25 +77,27 @@ def stress_load(space: Space) -> sp.csr_matrix:
 
     Returns
     -------
-    (2 n_nodes, 3 n_cells) csr_matrix
-        ``matrix @ sigma.ravel()`` for sigma (n_cells, 3), (xx, yy, xy).
+    (n_u, components n_cells) csr_matrix
+        ``matrix @ sigma.ravel()`` for sigma (n_cells, components), in the order of :mod:`vemcvx.vem.hooke`.
     """
+    dim, components = space.dim, COMPONENTS[space.dim]
     rows, columns, values = [], [], []
     for group in space.groups:
-        g = area_gradients(group.corners)[1]
-        x, y = 2 * group.nodes, 2 * group.nodes + 1
-        cell = 3 * np.repeat(group.cells[:, None], g.shape[1], axis=1)
-        rows += [x, y, x, y]
-        columns += [cell, cell + 1, cell + 2, cell + 2]
-        values += [g[:, :, 0], g[:, :, 1], g[:, :, 1], g[:, :, 0]]
+        g = group.gradients()[1]
+        cell = np.repeat(group.cells[:, None] * len(components), g.shape[1], axis=1)
+        for k, (a, b) in enumerate(components):
+            for force, slope in {(a, b), (b, a)}:
+                rows.append(dim * group.nodes + force)
+                columns.append(cell + k)
+                values.append(g[:, :, slope])
     v, i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (values, rows, columns))
-    return sp.coo_matrix((v, (i, j)), shape=(space.n_unknowns, 3 * space.mesh.n_cells)).tocsr()
+    return sp.coo_matrix((v, (i, j)), shape=(space.n_unknowns, len(components) * space.mesh.n_cells)).tocsr()
 
 
-def _spread(nodes: Ints, shares: Floats, n_nodes: int) -> sp.csc_matrix:
-    """(2 n_nodes, 2 q) from the nodes (q, n) that each point loads, and the share of each, (q, n)."""
-    q, n = nodes.shape
-    rows = 2 * nodes[:, None, :] + np.arange(2)[:, None]
-    values = np.repeat(shares[:, None, :], 2, axis=1)
-    indptr = np.arange(0, 2 * q * n + 1, n)
-    return sp.csc_matrix((values.ravel(), rows.ravel(), indptr), shape=(2 * n_nodes, 2 * q))
+def _spread(nodes: Ints, shares: Floats, space: Space) -> sp.csc_matrix:
+    """(n_u, dim q) from the nodes (q, n) that each point loads, and the share of each, (q, n)."""
+    (q, n), dim = nodes.shape, space.dim
+    rows = dim * nodes[:, None, :] + np.arange(dim)[:, None]
+    values = np.repeat(shares[:, None, :], dim, axis=1)
+    indptr = np.arange(0, dim * q * n + 1, n)
+    return sp.csc_matrix((values.ravel(), rows.ravel(), indptr), shape=(space.n_unknowns, dim * q))

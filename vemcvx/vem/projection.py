@@ -50,9 +50,12 @@ def boundary_weights(corners: Floats) -> Floats:
 
 def vertex_values(corners: Floats) -> Floats:
     """Pi at the vertices, (c, n, n): entry (i, j) is the value at x_i of Pi applied to the basis function of x_j."""
-    areas, gradients = area_gradients(corners)
-    w = boundary_weights(corners)
+    return values_at_vertices(corners, *area_gradients(corners), boundary_weights(corners))
+
+
+def values_at_vertices(corners: Floats, measures: Floats, gradients: Floats, w: Floats) -> Floats:
+    """The same from |K| (c,), |K| G_i (c, n, dim) and w_i (c, n)."""
     centre = np.einsum("ci,cia->ca", w, corners)
-    arms = (corners - centre[:, None]) / areas[:, None, None]
+    arms = (corners - centre[:, None]) / measures[:, None, None]
     linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
     return linear + w[:, None, :]

@@ -1,4 +1,4 @@
-"""Quadrature on polygons, exact for degree 2, that never leaves the cell.
+"""Quadrature on polygons, exact for degree 2, that never leaves the cell; on polyhedra at the centroid.
 
 With centroid c and second moments M = 1/|K| int_K (x - c)(x - c)' dx, the four points
 
@@ -18,7 +18,8 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.shapes import polygon_centroids
 from vemcvx.meshes.polygons.triangles import INNER, clip_ears, places, signed_areas
-from vemcvx.vem.space import CellGroup
+from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.polyhedra import PolyhedronGroup
 
 Rule = tuple[Floats, Floats, Ints]
 # "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the
@@ -29,7 +30,9 @@ FLAT = 1e-14
 
 
 def cell_quadrature(group: CellGroup) -> Rule:
-    """Points (q, 2) inside the cells of a group, weights that add up to the areas, and positions in the group, (q,)."""
+    """Points (q, dim) in the cells of a group, weights that add up to their areas, and positions in the group, (q,)."""
+    if isinstance(group, PolyhedronGroup):
+        return group.quadrature()
     corners = group.corners
     origin = group.points[group.nodes[:, 0]]
     if corners.shape[1] == 3:

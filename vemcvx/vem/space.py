@@ -1,67 +1,57 @@
-"""The virtual element space V^h of (3.11): two displacement components at every node of a polygonal mesh.
+"""The virtual element space V^h of (3.11): the components of displacement at every node of a mesh.
 
-On each cell a component is harmonic with continuous, edgewise linear boundary values, so the vertex values
-determine it and traces on edges are linear. Component a of node i is the unknown 2 i + a.
+On a polygon a component is harmonic with continuous, edgewise linear boundary values, so the vertex values
+determine it and traces on edges are linear; on polyhedra traces are those of :mod:`vemcvx.vem.faces`. Component a of
+node i is the unknown dim i + a. Whoever asks for cells and parts of the boundary here need not know the dimension.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.arrays import Ints, read_only
 from vemcvx.errors import SceneError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
 from vemcvx.vem.boundary import BoundaryPart
+from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.face_part import FacePart
+from vemcvx.vem.polyhedra import polyhedron_groups
 
-
-@dataclass(frozen=True, eq=False)
-class CellGroup:
-    """Cells with equally many vertices, so that one array operation serves them all."""
-
-    cells: Ints
-    """(c,) cell numbers"""
-    nodes: Ints
-    """(c, n) their vertices, counter-clockwise"""
-    points: Floats
-    """(n_nodes, 2) the points of the whole mesh"""
-
-    @property
-    def corners(self) -> Floats:
-        """Vertex coordinates (c, n, 2) relative to the first vertex of each cell.
-
-        Differences of neighbouring coordinates are exact, products of coordinates near 1e6 are not: with
-        this origin a body far away from (0, 0) loses nothing more than its points were rounded by.
-        """
-        corners = self.points[self.nodes]
-        return corners - corners[:, :1]
-
-    def chunks(self, entries: int) -> Iterator[CellGroup]:
-        """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
-        size = max(1, entries // self.nodes.shape[1] ** 2)
-        for start in range(0, len(self.cells), size):
-            piece = slice(start, start + size)
-            yield CellGroup(self.cells[piece], self.nodes[piece], self.points)
+Part = BoundaryPart | FacePart
+"""A closed set of sides: edges in the plane, faces in space."""
 
 
 @dataclass(frozen=True, eq=False)
 class Space:
     """V^h on a mesh."""
 
-    mesh: PolygonMesh
+    mesh: AnyMesh
+
+    @property
+    def dim(self) -> int:
+        """Components of a displacement."""
+        return int(self.mesh.points.shape[1])
 
     @property
     def n_unknowns(self) -> int:
-        """Nodal values before any support: 2 n_nodes."""
-        return 2 * self.mesh.n_nodes
+        """Nodal values before any support: dim n_nodes."""
+        return self.mesh.points.size
+
+    @property
+    def in_plane(self) -> bool:
+        """Whether stresses have a component across the plane that is no result of the displacements alone."""
+        return self.dim == 2
 
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:
         """The cells by number of vertices, ascending; cell numbers ascend within a group."""
         mesh = self.mesh
+        if isinstance(mesh, PolyhedralMesh):
+            return polyhedron_groups(mesh)
         counts = np.diff(mesh.offsets)
         groups = []
         for n in np.unique(counts):
@@ -70,8 +60,34 @@ class Space:
             groups.append(CellGroup(read_only(cells), read_only(nodes), mesh.points))
         return tuple(groups)
 
-    def part(self, on: str | Sequence[str], subject: str, *, contact: bool = False) -> BoundaryPart:
-        """The closed set of the boundary edges named by `on`.
+    @property
+    def simplices(self) -> tuple[tuple[str, str], float]:
+        """What cells on which Pi v = v are called, what others are, and which part of the cells they are."""
+        count = sum(len(group.cells) for group in self.groups if group.simplices)
+        plane = "triangles", "polygons (squares, voronoi, hexagons)"
+        return plane if self.in_plane else ("tetrahedra", "polyhedra (cubes, voronoi3)"), count / self.mesh.n_cells
+
+    @property
+    def incidences(self) -> tuple[Ints, Ints]:
+        """All pairs of a cell and one of its nodes, by cell: the cells (k,) and the nodes (k,)."""
+        mesh = self.mesh
+        offsets, nodes = mesh.cell_nodes if isinstance(mesh, PolyhedralMesh) else (mesh.offsets, mesh.vertices)
+        return np.repeat(np.arange(mesh.n_cells), np.diff(offsets)), nodes
+
+    @property
+    def neighbours(self) -> Ints:
+        """Pairs of cells that share an edge, in space a face, (m, 2)."""
+        mesh = self.mesh
+        if isinstance(mesh, PolyhedralMesh):
+            return mesh.face_cells[mesh.face_cells[:, 1] >= 0]
+        return mesh.neighbours
+
+    def require_plane(self, subject: str, instead: str) -> None:
+        """Raise SceneError on polyhedra: `subject` is of plane bodies only; `instead` says what to do."""
+        plane_mesh(self.mesh, subject, instead)
+
+    def part(self, on: str | Sequence[str], subject: str, *, contact: bool = False) -> Part:
+        """The closed set of the boundary edges, in space faces, named by `on`.
 
         Parameters
         ----------
@@ -103,8 +119,11 @@ class Space:
                 )
                 raise SceneError(f"{subject}: there is no boundary named {name!r}; {what}.")
             if len(mesh.boundaries[name]) == 0:
-                raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no edges; it has {known}.")
+                sides = "faces" if isinstance(mesh, PolyhedralMesh) else "edges"
+                raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {sides}; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
+        if isinstance(mesh, PolyhedralMesh):
+            return FacePart(read_only(edges), mesh)
         across = self._across(edges)
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(

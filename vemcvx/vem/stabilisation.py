@@ -1,6 +1,6 @@
-"""What the projection misses: tau |(I - Pi) v|^2 in vertex values, which the stiffness adds on every cell.
+"""What the projection misses: tau h_K^(dim - 2) |(I - Pi) v|^2 in vertex values, added to the stiffness of every cell.
 
-A triangle misses nothing. What tau is stands in :mod:`.isotropic` and :mod:`.anisotropic`.
+A triangle or tetrahedron misses nothing. What tau is stands in :mod:`.isotropic` and :mod:`.anisotropic`.
 """
 
 from __future__ import annotations
@@ -9,33 +9,38 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import CHUNK
+from vemcvx.vem.cells import CellGroup
 from vemcvx.vem.projection import vertex_values
 from vemcvx.vem.space import Space
 
 
-def add_stabilisation(blocks: Floats, corners: Floats, tau: Floats) -> None:
-    """Add tau (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, 2, 2) of cells (c, n, 2)."""
-    if corners.shape[1] == 3:
+def add_stabilisation(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
+    """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
+    if cells.simplices:
         return
-    stable = tau[:, None, None] * missed_products(corners)
-    blocks[..., 0, 0] += stable
-    blocks[..., 1, 1] += stable
+    stable = (tau * cells.stabilised_size)[:, None, None] * _products(cells.vertex_values())
+    for axis in range(blocks.shape[-1]):
+        blocks[..., axis, axis] += stable
 
 
 def missed_products(corners: Floats) -> Floats:
-    """(I - Pi)'(I - Pi), (c, n, n): scalar products of the vertex values that Pi misses."""
-    missed = np.eye(corners.shape[1]) - vertex_values(corners)
+    """(I - Pi)'(I - Pi), (c, n, n), of polygons (c, n, 2): scalar products of the vertex values that Pi misses."""
+    return _products(vertex_values(corners))
+
+
+def _products(Pi: Floats) -> Floats:
+    missed = np.eye(Pi.shape[1]) - Pi
     product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
     # A matrix product may sum (i, j) and (j, i) in different orders.
     return 0.5 * (product + product.transpose(0, 2, 1))
 
 
 def missed_squares(space: Space, u: Floats) -> Floats:
-    """|(I - Pi) u|^2 at the vertices of each cell, (n_cells,), of nodal displacements (n_nodes, 2)."""
+    """|(I - Pi) u|^2 at the vertices of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
     squares = np.zeros(space.mesh.n_cells)
     for group in space.groups:
-        for chunk in group.chunks(CHUNK) if group.nodes.shape[1] > 3 else ():
+        for chunk in () if group.simplices else group.chunks(CHUNK):
             about = u[chunk.nodes] - u[chunk.nodes[:, :1]]
-            missed = about - np.matmul(vertex_values(chunk.corners), about)
+            missed = about - np.matmul(chunk.vertex_values(), about)
             squares[chunk.cells] = np.sum(missed**2, axis=(1, 2))
     return squares

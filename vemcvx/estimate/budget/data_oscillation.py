@@ -28,6 +28,7 @@ from vemcvx.effects import Given, Load
 from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, at_ends, normals_of, pressures_at_ends
+from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix
 
@@ -76,7 +77,7 @@ class Closer:
 
     def _body(self, load: Load, cells: Ints, t: float) -> Floats:
         """h^2 / mu |f - f_K|^2_K."""
-        places, areas = self.inside, self.posed.space.mesh.areas
+        places, areas = self.inside, plane_mesh(self.posed.space.mesh, "error_budget").areas
         f = load.at(places.x, t)
         mean = np.zeros((len(areas), f.shape[1]))
         np.add.at(mean, cells, load.forces(t))

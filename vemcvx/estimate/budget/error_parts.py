@@ -23,6 +23,7 @@ from vemcvx.estimate.budget.residual import indicators
 from vemcvx.estimate.budget.skeleton import skeleton
 from vemcvx.estimate.budget.surface_forces import instant
 from vemcvx.history import History
+from vemcvx.meshes import plane_mesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import PosedScene, pose_scene
@@ -106,7 +107,8 @@ def error_budget(history: History, steps: int | Sequence[int] | None = None) -> 
         raise HistoryError(
             "error_budget: this history was read from files, and its scene is not among them; simulate the scene."
         )
-    posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
+    mesh = plane_mesh(history.mesh, "error_budget", "compare runs on finer meshes and in finer steps")
+    posed = pose_scene(history.scene, mesh, history.trajectory.times.tolist())
     wanted = history.stored[history.stored > 0] if len(history.stored) > 1 else history.stored
     rows = [history.row(n) for n in (wanted.tolist() if steps is None else _whole_numbers(steps))]
     return budget_of(posed, history, rows)

@@ -10,7 +10,7 @@ import numpy as np
 from vemcvx.arguments import number
 from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import HistoryError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.program.checks import finite
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, strains
@@ -79,7 +79,7 @@ def field_of(run: Results | Field, step: int, subject: str) -> Field:
     if not isinstance(run, Results):
         raise HistoryError(f"{subject}: found {brief(run)} where a History (or a vx.measures.Field) goes.")
     row = run.row(step)
-    return Field(run.mesh, run.displacement[row], run.moduli, float(run.times[row]))
+    return Field(plane_mesh(run.mesh, subject), run.displacement[row], run.moduli, float(run.times[row]))
 
 
 def step_at(history: Results, time: float) -> int:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, Ints, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.results.probe.locate import Location, locate
 
@@ -44,7 +44,7 @@ class Places:
         return self.cells @ values
 
 
-def places(mesh: PolygonMesh, points: ArrayLike, subject: str) -> Places:
+def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
     """The places of points (p, dim) in the body.
 
     Raises
@@ -52,6 +52,7 @@ def places(mesh: PolygonMesh, points: ArrayLike, subject: str) -> Places:
     SceneError
         They are not points, or one lies outside the body; `subject` asked.
     """
+    mesh = plane_mesh(mesh, subject, "displacements at nodes are history.displacement")
     x = _points(points, mesh.points.shape[1], subject)
     found = locate(mesh, x)
     count = np.bincount(found.points, minlength=len(x))

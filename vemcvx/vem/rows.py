@@ -1,0 +1,122 @@
+"""Rows of a part of the boundary: one a node and distinct normal.
+
+Where a part has a corner, or an edge in space, conditions on the normal hold for all sides that meet there, each with
+the share of int phi_i ds of the sides that have its normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.vem.frames import tangents_of
+
+# Normals closer than this are one. Points that were rounded a few times turn an edge by a few EPS |x| / length
+# besides, and as much is granted: an edge of 1e-12 on a straight inclined side of length 1 is no corner.
+SAME_NORMAL = 1e-9
+# Between bodies sides that turn by less than 45 degrees are a curve, whose nodes have the mean of their normals (by
+# length, as constant pressure pushes them): with both, what slides along a curve would have to climb every corner.
+SMOOTH = 2.0 * float(np.sin(np.pi / 8))
+ROUNDED = 4.0 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeEnds:
+    """The ends (q,) of edges that rows own, each named by the row and the other node of its edge.
+
+    In space the corners of faces, named by the row and the face.
+    """
+
+    row: Ints
+    beyond: Ints
+    """node number of the edge's other end; number of the face"""
+    lengths: Floats
+    """int phi_i ds over the edge, half its length; over the face"""
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryRows:
+    """One row a node, distinct normal and partner of a part of the boundary, ordered by node."""
+
+    nodes: Ints
+    """(k,)"""
+    normals: Floats
+    """(k, dim) outward unit normals, averaged by length over the edges or faces they stand for"""
+    lengths: Floats
+    """(k,) int phi_i ds over the edges or faces of this row"""
+    points: Floats
+    """(q, dim) quadrature points of all edges or faces"""
+    matrix: sp.csr_matrix
+    """(k, q) by which g(points) gives int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on
+    edges and 4 on faces"""
+    ends: EdgeEnds
+    """what each row stands for"""
+    partners: Ints
+    """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
+    cosines: Floats
+    """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
+
+    @property
+    def tangents(self) -> Floats:
+        """(k, dim) the first tangent of each, in the plane along the boundary with the body on the left."""
+        return tangents_of(self.normals)[:, 0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SideEnds:
+    """The nodes (e,) of all sides of a part, each with what its side gives it."""
+
+    nodes: Ints
+    normals: Floats
+    """(e, dim) of the sides"""
+    noise: Floats
+    """(e,) by which rounding may have turned the side"""
+    lengths: Floats
+    """(e,) int phi_i ds over the side"""
+    beyond: Ints
+    """(e,) what tells the sides of a node apart"""
+    partners: Ints
+    """(e,)"""
+
+    def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
+        """The rows; `matrix` (e, q) gives int g phi_i ds over each end's side from g at points (q, dim)."""
+        order, row = self._grouped()
+        k = row.max(initial=-1) + 1
+        nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
+        nodes[row], partners[row] = self.nodes[order], self.partners[order]
+        lengths = self.lengths[order]
+        normals = np.zeros((k, self.normals.shape[1]))
+        np.add.at(normals, row, lengths[:, None] * self.normals[order])
+        sizes, total = np.linalg.norm(normals, axis=1), totals(row, lengths, k)
+        normals = normals / sizes[:, None] + 0.0
+        each = matrix[order].tocoo()
+        return BoundaryRows(
+            nodes=read_only(nodes),
+            normals=read_only(normals),
+            lengths=read_only(total),
+            points=read_only(points),
+            matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
+            ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
+            partners=read_only(partners),
+            cosines=read_only(np.where(partners < 0, 1.0, sizes / total)),
+        )
+
+    def _grouped(self) -> tuple[Ints, Ints]:
+        """The ends ordered by node, and the row of each: one normal and partner, one row."""
+        order = np.argsort(self.nodes, kind="stable")
+        leader = np.full(len(order), -1)
+        while (waiting := np.flatnonzero(leader < 0)).size:
+            mine = self.nodes[order[waiting]]
+            ahead = waiting[np.searchsorted(mine, mine)]
+            joins = self._alike(order[waiting], order[ahead])
+            leader[waiting[joins]] = ahead[joins]
+        return order, np.unique(leader, return_inverse=True)[1]
+
+    def _alike(self, one: Ints, other: Ints) -> Bools:
+        apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
+        far = np.where(self.partners[one] < 0, SAME_NORMAL + self.noise[one] + self.noise[other], SMOOTH)
+        alike: Bools = (apart <= far) & (self.partners[one] == self.partners[other])
+        return alike

@@ -135,6 +135,13 @@ def test_heavy_packages_have_their_doors(name):
 
 
 @pytest.mark.parametrize("name", modules())
+def test_only_meshes_and_virtual_elements_ask_for_the_dimension(name):
+    if part(name) not in ("meshes", "vem"):
+        asked = re.findall(r"\b(?:dim|shape\[-?1\])\s*[=!<>]=?\s*[236]\b", modules()[name].read_text())
+        assert not asked, f"{name}: {asked}"
+
+
+@pytest.mark.parametrize("name", modules())
 def test_files_are_short(name):
     assert modules()[name].read_text().count("\n") <= 320
 

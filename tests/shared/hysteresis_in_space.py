@@ -1,0 +1,98 @@
+"""The frictional hysteresis patch test in space: a block dragged along a curve over a table with Tresca's friction.
+
+Bottom bilateral with the bound g, top moved by U(t) in the plane, u = (a + gamma z, 0) with vectors a and gamma:
+
+    gamma_n = P((U_n - a_{n-1}) / H),   P the projection on the disc of radius g / mu,   a_n = U_n - gamma_n H,
+
+with tractions (0, 0, +-mu gamma_x) on the sides across x and (0, 0, +-mu gamma_y) across y. It is exact for backward
+Euler on every mesh. Going round a circle |U| = R in steps of the angle delta, friction that slides all the time leaves
+a_n on a circle of radius rho, U_n - a_n along a_n - a_{n-1}, of length r = g H / mu:
+
+    R^2 = rho^2 + r^2 + 2 rho r sin(delta / 2),   a step dissipates  g A |a_n - a_{n-1}| = 2 g A rho sin(delta / 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import vemcvx as vx
+
+MU, BOUND, POISSON = 80.0, 6.0, 0.3
+SIZE = np.array([1.0, 1.2, 0.9])
+BOX = tuple((0.0, float(length)) for length in SIZE)
+AXES = np.eye(3)
+REACH = BOUND * SIZE[2] / MU
+"""r: how far the top may be from the foot before it slides."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A path of the top at instants 0, 1, ..., and what follows from it."""
+
+    top: np.ndarray
+    """(N + 1, 2)"""
+    foot: np.ndarray
+    """(N + 1, 2) a"""
+
+    @classmethod
+    def along(cls, top, foot):
+        """From the place of the foot at the beginning."""
+        feet = [np.asarray(foot, dtype=float)]
+        for place in top[1:]:
+            apart = place - feet[-1]
+            feet.append(place - apart * min(1.0, REACH / max(np.linalg.norm(apart), 1e-300)))
+        return cls(np.asarray(top), np.array(feet))
+
+    @property
+    def times(self):
+        return np.arange(len(self.top), dtype=float)
+
+    @property
+    def shear(self):
+        """(N + 1, 2) gamma."""
+        return (self.top - self.foot) / SIZE[2]
+
+    def displacement(self, points):
+        """(N + 1, n_nodes, 3)."""
+        u = np.zeros((len(self.top), *points.shape))
+        u[:, :, :2] = self.foot[:, None] + points[:, 2, None] * self.shear[:, None]
+        return u
+
+    def scene(self, friction=None, axes=AXES):
+        """The block; `axes` says where the three axes point to if it is turned."""
+
+        def top(x, t):
+            return np.tile(axes[:, :2] @ self.top[round(t)], (len(x), 1))
+
+        def side(axis, sign):
+            return lambda x, t: np.tile(sign * MU * self.shear[round(t), axis] * axes[:, 2], (len(x), 1))
+
+        sides = ("left", 0, -1), ("right", 0, 1), ("front", 1, -1), ("back", 1, 1)
+        return vx.Scene(
+            vx.Elasticity(2 * MU * (1 + POISSON), POISSON),
+            vx.PrescribedDisplacement(top, on="top"),
+            *(vx.Traction(side(axis, sign), on=name) for name, axis, sign in sides),
+            vx.BilateralContact(on="bottom"),
+            friction or vx.TrescaFriction(BOUND, on="bottom"),
+        )
+
+
+def curve():
+    """Sticks, slides along a curve that turns, sticks where it reverses, and slides on."""
+    places = [(0, 0), (0.6, 0.4), (2.0, 0.5), (2.5, 2.0), (2.1, 1.7), (-1.0, 2.0), (-1.0, -1.5)]
+    return Turn.along(REACH * np.array(places), (0.0, 0.0))
+
+
+def circle(steps, radius):
+    """One turn of steady sliding; the loss of it."""
+    s = np.sin(np.pi / steps)
+    rho = np.sqrt(radius**2 - REACH**2 * (1 - s**2)) - REACH * s
+    angle = 2 * np.pi * np.arange(steps + 1) / steps
+    top = radius * np.exp(1j * angle)
+    # U_0 - a_0 is along a_0 - a_{-1}, which is ahead of a_0 by a right angle less half a step.
+    ahead = rho + REACH * np.exp(1j * (0.5 * np.pi - np.pi / steps))
+    foot = rho * np.exp(1j * angle[0]) * radius / ahead
+    turn = Turn.along(np.column_stack([top.real, top.imag]), (foot.real, foot.imag))
+    return turn, 2 * BOUND * SIZE[0] * SIZE[1] * rho * s * steps

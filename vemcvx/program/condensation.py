@@ -39,6 +39,8 @@ from vemcvx.program.system import System
 
 HELD = 1e-24
 """Retained unknowns are held well enough when the energy of what they still move is this part of the whole."""
+HELD_ANCHORED = 1e-30
+"""Likewise where K has a kernel: tau is then the force that xi makes there, whose error is K times that motion."""
 MOST_ROUNDS = 5
 """Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
 
@@ -159,6 +161,7 @@ class Condensation:
         if len(c) == 0 or not phi[self._inner].any():
             return x if len(c) == 0 else np.zeros_like(phi)
         tau, size = self._S @ x[c], np.inf
+        enough = HELD if self.operators.kernel is None else HELD_ANCHORED
         for _ in range(MOST_ROUNDS):
             held = phi.copy()
             held[c] -= tau
@@ -166,7 +169,7 @@ class Condensation:
             # By so much tau was not exact yet.
             pushed = self._S @ xi[c]
             size, before = float(abs(pushed @ xi[c])), size
-            if size <= HELD * float(abs(phi @ xi)) or size > 0.25 * before:
+            if size <= enough * float(abs(phi @ xi)) or size > 0.25 * before:
                 break
             tau = tau + pushed
         return self._with_retained(xi, np.zeros(len(c)))

@@ -273,9 +273,10 @@ def _on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response) -
 
 
 def _bend(sets: Sets, s: Floats) -> Floats:
-    """h (I - q q') s, (m, block)."""
-    along = np.einsum("ij,ij->i", sets.direction, s)
-    bent: Floats = sets.curvature[:, None] * (s - along[:, None] * sets.direction)
+    """h (I - q q') s, of vectors (m, block), or of k at once, (m, block, k)."""
+    more = (np.newaxis,) * (s.ndim - 2)
+    along = np.einsum("ij,ij...->i...", sets.direction, s)
+    bent: Floats = sets.curvature[:, None, *more] * (s - sets.direction[(..., *more)] * along[:, None])
     return bent
 
 
@@ -287,16 +288,11 @@ def _factorised(
     M = response.matrix.copy()
     M[np.diag_indices_from(M)] += response.compliance
     slip = np.flatnonzero(np.repeat(~sets.stick, operators.block))
-    across = np.eye(operators.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
-    H = sp.bsr_matrix(
-        (sets.curvature[:, None, None] * across, np.arange(operators.count), np.arange(operators.count + 1)),
-        shape=(operators.B.shape[0],) * 2,
-    )
-    bent = sp.csr_matrix(H)[slip]
-    M[slip] = bent @ response.matrix[norms] if sets.curvature.any() else 0.0
+    bends = sets.curvature.any()
+    own = response.matrix[norms].reshape(operators.count, operators.block, -1)
+    M[slip] = _bend(sets, own).reshape(-1, len(M))[slip] if bends else 0.0
     M[slip, slip] += 1.0
-    rises = np.repeat(J.toarray(), operators.block, axis=0)[slip]
-    M[slip, limits] -= sets.direction.ravel()[slip, None] * rises
+    M[slip, limits] -= sets.direction.ravel()[slip, None] * J.toarray()[slip // operators.block]
     idle = limits.start + np.flatnonzero(~sets.act)
     M[idle] = 0.0
     M[idle, idle] = 1.0
@@ -310,7 +306,7 @@ def _factorised(
         met = np.ones(len(rhs), dtype=bool)
         met[slip], met[idle] = False, False
         rhs[met] = free[met] - wanted[met]
-        rhs[slip] += bent @ free[norms]
+        rhs[slip] += _bend(sets, operators.blocks(free[norms])).ravel()[slip]
         x = lapack.dgetrs(lu, pivots, rhs)[0]
         return operators.factor.solve(force - response.act(x)), x
 

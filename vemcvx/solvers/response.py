@@ -29,8 +29,8 @@ class Response:
         self.compliance[self.limits] = operators.compliance
         self.compliance[self.limits.stop :] = -1.0 / anchor[anchored]
         self.matrix = self.A @ operators.factor.solve(self.A.T.toarray())
-        self.absolute = abs(self.A)
+        self.absolute, self._transposed = abs(self.A), sp.csr_matrix(self.A.T)
 
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
-        return self.A.T @ x
+        return self._transposed @ x

@@ -150,6 +150,34 @@ def test_solvers_agree_on_a_block_that_lies_on_another(solver):
     assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
 
 
+def closing(mesh):
+    """The upper block comes down on the lower one, whose face it meets in the middle first, and moves aside."""
+
+    def moved(x, t):
+        return np.tile([0.1 * t, -0.1 * t], (len(x), 1))
+
+    return vx.Scene(
+        vx.Elasticity(10.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(moved, on="upper.top"),
+        vx.UnilateralContact(on=JOINT, gap=lambda x, t: 0.02 + 0.05 * (x[:, 0] - 0.5) ** 2),
+        vx.CoulombFriction(0.3, on=JOINT),
+    )
+
+
+@pytest.mark.parametrize("solver", ["Clarabel", "OSQP"])
+def test_solvers_agree_where_gaps_close_with_friction(solver):
+    """Bounds d_i = e_i that are met exactly are met by y_n - y_{n-1}, too, which is d but for rounding."""
+    mesh, times = two_blocks("voronoi", "hexagons", (3, 4)), np.linspace(0, 1, 5)
+    history, other = (vx.simulate(closing(mesh), mesh, times, solver=one) for one in (SOLVERS[solver], vx.Newton()))
+    assert history.certificate.max() < 1e-6
+    assert history.certificate_kind == other.certificate_kind == "bound"
+    assert 0 < history.contact.closed_count[1] < history.contact.closed_count[-1]
+    size = np.sqrt(2 * other.energy.max())
+    distance = vx.measures.energy_distance(history, other).absolute
+    assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
+
+
 def test_action_is_reaction():
     mesh = two_blocks("voronoi", "hexagons", (3, 4))
     history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5))

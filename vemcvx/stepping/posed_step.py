@@ -155,7 +155,8 @@ class PosedStep:
 
     def moved(self, state: State, under: State, certificate: Certificate) -> State:
         """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
-        program, d = self.program, state.y - self.before.y
+        # y_n - y_{n-1} is d but for rounding, by which it may be beyond a bound, and that would cost no end of work.
+        program, d = self.program, self.program.feasible(state.y - self.before.y)
         friction = norm_gaps(program.w, under.lam, program.slip(d))
         limits = limit_gaps(program.operators.compliance, under.p, program.excess(d), program.excess_blur(d))
         certificate = replace(certificate, friction=friction, limits=limits)

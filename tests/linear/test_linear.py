@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from blocks_in_space import block, on_floor
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.linear import DenseCholesky, Multigrid, Pardiso, Scaled, SuperLU, choose_linear
+from vemcvx.linear.default import foreseen_memory
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.pose import pose_scene
@@ -248,6 +251,32 @@ def test_the_choice_is_by_size_and_can_be_overridden(caplog):
         chosen = choose_linear(3_000_000)
     assert "3000000 unknowns" in caplog.text
     assert chosen == (Multigrid() if find_spec("pyamg") else direct)
+
+
+@pytest.mark.parametrize(("installed", "gigabytes"), [(True, (0.2, 3.6)), (False, (0.66, 19.0))])
+def test_in_space_the_choice_is_by_the_memory_that_is_foreseen(monkeypatch, caplog, installed, gigabytes):
+    """And said beforehand: of cubes with 26,040 unknowns as measured, and of 260,000."""
+    monkeypatch.setattr(Pardiso, "installed", staticmethod(lambda: installed))
+    direct = Pardiso() if installed else SuperLU()
+    for takes, n in zip(gigabytes, (26_040, 260_000), strict=True):
+        assert foreseen_memory(direct, n, 0) == pytest.approx(takes * 1e9, rel=0.4)
+    with caplog.at_level("INFO", logger="vemcvx"):
+        assert choose_linear(26_040, modes=6, retained=840) == direct
+    assert re.search(rf"{type(direct).__name__}; factors for 26040 unknowns in space take 0\.\d+ GB", caplog.text)
+    able = Multigrid() if find_spec("pyamg") else direct
+    assert choose_linear(2_000_000, modes=6) == able
+    assert choose_linear(260_000, modes=6) == (direct if installed else able)
+    assert choose_linear(30_000, modes=6, retained=10_000) == able
+    # In the plane factors are sparser.
+    assert choose_linear(2_000_000, modes=3) == direct
+
+
+def test_systems_with_six_rigid_motions_are_in_space(monkeypatch):
+    pytest.importorskip("pyamg")
+    monkeypatch.setattr("vemcvx.linear.default.MOST_MEMORY", 1.0)
+    system = on_floor(block(2), lambda t: np.zeros(3))
+    assert system.linear() == Multigrid()
+    assert replace(system, near_kernel=None).linear() == SuperLU()
 
 
 def test_a_run_chooses_once(monkeypatch, caplog):

@@ -30,7 +30,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
-from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.linear import LinearSolver
 from vemcvx.linear.ordering import minimum_degree
 from vemcvx.program.forces import Fields, Reduced, combined
 from vemcvx.program.kernel import anchors
@@ -68,7 +68,7 @@ class Condensation:
         self.system = system
         n, norms = system.n, system.norms
         B, D, block = system.B, system.D, 1 if norms is None else norms.block
-        self.linear = choose_linear(n, linear)
+        self.linear = system.linear(linear)
         compliance = np.zeros(0) if system.limits is None else system.limits.compliances
         retained = system.retained
         anchor = _anchors(system, retained, self.linear)

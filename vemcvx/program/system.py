@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import called, instance
 from vemcvx.arrays import Floats, Ints, MatrixLike, brief, shaped
 from vemcvx.errors import SceneError
+from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import (
     SYMMETRIC,
@@ -199,6 +200,11 @@ class System(ArrayRecord):
     def retained(self) -> Ints:
         """(m,) the unknowns that norm terms or limits read: all others are eliminated."""
         return np.unique(np.concatenate([A.indices[A.data != 0].astype(np.int64) for A in (self.B, self.D)]))
+
+    def linear(self, asked: LinearSolver | None = None) -> LinearSolver:
+        """The linear solver for K: the one asked for, else by size."""
+        modes = 0 if self.near_kernel is None else self.near_kernel.shape[1]
+        return choose_linear(self.n, asked, modes=modes, retained=len(self.retained))
 
     def elimination_order(self) -> Ints | None:
         """(n,) the order of elimination, if there is one."""

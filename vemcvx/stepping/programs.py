@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import flag, is_whole
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError
-from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.linear import LinearSolver
 from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.system import System
@@ -72,7 +72,7 @@ def programs_of_trajectory(
 def _prepared(
     system: System, instants: Floats, solver: Solver | Solves | None, condense: bool, linear: LinearSolver | None
 ) -> tuple[PreparedRun, Steps]:
-    linear = choose_linear(system.n, linear)
+    linear = system.linear(linear)
     with one_thread(len(system.retained) if condense and linear.eliminates else system.n):
         run = prepare(system, solver, True, condense, linear)
     return run, steps_of(run, instants)

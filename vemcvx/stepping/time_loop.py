@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
-from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.linear import LinearSolver
 from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver
@@ -83,7 +83,7 @@ def march(
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
     start = time.perf_counter()
-    linear = choose_linear(system.n, linear)
+    linear = system.linear(linear)
     dense = len(system.retained) if condense else system.n
     with one_thread(dense if linear.eliminates else 0):
         run = prepare(system, solver, check, condense, linear)

@@ -17,6 +17,7 @@ from vemcvx.program.motion import Motion
 
 GRIPPED = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
 SCENE = vx.Scene(STEEL, HELD, PUSH, *GRIPPED)
+CUBE = vx.meshes.cubes(1)
 PAIR = {"lower": MESH, "upper": vx.meshes.squares(1, ((0, 1), (1, 2)))}
 FREE = np.array([[1.0, -1.0], [-1.0, 1.0]])
 NONE = np.zeros(2)
@@ -144,6 +145,17 @@ CALLED = [
     (vx.meshes.nonconvex, {"n": 2, "box": ((0, 1), (0, 1)), "zigzag": 0.1}, {}),
     (vx.meshes.voronoi, {"n": 2, "box": ((0, 1), (0, 1)), "seed": 0, "cells": None, "relaxations": 1, "shortest": 0.0},
      {"cells": {"None"}, "seed": {"huge"}}),
+    (vx.PolyhedralMesh, {"points": CUBE.points, "cells": CUBE.cells, "boundaries": None, "cell_data": None},
+     {key: {"None", "no dict"} for key in ("boundaries", "cell_data")}),
+    (vx.meshes.cubes, {"n": 2, "box": ((0, 1), (0, 1), (0, 1)), "size": None}, {"size": {"None"}}),
+    (vx.meshes.tetrahedra, {"n": 1, "box": ((0, 1), (0, 1), (0, 1))}, {}),
+    (vx.meshes.prisms, {"n": 1, "box": ((0, 1), (0, 1), (0, 1)), "seed": 0}, {"seed": {"huge"}}),
+    (vx.meshes.kelvin, {"n": 1, "box": ((0, 1), (0, 1), (0, 1))}, {}),
+    (vx.meshes.voronoi3, {"n": 1, "box": ((0, 1), (0, 1), (0, 1)), "seed": 0, "cells": None, "relaxations": 1},
+     {"cells": {"None"}, "seed": {"huge"}}),
+    (MESH.extruded, {"heights": [0.0, 1.0]}, {}),
+    (CUBE.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
+    (CUBE.with_boundaries, {"boundaries": {"a": [0]}}, {"boundaries": {"None", "no dict"}}),
     (vx.PolygonMesh, {"points": MESH.points, "cells": [[0, 1, 3, 2]], "boundaries": None, "cell_data": None,
                       "interfaces": None},
      {key: {"None", "no dict"} for key in ("boundaries", "cell_data", "interfaces")}),

@@ -6,19 +6,23 @@ ones it has four coplanar faces. Neither cells nor faces need be convex.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only
+from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import SpaceBox
 from vemcvx.meshes.checks.face_names import box_sides, check_face_boundaries
-from vemcvx.meshes.checks.names import choose
+from vemcvx.meshes.checks.names import check_cell_data, choose
+from vemcvx.meshes.checks.space_mesh import checked_in_space
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polyhedra import shapes, topology
 
@@ -37,6 +41,21 @@ class SpaceTessellation(Mesh):
     ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
     PARTS = "faces"
 
+    def __init__(
+        self,
+        points: ArrayLike,
+        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer],
+        *,
+        boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
+        cell_data: Mapping[str, ArrayLike] | None = None,
+    ):
+        mesh = checked_in_space(points, cells)
+        for note in mesh.notes:
+            warnings.warn(note, MeshWarning, stacklevel=2)
+        self._fill(mesh.points, *mesh.faces, node_map=mesh.node_map)
+        object.__setattr__(self, "_named", check_face_boundaries(boundaries, mesh.faces, mesh.node_map))
+        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
+
     @classmethod
     def unchecked(
         cls,
@@ -52,6 +71,16 @@ class SpaceTessellation(Mesh):
         mesh = object.__new__(cls)
         mesh._fill(points, *topology.Faces(face_offsets, face_vertices, cell_offsets, cell_faces, face_cells), _box=box)
         return mesh
+
+    @cached_property
+    def cells(self) -> tuple[tuple[Ints, ...], ...]:
+        """Faces of each cell, outwards: the vertex numbers of each, as `PolyhedralMesh` takes them."""
+        forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
+        listed = [
+            forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])
+            for face, sign in zip(self.cell_faces.tolist(), self.face_signs.tolist(), strict=True)
+        ]
+        return tuple(tuple(listed[start:end]) for start, end in pairwise(self.cell_offsets.tolist()))
 
     @property
     def n_cells(self) -> int:
@@ -93,7 +122,7 @@ class SpaceTessellation(Mesh):
     @cached_property
     def face_signs(self) -> Floats:
         """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
-        return read_only(topology.signs_of(self.cell_offsets, self.cell_faces, self.face_cells))
+        return read_only(topology.signs_of(self.faces))
 
     @cached_property
     def _volumes_and_centroids(self) -> tuple[Floats, Floats]:
@@ -115,13 +144,7 @@ class SpaceTessellation(Mesh):
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:
         """Offsets (n_cells + 1,), and the nodes of each cell between them, once each and ascending."""
-        offsets, nodes = shapes.nodes_of_cells(
-            self.n_nodes,
-            self.face_offsets,
-            self.face_vertices,
-            cell_offsets=self.cell_offsets,
-            cell_faces=self.cell_faces,
-        )
+        offsets, nodes = topology.nodes_of_cells(self.faces, self.n_nodes)
         return read_only(offsets), read_only(nodes)
 
     @cached_property
@@ -159,7 +182,7 @@ class SpaceTessellation(Mesh):
         chosen = choose(name, predicate, self.face_centroids[self._boundary], "faces")
         return self._replace(_named={**self._named, name: read_only(self._boundary[chosen])})
 
-    def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
+    def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
         """Return this mesh with more named parts of its boundary.
 
         Parameters

@@ -6,7 +6,8 @@ compared pair by pair.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,8 +20,62 @@ from vemcvx.meshes.polygons.topology import directed_edges, next_vertex, previou
 PAIRS_AT_ONCE = 500_000  # about 100 MB of temporaries
 
 
+@dataclass(frozen=True)
+class Fault:
+    """Why a polygon is none.
+
+    Attributes
+    ----------
+    kind : {"crossing", "flat", "spike", "touching"}
+        Two edges cross; there is no area; the outline turns back on itself; a vertex lies on an edge.
+    cell : int
+        Number of the polygon.
+    edge, other : sequence of int
+        Nodes of the edge, and of the one that crosses it.
+    node : int
+        The node at the tip of the spike, or on the edge.
+    beside : int
+        Of a spike: the node on the edge.
+    """
+
+    kind: str
+    cell: int
+    edge: Sequence[int] = ()
+    other: Sequence[int] = ()
+    node: int = -1
+    beside: int = -1
+
+
 def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     """Signed areas (n_cells,), or MeshError at the first cell that is not a simple polygon with an area."""
+    areas, fault = fault_of(points, offsets, vertices)
+    if fault is None:
+        return areas
+    cell = fault.cell
+    if fault.kind == "flat":
+        size = diameters(points, offsets[cell : cell + 2] - offsets[cell], vertices[offsets[cell] :])[0]
+        raise MeshError(
+            f"cell {cell} has no area: its vertices {brief_row(vertices[offsets[cell] : offsets[cell + 1]])} lie on "
+            f"one line (area {areas[cell]:.3g}, diameter {size:.3g}). Remove it or correct its vertices."
+        )
+    edge, other = brief_row(fault.edge), brief_row(fault.other)
+    if fault.kind == "crossing":
+        raise MeshError(
+            f"cell {cell} crosses itself: its edges {edge} and {other} intersect. List its vertices in order around it."
+        )
+    if fault.kind == "spike":
+        raise MeshError(
+            f"cell {cell} has a spike: at node {fault.node} its outline turns back on itself (node {fault.beside} lies "
+            f"on the edge {edge}). Remove the node at the tip from the cell."
+        )
+    raise MeshError(
+        f"cell {cell} touches itself: its node {fault.node} lies on its edge {edge}. Split the cell there, or move the "
+        "node."
+    )
+
+
+def fault_of(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Fault | None]:
+    """Signed areas (n_cells,), and what is wrong with the first cell that is not a simple polygon with an area."""
     areas = areas_and_centroids(points, offsets, vertices)[0]
     sizes = diameters(points, offsets, vertices)
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
@@ -28,15 +83,10 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     suspects = np.flatnonzero(thin | ~_convex(points, offsets, vertices, areas))
     ends = directed_edges(offsets, vertices)
     cells, first, second = _near_pairs(points, ends, offsets, suspects)
-    _check_crossings(points, cells, first, second)
-    if thin.any():
-        cell = int(np.flatnonzero(thin)[0])
-        raise MeshError(
-            f"cell {cell} has no area: its vertices {_brief(vertices[offsets[cell] : offsets[cell + 1]])} lie on one "
-            f"line (area {areas[cell]:.3g}, diameter {sizes[cell]:.3g}). Remove it or correct its vertices."
-        )
-    _check_touching(points, cells, first, second)
-    return areas
+    fault = _crossing(points, cells, first, second)
+    if fault is None and thin.any():
+        fault = Fault("flat", int(np.flatnonzero(thin)[0]))
+    return areas, fault or _touching(points, cells, first, second)
 
 
 def _convex(points: Floats, offsets: Ints, vertices: Ints, areas: Floats) -> Bools:
@@ -91,17 +141,12 @@ def _near_pairs(points: Floats, ends: Ints, offsets: Ints, cells: Ints) -> tuple
     return cell, ends[i], ends[j]
 
 
-def _check_crossings(points: Floats, cells: Ints, first: Ints, second: Ints) -> None:
+def _crossing(points: Floats, cells: Ints, first: Ints, second: Ints) -> Fault | None:
     bad = np.flatnonzero(crossing(points, first, second))
-    if len(bad):
-        k = bad[0]
-        raise MeshError(
-            f"cell {cells[k]} crosses itself: its edges {_brief(first[k])} and {_brief(second[k])} intersect. List its "
-            "vertices in order around it."
-        )
+    return Fault("crossing", int(cells[bad[0]]), first[bad[0]], second[bad[0]]) if len(bad) else None
 
 
-def _check_touching(points: Floats, cells: Ints, first: Ints, second: Ints) -> None:
+def _touching(points: Floats, cells: Ints, first: Ints, second: Ints) -> Fault | None:
     edge = np.concatenate([first, first, second, second])
     other = np.concatenate([second, second, first, first])
     node = np.concatenate([second[:, 0], second[:, 1], first[:, 0], first[:, 1]])
@@ -110,31 +155,16 @@ def _check_touching(points: Floats, cells: Ints, first: Ints, second: Ints) -> N
     at, start, end = points[node], points[edge[:, 0]], points[edge[:, 1]]
     bad = np.flatnonzero(beside(at, start, end)[0] <= rounding(at, start, end))
     if not len(bad):
-        return
+        return None
     tips = (edge[bad, :, None] == other[bad, None]).any(axis=2)  # which end of the edge the other edge starts from
     k = bad[np.argmax(tips.any(axis=1))]  # a spike also makes edges farther on touch: name the spike
     if tips.any():
         tip = edge[k][np.isin(edge[k], other[k])][0]
-        raise MeshError(
-            f"cell {cells[k]} has a spike: at node {tip} its outline turns back on itself (node {node[k]} lies on the "
-            f"edge {_brief(edge[k])}). Remove the node at the tip from the cell."
-        )
-    raise MeshError(
-        f"cell {cells[k]} touches itself: its node {node[k]} lies on its edge {_brief(edge[k])}. Split the cell there, "
-        "or move the node."
-    )
+        return Fault("spike", int(cells[k]), edge[k], node=int(tip), beside=int(node[k]))
+    return Fault("touching", int(cells[k]), edge[k], node=int(node[k]))
 
 
-def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
-    """Vertices with the given cells listed the other way round, each from the same first vertex."""
-    counts = np.repeat(np.diff(offsets), np.diff(offsets))
-    start = np.repeat(offsets[:-1], np.diff(offsets))
-    place = np.arange(len(vertices)) - start
-    mirrored = start + (counts - place) % counts
-    return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
-
-
-def _brief(nodes: Ints) -> str:
+def brief_row(nodes: Sequence[int] | Ints) -> str:
     """Node numbers in brackets, long lists cut."""
     shown = ", ".join(map(str, nodes[:6]))
     return f"({shown}{', ...' if len(nodes) > 6 else ''})"

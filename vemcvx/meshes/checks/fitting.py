@@ -60,7 +60,7 @@ def shortest_edges(points: Floats, ends: Ints) -> Floats:
 
 
 def _lengths(points: Floats, ends: Ints) -> Floats:
-    lengths: Floats = np.hypot(*(points[ends[:, 1]] - points[ends[:, 0]]).T)
+    lengths: Floats = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
     return lengths
 
 

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Floats, Ints, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST
-from vemcvx.meshes.checks.cells import check_cells, turned
+from vemcvx.meshes.checks.cells import check_cells
 from vemcvx.meshes.checks.tiling import check_coincident, check_tiling
 from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, places_of
-from vemcvx.meshes.polygons.topology import cell_of_corner
+from vemcvx.meshes.polygons.topology import cell_of_corner, turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,25 +54,37 @@ def checked(
     check_tiling(points, offsets, place[vertices])
     node_map = None
     if len(used) < len(points):
-        node_map = np.full(len(points), -1)
-        node_map[used] = np.arange(len(used))
-        notes.append(
-            f"{len(points) - len(used)} of {len(points)} nodes belong to no cell (the first is node "
-            f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
-        )
+        node_map, note = dropped(used, len(points))
+        notes.append(note)
         points, vertices = points[used], node_map[vertices]
     return Checked(points, offsets, vertices, interfaces, node_map=node_map, notes=tuple(notes))
 
 
-def check_points(points: ArrayLike) -> Floats:
-    """A copy of the points as finite floats (n_nodes, 2), or MeshError."""
+def dropped(used: Ints, n_nodes: int) -> tuple[Ints, str]:
+    """New numbers of nodes of which some are used, -1 for the others, and a note on these."""
+    node_map = np.full(n_nodes, -1)
+    node_map[used] = np.arange(len(used))
+    return node_map, (
+        f"{n_nodes - len(used)} of {n_nodes} nodes belong to no cell (the first is node "
+        f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
+    )
+
+
+def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
+    """A copy of the points as finite floats (n_nodes, dimension), or MeshError."""
     given = plain(points)
+    shape = f"(n_nodes, {dimension})"
     if given is None or given.dtype.kind not in "biuf":
-        raise MeshError("points must be real numbers of shape (n_nodes, 2); what was given does not read as such.")
+        raise MeshError(f"points must be real numbers of shape {shape}; what was given does not read as such.")
     array = np.array(given, dtype=float)
-    if array.ndim != 2 or array.shape[1] != 2:
-        hint = " Meshes are plane: leave out the third coordinate." if array.shape[1:] == (3,) else ""
-        raise MeshError(f"points must have the shape (n_nodes, 2); got {array.shape}.{hint}")
+    if array.ndim != 2 or array.shape[1] != dimension:
+        hints = {
+            (2, 3): " Meshes are plane: leave out the third coordinate; in space there is PolyhedralMesh.",
+            (3, 2): " In the plane there is PolygonMesh.",
+        }
+        raise MeshError(
+            f"points must have the shape {shape}; got {array.shape}.{hints.get((dimension, *array.shape[1:]), '')}"
+        )
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
         raise MeshError(f"node {bad[0]} is at {tuple(array[bad[0]].tolist())}: coordinates must be finite.")

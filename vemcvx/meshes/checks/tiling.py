@@ -30,10 +30,14 @@ def check_coincident(points: Floats, used: Ints) -> None:
         pairs = pairs[apart <= rounding(place[pairs[:, 0]], place[pairs[:, 1]])]
     if len(pairs):
         a, b = sorted(used[pairs[0]])
+        at = ", ".join(f"{x:.9g}" for x in points[a])
+        bodies = (
+            "; or, if two bodies meet there, make a mesh (a file) of each and put them together with vx.meshes.bodies, "
+            "which keeps the nodes of each and names the interface"
+        )
         raise MeshError(
-            f"nodes {a} and {b} are in the same place, ({points[a, 0]:.9g}, {points[a, 1]:.9g}). Give them one number, "
-            "so that the cells around them are joined; or, if two bodies meet there, make a mesh (a file) of each and "
-            "put them together with vx.meshes.bodies, which keeps the nodes of each and names the interface."
+            f"nodes {a} and {b} are in the same place, ({at}). Give them one number, so that the cells around them are "
+            f"joined{bodies if points.shape[1] == 2 else ''}."
         )
 
 

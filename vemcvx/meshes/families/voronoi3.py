@@ -25,7 +25,7 @@ from vemcvx.meshes.box import (
     space_counts,
 )
 from vemcvx.meshes.polygons.search import close_pairs, voronoi_faces
-from vemcvx.meshes.polygons.topology import next_vertex, offsets_of, smallest_linked
+from vemcvx.meshes.polygons.topology import next_vertex, offsets_of, smallest_linked, turned
 from vemcvx.meshes.polyhedra.shapes import face_shapes, volumes_and_centroids
 from vemcvx.meshes.polyhedra.topology import Faces, signs_of
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
@@ -99,8 +99,7 @@ def _number_of_cells(n: SpaceCount | None, box: SpaceBox, size: float | None, ce
 
 def _volumes_and_centroids(points: Floats, faces: Faces) -> tuple[Floats, Floats]:
     found = face_shapes(points, faces.face_offsets, faces.face_vertices)
-    signs = signs_of(faces.cell_offsets, faces.cell_faces, faces.face_cells)
-    return volumes_and_centroids(found, faces.cell_offsets, faces.cell_faces, signs)
+    return volumes_and_centroids(found, faces.cell_offsets, faces.cell_faces, signs_of(faces))
 
 
 def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Faces]:
@@ -140,7 +139,8 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     _snap(points, vertices, np.repeat(side, np.diff(offsets)), size)
     points, offsets, vertices, left = _merged(points, offsets, vertices)
     first, second, side = first[left], second[left], side[left]
-    vertices = _outwards(points, offsets, vertices, sites[second] - sites[first])
+    outwards = np.einsum("ij,ij->i", face_shapes(points, offsets, vertices).normals, sites[second] - sites[first])
+    vertices = turned(offsets, vertices, outwards < 0.0)
     return points, _listed(offsets, vertices, np.column_stack([first, np.where(side < 0, second, -1)]), count)
 
 
@@ -164,14 +164,6 @@ def _merged(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints
     vertices = vertices[fresh & left[rows]]
     used, vertices = np.unique(vertices, return_inverse=True)
     return points[used], offsets_of(counts[left]), vertices, np.flatnonzero(left)
-
-
-def _outwards(points: Floats, offsets: Ints, vertices: Ints, directions: Floats) -> Ints:
-    """Rows of vertices turned where their normal runs against the direction."""
-    normals = face_shapes(points, offsets, vertices).normals
-    backwards = np.repeat(np.einsum("ij,ij->i", normals, directions) < 0.0, np.diff(offsets))
-    mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(len(vertices))
-    return np.where(backwards, vertices[mirrored], vertices)
 
 
 def _listed(offsets: Ints, vertices: Ints, face_cells: Ints, cells: int) -> Faces:

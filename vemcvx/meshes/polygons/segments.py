@@ -1,4 +1,4 @@
-"""Segments and boxes in the plane: which cross, how far a point is from one, which boxes overlap.
+"""Segments in the plane, and boxes: which cross, how far a point is from one, which boxes overlap.
 
 The sign of (b - a) x (p - a) says on which side of the line through a and b the point p lies. Differences of
 coordinates are exact up to the rounding of the coordinates themselves, so distances below `TOLERANCE` times the
@@ -59,9 +59,9 @@ def crossing(points: Floats, first: Ints, second: Ints) -> Bools:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j]; boxes are (m, 2).
+    """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j]; boxes are (m, d).
 
-    The second set goes into a balanced binary tree of enclosing boxes, halved by turns along x and y; all queries
+    The second set goes into a balanced binary tree of enclosing boxes, halved by turns along the axes; all queries
     descend it together. Cost near (m + pairs) log m also for meshes graded over many orders of length.
     """
     order, levels = _box_tree(tree_low, tree_high)
@@ -77,17 +77,18 @@ def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Fl
 
 def _box_tree(low: Floats, high: Floats) -> tuple[Ints, list[tuple[Floats, Floats]]]:
     """Order of the leaves, and the enclosing boxes of each level from the root down."""
+    dimension = low.shape[1]
     depth = max(0, int(np.ceil(np.log2(max(1, len(low))))))
     empty = 2**depth - len(low)  # boxes that meet nothing fill the tree up
-    low = np.concatenate([low, np.full((empty, 2), np.inf)])
-    high = np.concatenate([high, np.full((empty, 2), -np.inf)])
+    low = np.concatenate([low, np.full((empty, dimension), np.inf)])
+    high = np.concatenate([high, np.full((empty, dimension), -np.inf)])
     place = np.where(np.isfinite(low), low, np.inf)
     order = np.arange(2**depth)
     for level in range(depth):
         blocks = order.reshape(2**level, -1)
-        order = np.take_along_axis(blocks, np.argsort(place[blocks, level % 2], axis=1), axis=1).ravel()
+        order = np.take_along_axis(blocks, np.argsort(place[blocks, level % dimension], axis=1), axis=1).ravel()
     levels = [(low[order], high[order])]
     while len(levels[0][0]) > 1:
-        lower, upper = levels[0]
-        levels.insert(0, (lower.reshape(-1, 2, 2).min(axis=1), upper.reshape(-1, 2, 2).max(axis=1)))
+        lower, upper = (pair.reshape(-1, 2, dimension) for pair in levels[0])
+        levels.insert(0, (lower.min(axis=1), upper.max(axis=1)))
     return order, levels

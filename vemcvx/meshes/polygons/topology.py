@@ -33,6 +33,15 @@ def rows_in_order(offsets: Ints, flat: Ints, order: Ints) -> tuple[Ints, Ints]:
     return offsets_of(counts), flat[spans(offsets[order], counts)]
 
 
+def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
+    """Vertices with the given rows listed the other way round, each from the same first vertex."""
+    counts = np.repeat(np.diff(offsets), np.diff(offsets))
+    start = np.repeat(offsets[:-1], np.diff(offsets))
+    place = np.arange(len(vertices)) - start
+    mirrored = start + (counts - place) % counts
+    return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
+
+
 def first_in_row(flags: Bools, offsets: Ints) -> Ints:
     """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
     place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))

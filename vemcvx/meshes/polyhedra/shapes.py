@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import next_corner, spans
+from vemcvx.meshes.polygons.topology import next_corner
 
 ENTRIES_AT_ONCE = 2_000_000  # about 50 MB of temporaries
 
@@ -77,19 +77,6 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
                 np.maximum(squared, np.einsum("cij,cij->ci", apart, apart).max(axis=1), out=squared)
             result[cells] = np.sqrt(squared)
     return result
-
-
-def nodes_of_cells(
-    n_nodes: int, face_offsets: Ints, face_vertices: Ints, *, cell_offsets: Ints, cell_faces: Ints
-) -> tuple[Ints, Ints]:
-    """Offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
-    sizes = np.diff(face_offsets)[cell_faces]
-    nodes = face_vertices[spans(face_offsets[cell_faces], sizes)]
-    cells = np.repeat(np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets)), sizes)
-    keys = np.sort(cells * n_nodes + nodes)
-    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
-    counts = np.bincount(keys // n_nodes, minlength=len(cell_offsets) - 1)
-    return np.concatenate([[0], np.cumsum(counts)]), keys % n_nodes
 
 
 def _divided(rows: Floats, by: Floats) -> Floats:

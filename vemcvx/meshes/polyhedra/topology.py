@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polygons.topology import cell_of_corner, offsets_of, rows_in_order
 
 
 class Faces(NamedTuple):
@@ -28,7 +28,7 @@ def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
     """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
     first, number = same_faces(offsets, vertices)
     face_offsets, face_vertices = rows_in_order(offsets, vertices, first)
-    owner = np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets))
+    owner = cell_of_corner(cell_offsets)
     second = np.full(len(first), -1)
     later = np.flatnonzero(first[number] != np.arange(len(number)))
     second[number[later]] = owner[later]
@@ -56,7 +56,15 @@ def same_faces(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
     return first, np.searchsorted(first, leader)
 
 
-def signs_of(cell_offsets: Ints, cell_faces: Ints, face_cells: Ints) -> Floats:
+def signs_of(faces: Faces) -> Floats:
     """1 where the stored normal of a cell's face points out of it, -1 where into it; in the order of `cell_faces`."""
-    owner = np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets))
-    return np.where(face_cells[cell_faces, 0] == owner, 1.0, -1.0)
+    return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
+
+
+def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
+    """Offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
+    rows, nodes = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
+    cells = np.repeat(cell_of_corner(faces.cell_offsets), np.diff(rows))
+    keys = np.sort(cells * n_nodes + nodes)
+    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
+    return offsets_of(np.bincount(keys // n_nodes)), keys % n_nodes

@@ -1,0 +1,484 @@
+"""Meshes in space handed in by a user: what is refused and in which words, what is mended, what is fine."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from refined_cubes import refined_cubes
+
+import vemcvx as vx
+from vemcvx.meshes import PolyhedralMesh
+
+CUBE = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
+FACES = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]]
+NEXT = [(2.0, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0)]  # nodes 8 to 11 of a second cube on the right
+RIGHT = [[1, 5, 7, 3], [8, 9, 11, 10], [1, 8, 10, 5], [3, 7, 11, 9], [1, 3, 9, 8], [5, 10, 11, 7]]
+TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+
+
+def cube(low=(0, 0, 0), width=1.0, first=0):
+    """Points and faces of a cube whose nodes are numbered from `first`."""
+    return [tuple(np.add(low, width * np.array(p))) for p in CUBE], [[first + k for k in face] for face in FACES]
+
+
+def refused(points, cells, message):
+    with pytest.raises(vx.MeshError, match=message):
+        PolyhedralMesh(points, cells)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ("points", r"points must be real numbers of shape \(n_nodes, 3\)"),
+        (None, "points must be real numbers"),
+        (np.zeros((8, 3), dtype=complex), "points must be real numbers"),
+        (np.zeros((8, 2)), r"shape \(n_nodes, 3\); got \(8, 2\). In the plane there is PolygonMesh"),
+        (np.zeros(24), r"shape \(n_nodes, 3\); got \(24,\)"),
+        ([*CUBE[:7], (1, 1, np.nan)], r"node 7 is at \(1.0, 1.0, nan\): coordinates must be finite"),
+        ([*CUBE[:7], (1, 1, 1e70)], "coordinates reach 1e\\+70"),
+    ],
+)
+def test_bad_points(points, message):
+    refused(points, [FACES], message)
+
+
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        (None, "cells must be a sequence of cells, each a sequence of faces.*got NoneType"),
+        (5, "cells must be a sequence of cells"),
+        ([5], "cells must be a sequence of cells"),
+        ([], "at least one cell"),
+        ([[]], "cell 0 has 0 faces; a polyhedron has at least 4"),
+        ([FACES, FACES[:3]], "cell 1 has 3 faces"),
+        ([[*FACES, []]], "cell 0: its face 6 has 0 vertices"),
+        ([[*FACES, [0, 1]]], "cell 0: its face 6 has 2 vertices; a polygon has at least 3"),
+        ([[0, 1, 2, 3]], "cell 0: its face 0 must be a list of node numbers.*vx.meshes.convert"),
+        (np.arange(8).reshape(1, 8), r"shape \(n_cells, faces, vertices\); got \(1, 8\).*vx.meshes.convert"),
+        ([[[0.0, 1.0, 2.0]] * 4], "cell 0: its face 0 must be a list of node numbers; got float64"),
+        ([[*FACES[:5], "4576"]], "cell 0: its face 5 must be a list of node numbers"),
+        ([[*FACES[:5], [4, 5, [7], 6]]], "cell 0: its face 5 must be a list of node numbers"),
+        ([[*FACES[:5], [True, False, True]]], "cell 0: its face 5 must be a list of node numbers; got bool"),
+        ([[*FACES[:5], [4, 5, 7, 8]]], "cell 0: its face 5 names node 8; the 8 nodes are numbered 0 to 7"),
+        ([[*FACES[:5], [4, 5, 7, -1]]], "cell 0: its face 5 names node -1"),
+        ([[*FACES[:5], [4, 5, 7, 2**70]]], "cell 0: its face 5"),
+        ([[*FACES[:5], [4, 5, 7, 5]]], "cell 0: its face 5 names node 5 twice"),
+        ([[*FACES, FACES[2][::-1]]], r"cell 0 lists its face \(0, 1, 5, 4\) twice|cell 0 lists its face .* twice"),
+    ],
+)
+def test_bad_lists(cells, message):
+    refused(CUBE, cells, message)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize(
+    ("points", "cells", "message"),
+    [
+        ([*CUBE[:7], CUBE[5]], [FACES], r"nodes 5 and 7 are in the same place, \(\S+, \S+, \S+\).*joined\.$"),
+        (CUBE, [FACES[:5]], r"cell 0 is not closed: its edge \(4, 5\) belongs to one of its faces only"),
+        (CUBE, [[[0, 4, 2, 6], *FACES[1:]]], r"cell 0: its face \(0, 4, 2, 6\) has no area"),
+        (
+            [*CUBE[:7], (1.0, 1.0, 1.2)],
+            [FACES],
+            r"cell 0: its face \(\S+ \d, \d, \d\) is not plane: node \d lies .* off its plane, and 1e-06 .*triangles",
+        ),
+        ([*CUBE, (0.5, 0.0, 0.0)], [[[0, 8, 4, 6, 2], *FACES[1:]]], "is not plane|not closed"),
+        ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0.2, 0.2, 0)], [TETRAHEDRON], "cell 0 has no volume"),
+        ([(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 0, 1)], [TETRAHEDRON], r"cell 0: its face \(0, 2, 1\) has no area"),
+        (
+            [*CUBE, *NEXT],
+            [FACES, RIGHT, [[k + 0 for k in face] for face in RIGHT]],
+            r"the face \(.*\) belongs to 3 cells: 0, 1, 2",
+        ),
+        (CUBE, [FACES, FACES], "cells 0 and 1 overlap: both lie on the same side of their face"),
+        (
+            [*CUBE, *NEXT],
+            [FACES, [[1, 7, 5, 3], *RIGHT[1:]]],
+            "cells 0 and 1 list the vertices of a face in different orders",
+        ),
+    ],
+)
+def test_bad_geometry(points, cells, message, scale):
+    refused(scale * np.array(points, dtype=float), cells, message)
+
+
+def joined(*blocks):
+    """Points and cells of blocks that share no node."""
+    points, cells = [], []
+    for own, faces in blocks:
+        cells.append([[len(points) + k for k in face] for face in faces])
+        points += own
+    return points, cells
+
+
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+@pytest.mark.parametrize(
+    ("blocks", "message"),
+    [
+        (
+            [cube(), cube((0.5, 0.5, 0.5))],
+            r"cells \d and \d overlap: the edge \(\d+, \d+\) of cell \d pierces the face \(.*\) of cell \d",
+        ),
+        ([cube(), cube((0.25, 0.25, 0.25), 0.5)], r"cell 1 overlaps another cell: behind its face"),
+        ([cube((0.25, 0.25, 0.25), 0.5), cube()], r"cell 0 overlaps another cell"),
+        (
+            [cube(), cube((1.0, 0.25, 0.25), 0.5)],
+            r"node \d+ lies on the face \(1, 3, 7, 5\) of cell 0 without being one",
+        ),
+        (
+            [cube(), cube((1.0 + 1e-8, 0.25, 0.25), 0.5)],
+            r"node \d+ lies 1e-08 beside the face \(1, 3, 7, 5\) of cell 0",
+        ),
+        ([cube(), cube((1.0, 0.5, 0.0))], r"node \d+ lies on the face"),
+    ],
+)
+def test_cells_that_do_not_fit(blocks, message, offset):
+    points, cells = joined(*blocks)
+    refused(np.array(points) + offset, cells, message)
+
+
+def test_faces_in_one_plane_that_cross():
+    """A cross: no node of the one on the other, but their edges meet."""
+    low = [(x, y, z) for z in (0.0, 1.0) for y in (1.0, 2.0) for x in (0.0, 3.0)]
+    high = [(x, y, z) for z in (1.0, 2.0) for y in (0.0, 3.0) for x in (1.0, 2.0)]
+    points, cells = joined((low, FACES), (high, FACES))
+    refused(points, cells, r"cells 0 and 1 overlap, or meet in part of a face: their edges \(\d+, \d+\) and .* cross")
+
+
+def test_a_square_beside_two_triangles():
+    right = [*RIGHT[1:], [1, 5, 7], [1, 7, 3]]
+    refused(
+        [*CUBE, *NEXT], [FACES, right], r"the edge \(7, 1\) of cell 1 runs across the face \(1, 3, 7, 5\) of cell 0"
+    )
+    left = [FACES[0], [7, 5, 1], [3, 7, 1], *FACES[2:]]
+    assert PolyhedralMesh([*CUBE, *NEXT], [left, right]).volumes.sum() == pytest.approx(2.0)
+
+
+def test_one_sided_hanging_faces():
+    mesh = refined_cubes(2, (0,))
+    whole = [list(map(list, cell)) for cell in mesh.cells]
+    large = next(c for c, cell in enumerate(whole) if len(cell) > 6)
+    small = [face for face in whole[large] if len(face) == 4]
+    split = [
+        f for f in small if mesh.face_areas[mesh.cell_faces[mesh.cell_offsets[large] + whole[large].index(f)]] < 2.0
+    ]
+    assert len(split) == 4
+    outline = [k for k in dict.fromkeys(k for f in split for k in f) if sum(k in f for f in split) < 3]
+    middle = mesh.points[outline].mean(axis=0)
+    arm = mesh.points[outline] - middle
+    axes = np.flatnonzero(np.ptp(arm, axis=0) > 0.0)
+    around = [outline[k] for k in np.argsort(np.arctan2(*arm[:, axes].T))]
+    cells = [*whole[:large], [f for f in whole[large] if f not in split] + [around], *whole[large + 1 :]]
+    with pytest.raises(
+        vx.MeshError, match=rf"node \d+ lies on the face \(.*\) of cell {large} without being one of its"
+    ):
+        PolyhedralMesh(mesh.points, cells)
+
+
+def test_a_cell_that_crosses_itself():
+    """A box whose top was pulled through its bottom at one end: every face plane, every edge in two faces."""
+    profile = np.array([(0, 0), (3, 0), (3, 1), (1, 1), (1, -1), (2, -1), (2, 2), (0, 2)], dtype=float)
+    points = np.vstack([np.column_stack([profile, np.full(8, z)]) for z in (0.0, 1.0)])
+    ends = [list(range(8))[::-1], list(range(8, 16))]
+    sides = [[k, (k + 1) % 8, (k + 1) % 8 + 8, k + 8] for k in range(8)]
+    refused(points, [ends + sides], r"cell 0: its face \(.*\) crosses itself: its edges \(\d, \d\) and \(\d, \d\)")
+    # The ends cut into triangles and quadrilaterals that are simple, each.
+    halves = [[0, 1, 2, 3], [0, 3, 6, 7], [3, 4, 5, 6]]
+    ends = [face[::-1] for face in halves] + [[k + 8 for k in face] for face in halves]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        refused(points, [ends + sides], r"cell 0 crosses itself: its edges \(1, 0\) and \(6, 5\) cross")
+
+
+def test_a_cell_that_touches_itself():
+    """A ring that is almost cut: the tip of its one end lies on the other end."""
+    profile = [(0, 0), (4, 0), (4, 3), (2, 3), (2, 2), (3, 2), (3, 1), (1, 1), (1, 2), (2, 2.5), (1, 3), (0, 3)]
+    points = np.array([(*place, z) for z in (0.0, 1.0) for place in profile])
+    ends = [list(range(12))[::-1], list(range(12, 24))]
+    sides = [[k, (k + 1) % 12, (k + 1) % 12 + 12, k + 12] for k in range(12)]
+    refused(points, [ends + sides], r"cell 0: its face \(.*\) touches itself: its node 21 lies on its edge \(15, 16\)")
+    quarters = [[0, 1, 6, 7], [1, 2, 3, 4, 5, 6], [0, 7, 8, 9, 10, 11]]
+    ends = [face[::-1] for face in quarters] + [[k + 12 for k in face] for face in quarters]
+    refused(points, [ends + sides], r"cell 0 touches itself: its node 9 lies on its face \(")
+
+
+def test_a_cavity_and_two_cells_in_one():
+    inner, faces = cube((0.25, 0.25, 0.25), 0.5, first=8)
+    hollow = [*FACES, *(face[::-1] for face in faces)]
+    refused([*CUBE, *inner], [hollow], "cell 0 falls into several closed surfaces; a cell has one")
+
+
+def test_three_faces_on_an_edge():
+    wall = [[0, 4, 7, 3]]
+    refused(CUBE, [FACES + wall], "cell 0 (touches itself|is not closed)")
+
+
+def test_a_one_sided_surface():
+    """The projective plane of six vertices: every edge in two triangles, but no inside."""
+    triangles = [
+        (0, 1, 2),
+        (0, 2, 3),
+        (0, 3, 4),
+        (0, 4, 5),
+        (0, 5, 1),
+        (1, 2, 4),
+        (2, 3, 5),
+        (3, 4, 1),
+        (4, 5, 2),
+        (5, 1, 3),
+    ]
+    points = np.random.default_rng(0).random((6, 3))
+    refused(points, [[list(face) for face in triangles]], "cell 0 has no inside")
+
+
+@pytest.mark.parametrize("turned", [(0,), (1, 4), range(6), (0, 1, 2, 5)], ids=str)
+def test_faces_that_run_inwards_are_turned(turned):
+    cells = [[face[::-1] if k in turned else face for k, face in enumerate(FACES)], RIGHT]
+    with pytest.warns(
+        vx.MeshWarning, match=r"1 of 2 cells had faces that did not run outwards.*the first is cell 0"
+    ) as caught:
+        mesh = PolyhedralMesh([*CUBE, *NEXT], cells)
+    assert caught[0].filename == __file__
+    np.testing.assert_array_equal(mesh.volumes, 1.0)
+    assert (mesh.face_normals[0] == (-1, 0, 0)).all()
+    assert mesh.face_cells[1].tolist() == [0, 1]
+    assert (mesh.face_normals[1] == (1, 0, 0)).all()
+
+
+def test_a_cell_beside_is_turned_alone():
+    with pytest.warns(vx.MeshWarning, match="1 of 2 cells .*the first is cell 1"):
+        mesh = PolyhedralMesh([*CUBE, *NEXT], [FACES, [face[::-1] for face in RIGHT]])
+    whole = PolyhedralMesh([*CUBE, *NEXT], [FACES, RIGHT])
+    np.testing.assert_allclose(mesh.face_normals, whole.face_normals)
+    np.testing.assert_array_equal(mesh.face_cells, whole.face_cells)
+
+
+def test_unused_nodes_are_dropped():
+    points = [(9, 9, 9), *CUBE[:4], (5, 5, 5), *CUBE[4:]]
+    number = [1, 2, 3, 4, 6, 7, 8, 9]
+    cells = [[[number[k] for k in face] for face in FACES]]
+    with pytest.warns(vx.MeshWarning, match=r"2 of 10 nodes belong to no cell \(the first is node 0\)"):
+        mesh = PolyhedralMesh(points, cells, boundaries={"base": [[1, 3, 4, 2]]})
+    np.testing.assert_array_equal(mesh.points, CUBE)
+    assert mesh.node_map.tolist() == [-1, 0, 1, 2, 3, -1, 4, 5, 6, 7]
+    assert (mesh.face_normals[mesh.boundaries["base"]] == [(0, 0, -1)]).all()
+
+
+@pytest.mark.parametrize("cut", [(0,), (0, 7), (3, 5, 6), range(8)], ids=str)
+def test_hanging_faces(cut):
+    mesh = refined_cubes(2, cut, 0.5)  # a warning would be an error here
+    assert mesh.n_cells == 8 + 7 * len(cut)
+    np.testing.assert_allclose(
+        np.sort(mesh.volumes), np.sort(np.r_[np.full(8 * len(cut), 0.125), np.ones(8 - len(cut))])
+    )
+    vectors = (mesh.face_areas[:, None] * mesh.face_normals)[mesh.cell_faces] * mesh.face_signs[:, None]
+    np.testing.assert_allclose(np.add.reduceat(vectors, mesh.cell_offsets[:-1], axis=0), 0.0, atol=1e-14)
+    assert mesh.face_areas[mesh.boundaries["boundary"]].sum() == pytest.approx(24.0)
+
+
+def accepted(points, cells, volume):
+    mesh = PolyhedralMesh(points, cells)
+    assert mesh.volumes.sum() == pytest.approx(volume, rel=1e-14)
+    return mesh
+
+
+def test_holes_and_parts():
+    mesh = vx.meshes.cubes(3)
+    shell = accepted(mesh.points, [cell for c, cell in enumerate(mesh.cells) if c != 13], 26 / 27)
+    assert len(shell.boundaries["boundary"]) == 60
+    inner, faces = cube((0.4, 0.4, 0.4), 0.2, first=64)
+    accepted([*shell.points.tolist(), *inner], [*shell.cells, faces], 26 / 27 + 0.008)
+    points, cells = joined(cube(), cube((3, 0, 0)), cube((0, 0.5, 7)))
+    accepted(points, cells, 3.0)
+
+
+def test_cells_that_meet_in_an_edge_or_a_point():
+    grid = vx.meshes.cubes(2)
+    for chosen in ((0, 3), (0, 7), (0, 3, 5, 6)):
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*nodes belong to no cell")
+            accepted(grid.points, [grid.cells[c] for c in chosen], len(chosen) / 8)
+
+
+@pytest.mark.parametrize("name", ["nonconvex", "hanging", "distorted"])
+def test_cells_with_dents(name):
+    mesh = vx.meshes.FAMILIES[name](4, seed=1).extruded([0, 0.5, 1.0])
+    again = accepted(mesh.points, mesh.cells, 1.0)
+    for one, other in zip(mesh.faces, again.faces, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_l_shaped_cell():
+    plane = vx.PolygonMesh([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], [range(6)])
+    mesh = plane.extruded([0.0, 1.0])
+    accepted(mesh.points, mesh.cells, 3.0)
+    np.testing.assert_allclose(mesh.centroids[0], [5 / 6, 5 / 6, 0.5])
+
+
+@pytest.mark.parametrize("name", vx.meshes.SPACE_FAMILIES)
+@pytest.mark.parametrize("n", [1, (1, 2, 3), 3], ids=str)
+@pytest.mark.parametrize("box", [((0, 1), (0, 1), (0, 1)), ((1e4, 1e4 + 1), (-3, 0), (0.1, 0.2))], ids=["unit", "far"])
+def test_families_pass(name, n, box):
+    mesh = vx.meshes.SPACE_FAMILIES[name](n if box[2][0] == 0 or n == 1 else (2, 3, 1), box, 3)
+    again = PolyhedralMesh(mesh.points, mesh.cells)  # a warning would be an error here
+    for one, other in zip(mesh.faces, again.faces, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_single_precision_is_plane_enough():
+    for name in ("cubes", "tetrahedra", "kelvin"):
+        mesh = vx.meshes.SPACE_FAMILIES[name](2, ((0.1, 1.3), (-0.7, 0.9), (0.3, 1.1)))
+        turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        points = (mesh.points @ turn).astype(np.float32)
+        assert PolyhedralMesh(points, mesh.cells).volumes.sum() == pytest.approx(1.2 * 1.6 * 0.8, rel=1e-6)
+
+
+def test_tiny_edges():
+    """A corner cut off by 1e-10 of the cell, and one by 1e-6."""
+    for tiny in (1e-6, 1e-10):
+        points = [*CUBE[:7], (1 - tiny, 1, 1), (1, 1 - tiny, 1), (1, 1, 1 - tiny)]
+        faces = [FACES[0], [1, 3, 9, 8, 5], FACES[2], [2, 6, 7, 9, 3], FACES[4], [4, 5, 8, 7, 6], [7, 8, 9]]
+        accepted(points, [faces], 1.0 - tiny**3 / 6)
+
+
+def test_flat_cells():
+    mesh = vx.meshes.tetrahedra((3, 3, 1), ((0, 1), (0, 1), (0, 1e-7)))
+    accepted(mesh.points, mesh.cells, 1e-7)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_kinds_of_faces(kind):
+    assert PolyhedralMesh(CUBE, [[kind(face) for face in FACES]]).volumes == 1.0
+    assert PolyhedralMesh(CUBE, (tuple(kind(face) for face in FACES),)).volumes == 1.0
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.uint8, np.int64])
+def test_cells_as_one_array(kind):
+    mesh = PolyhedralMesh([*CUBE, *NEXT], np.array([FACES, RIGHT], dtype=kind))
+    assert mesh.n_faces == 11
+    assert (mesh.volumes == 1.0).all()
+
+
+def test_random_faults_are_named_or_harmless():
+    """Cells broken at random: a MeshError, or a mesh whose cells are sound."""
+    rng = np.random.default_rng(1)
+    meshes = [make(2, seed=2) for make in vx.meshes.SPACE_FAMILIES.values()] + [refined_cubes(2)]
+    told = 0
+    for trial in range(300):
+        mesh = meshes[trial % len(meshes)]
+        points, cells = mesh.points.copy(), [[face.tolist() for face in cell] for cell in mesh.cells]
+        broken(points, cells, rng)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", vx.MeshWarning)
+                again = PolyhedralMesh(points, cells)
+        except vx.MeshError:
+            told += 1
+        else:
+            assert (again.volumes > 0.0).all()
+            vectors = (again.face_areas[:, None] * again.face_normals)[again.cell_faces] * again.face_signs[:, None]
+            closed = np.add.reduceat(vectors, again.cell_offsets[:-1], axis=0)
+            np.testing.assert_allclose(closed, 0.0, atol=1e-6)
+    assert 150 < told < 300
+
+
+def broken(points, cells, rng):
+    """One of the ways in which meshes go wrong, in place."""
+    cell = cells[rng.integers(len(cells))]
+    face = cell[rng.integers(len(cell))]
+    at, kind = int(rng.integers(len(face))), rng.integers(11)
+    if kind == 0:
+        cell.remove(face)
+    elif kind == 1:
+        del face[at]
+    elif kind == 2:
+        face.reverse()
+    elif kind == 3:
+        face[at], face[at - 1] = face[at - 1], face[at]
+    elif kind == 4:
+        face[at] = int(rng.integers(len(points)))
+    elif kind == 5:
+        points[rng.integers(len(points))] += rng.normal(scale=10.0 ** rng.integers(-12, 1), size=3)
+    elif kind == 6:
+        cells.append(cell)
+    elif kind == 7:
+        cell.append(face[::-1])
+    elif kind == 8:
+        points[rng.integers(len(points))] = points[rng.integers(len(points))]
+    elif kind == 9:
+        cells.remove(cell)
+    else:
+        face.insert(at, int(rng.integers(-2, len(points) + 2)))
+
+
+def test_boundaries_by_number_and_by_vertices():
+    mesh = PolyhedralMesh(
+        CUBE, [FACES], boundaries={"sides": [0, 1], "base": [[3, 1, 0, 2]], "some": [[0, 4, 6, 2], (4, 5, 7, 6)]}
+    )
+    assert {name: faces.tolist() for name, faces in mesh.boundaries.items()} == {
+        "sides": [0, 1],
+        "base": [4],
+        "some": [0, 5],
+        "boundary": [0, 1, 2, 3, 4, 5],
+    }
+    more = mesh.with_boundaries({"lid": np.array([5]), "walls": mesh.boundaries["sides"]})
+    assert more.boundaries["lid"].tolist() == [5]
+    assert "lid" not in mesh.boundaries
+    assert all(not faces.flags.writeable for faces in more.boundaries.values())
+
+
+@pytest.mark.parametrize(
+    ("boundaries", "message"),
+    [
+        ({"": [0]}, "must be a non-empty string"),
+        ({"boundary": [0]}, "'boundary' is taken"),
+        ({"a": []}, "boundary 'a': faces must be numbers"),
+        ({"a": 3}, "boundary 'a': faces must be numbers"),
+        ({"a": None}, "boundary 'a': faces must be numbers"),
+        ({"a": [0.5]}, "boundary 'a': faces must be numbers"),
+        ({"a": "left"}, "boundary 'a': faces must be numbers"),
+        ({"a": [6]}, r"boundary 'a': face 6 is not a face of the boundary \(1 of 1"),
+        ({"a": [0, -1]}, r"boundary 'a': face -1 is not a face of the boundary \(1 of 2"),
+        ({"a": [[0, 1, 2]]}, r"boundary 'a': \(0, 1, 2\) is not a face of the boundary"),
+        ({"a": [[0, 1, 2, 99]]}, r"boundary 'a': \(0, 1, 2, 99\) is not a face"),
+        ({"a": [[0, 1, 3, 2], [0, 1, 5, 7]]}, r"boundary 'a': \(0, 1, 5, 7\) is not a face of the boundary \(1 of 2"),
+        ([0], "boundaries must map names to faces; got list"),
+    ],
+    ids=str,
+)
+def test_bad_boundaries(boundaries, message):
+    with pytest.raises(vx.MeshError, match=message):
+        PolyhedralMesh(CUBE, [FACES], boundaries=boundaries)
+    with pytest.raises(vx.MeshError, match=message):
+        PolyhedralMesh(CUBE, [FACES]).with_boundaries(boundaries)
+
+
+def test_inner_faces_are_no_boundary():
+    mesh = PolyhedralMesh([*CUBE, *NEXT], [FACES, RIGHT])
+    for faces in ([1], [[1, 3, 5, 7]]):
+        with pytest.raises(vx.MeshError, match="is not a face of the boundary"):
+            mesh.with_boundaries({"inside": faces})
+
+
+def test_boundaries_by_predicate():
+    mesh = vx.meshes.cubes(2).with_boundary("corner", lambda x: (x < 0.5).all(axis=1))
+    assert len(mesh.boundaries["corner"]) == 3
+    with pytest.raises(vx.MeshError, match=r"predicate must be a function of the centroids \(m, 3\)"):
+        mesh.with_boundary("a", 3)
+    with pytest.raises(
+        vx.MeshError, match=r"selects none of the 24 boundary faces; their centroids lie in \[0, 1\] x \[0, 1\] x"
+    ):
+        mesh.with_boundary("a", lambda x: x[:, 2] > 2)
+    with pytest.raises(vx.MeshError, match=r"the predicate gets 24 centroids, shape \(24, 3\)"):
+        mesh.with_boundary("a", lambda x: x)
+
+
+def test_cell_data():
+    mesh = PolyhedralMesh(CUBE, [FACES], cell_data={"young": [2.0]}).with_cell_data("axis", [[1, 0, 0]])
+    assert mesh.cell_data["young"].tolist() == [2.0]
+    assert mesh.cell_data["axis"].shape == (1, 3)
+    with pytest.raises(vx.MeshError, match="for each of the 1 cells"):
+        mesh.with_cell_data("young", [1.0, 2.0])

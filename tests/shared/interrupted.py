@@ -16,6 +16,10 @@ from scenes import cyclic, paper_load, paper_scene, small
 
 import vemcvx as vx
 
+# A program of its own finds the problems where tests do.
+sys.path.append(str(Path(__file__).parents[2] / "problems"))
+from slip_weakening import SlipWeakening
+
 TIMES = np.linspace(0.0, 1.0, 13)
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGINT")
 STEEL = vx.Elasticity(200.0, 0.3)
@@ -55,6 +59,7 @@ class Kind:
 
 BILATERAL = (vx.BilateralContact(on="bottom"),)
 PULLED = (STEEL, vx.Clamp(on="right"), vx.Traction(changing, on="left"))
+WEAKENING = SlipWeakening(peak=3.0, residual=1.0, distance=0.02, on="bottom")
 RUBBED = (STEEL, vx.PrescribedDisplacement(to_and_fro, on="top"))
 FREE = (STEEL, vx.Traction(paper_load(cyclic), on="left"), *BILATERAL)
 CORNER = (*BILATERAL, vx.TrescaFriction(0.5, on="bottom"))
@@ -73,6 +78,11 @@ KINDS = {
     "thermal": Kind((*PULLED, vx.ThermalStrain(1e-3, temperature=lambda x, t: 9 * t * x[:, 0])), "squares"),
     "not condensed": Kind(paper_scene(course).effects, options={"condense": False}),
     "dragged": Kind((STEEL, vx.PrescribedDisplacement(across, on="left", direction=(1.0, 0.0)), *CORNER), "squares"),
+    "weakening": Kind((*PULLED, *BILATERAL, WEAKENING)),
+    "weakening, dragged": Kind(
+        (STEEL, vx.PrescribedDisplacement(across, on="left", direction=(1.0, 0.0)), *BILATERAL, WEAKENING), "squares"
+    ),
+    "weakening, viscous": Kind((*PULLED, vx.Viscosity(9.0), *BILATERAL, WEAKENING)),
     "settled": Kind(paper_scene(lambda t: 0.5 + t).effects, options={"initial": "settled"}),
     "refined": Kind(paper_scene(course).effects, options={"solver": vx.Newton(1e-13), "check": False}),
 }

@@ -83,7 +83,7 @@ def test_records_are_kept_by_their_fields():
     fields = [(name, Ledger | None, None) for name in ("inner", "other")]
     more = dataclasses.make_dataclass("More", fields, bases=(State,), frozen=True, kw_only=True)
     still = np.zeros((2, 1))
-    certificate, ledger = Certificate(1.0, np.ones(2), 2.0), Ledger(1.0, 2.0, 3.0, np.arange(4.0))
+    certificate, ledger = Certificate(1.0, np.ones(2), 2.0), Ledger(1.0, 2.0, 3.0, np.arange(4.0), np.arange(4.0))
     floats = [np.random.default_rng(k).normal(size=3) for k in range(6)]
     records = certificate, ledger, 1.5, 7, "so", 1, 0.5
     values = (0.5, *floats[:2], None, *floats[2:4], still, floats[4], still, *records)
@@ -124,6 +124,8 @@ def test_all_data_are_looked_at():
     }
     system = functions(System, K=[[1.0]], **parts)
     mark_of_data(system, 0.5)
+    # The one law is in place of the other.
+    mark_of_data(dataclasses.replace(system, norms=dataclasses.replace(system.norms, slip_law=None)), 0.5)
     kinds = (System, Norms, Limits, Motion, DraggedTerms)
     named = {(kind, name) for kind in kinds for name, hint in get_type_hints(kind).items() if "Callable" in str(hint)}
     implied = {(Norms, "places"), (Limits, "places"), (Norms, "slope"), (Motion, "pair"), (System, "order")}

@@ -70,6 +70,11 @@ def test_an_effect_in_one_file_and_a_line(made):
     assert any(words.startswith("Robin: stiffness 3.0") for words in history.effects)
 
 
+def test_the_law_that_sees_its_slip_is_that_of_its_problem_file():
+    (block,) = re.findall(r"```py\n(.*?)```", TEXT, re.DOTALL)
+    assert block in (ROOT / "problems" / "slip_weakening.py").read_text()
+
+
 def test_a_family_of_meshes_in_one_file_and_a_line(made, monkeypatch):
     for name, family in made("vemcvx/meshes/families/trapezoids.py").items():
         monkeypatch.setitem(vx.meshes.FAMILIES, name, family)

@@ -138,7 +138,7 @@ def distance(system: System, one: Trajectory, other: Trajectory) -> Apart:
 def bounds_distance(system: System) -> bool:
     """Whether the certificates of all steps, added up, bound the distance of two answers."""
     if system.limits is None:
-        return not system.follows_limits
+        return not system.follows_answer
     # Without norm terms and rates a step knows nothing of the one before, and only its own certificate counts.
     return system.norms is None and system.damping is None
 

@@ -18,6 +18,7 @@ from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.default import BY_SIZE, words
+from vemcvx.stepping.softening import stability
 from vemcvx.stepping.time_loop import checked_times
 
 INSTANTS = 64
@@ -52,7 +53,7 @@ def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> lis
         ("unknowns", f"{posed.system.n} in all, {len(seen.retained)} after condensation"),
         ("program", _program(seen.operators, posed.system.damping is not None)),
         ("terms", _terms(seen.operators)),
-        ("certificate", _certificate(posed.system.norms)),
+        ("certificate", _certificate(posed.system.norms, seen.operators)),
         *_solvers(seen),
         ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
     ]
@@ -95,10 +96,16 @@ def _terms(operators: Operators) -> str:
     return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
 
 
-def _certificate(norms: Norms | None) -> str:
+def _certificate(norms: Norms | None, operators: Operators) -> str:
     """What the certificate of a step is: see :mod:`vemcvx.stepping.fixed_point`."""
-    if norms is None or norms.law is None:
+    if norms is None or not norms.dependent:
         return "a bound"
+    if norms.slip_law is not None:
+        found = stability(operators, norms.softest)
+        if found is not None and found.margin > 0:
+            return f"a bound, because friction falls slowly with slip: softening over stiffness is {found.rho:.2g} < 1"
+        said = "" if found is None else f": softening over stiffness is {found.rho:.2g}, where less than 1 proves more"
+        return f"an estimate, because weights depend on slip{said}"
     settled = "a bound on the distance to a solution, by its sets; where they do not settle "
     return (settled if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
 

@@ -26,6 +26,7 @@ from vemcvx.effects.point_load import PointLoad
 from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
 from vemcvx.effects.pressure import Pressure
 from vemcvx.effects.prestress import Prestress
+from vemcvx.effects.slip_law import SlipLaw
 from vemcvx.effects.symmetry import Symmetry
 from vemcvx.effects.tabulated import Tabulated
 from vemcvx.effects.thermal_strain import ThermalStrain
@@ -58,6 +59,7 @@ __all__ = [
     "PrescribedDisplacement",
     "Pressure",
     "Prestress",
+    "SlipLaw",
     "Support",
     "Symmetry",
     "Tabulated",

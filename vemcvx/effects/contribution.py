@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, brief
 from vemcvx.effects import data
+from vemcvx.effects.slip_law import SlipLaw
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, elastic_matrix, softest_shear
 
@@ -155,12 +156,31 @@ class Friction:
     """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
     ground: Ground | None = None
     """what it rubs on, if that moves"""
+    slip_law: SlipLaw | None = None
+    """what the slip adds to the weights"""
+    directions: Floats | None = None
+    """(m, 2) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents; in the plane"""
+
+    @property
+    def across(self) -> Floats:
+        """(m, dim) unit vectors across which the terms are: normals, or `directions` turned by -90 degrees."""
+        return self.normals if self.directions is None else self.directions[:, ::-1] * (1.0, -1.0) + 0.0
+
+    @property
+    def dependent(self) -> bool:
+        """Whether weights depend on the forces of contact, or on the slip."""
+        return self.law is not None or self.slip_law is not None
+
+    @property
+    def reads_forces(self) -> bool:
+        """Whether they depend on the forces of contact."""
+        return self.law is not None or bool(self.slip_law and self.slip_law.pressed)
 
     @classmethod
-    def of(cls, rows: BoundaryRows, subject: str, weights: Callable[[float], Floats]) -> Friction:
-        """Friction with given weights on the rows of a part of the boundary."""
-        own = subject, rows.nodes, rows.normals, rows.lengths
-        return cls(*own, weights, ends=rows.ends, partners=rows.partners)
+    def of(cls, rows: BoundaryRows, subject: str, weights: Callable[[float], Floats] | None = None) -> Friction:
+        """Friction on the rows of a part of the boundary; without weights but those that laws add."""
+        own, none = (subject, rows.nodes, rows.normals, rows.lengths), np.zeros(len(rows.nodes))
+        return cls(*own, weights or (lambda t: none), ends=rows.ends, partners=rows.partners)
 
 
 @dataclass(frozen=True)

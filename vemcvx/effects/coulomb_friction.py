@@ -75,9 +75,8 @@ class CoulombFriction(Effect):
             mu, cap = read(points, t)
             return np.where(mu * forces < cap * rows.lengths, mu, 0.0)
 
-        none = np.zeros(len(rows.nodes))
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        friction = replace(Friction.of(rows, subject, lambda t: none), law=law, slope=slope, ground=ground)
+        friction = replace(Friction.of(rows, subject), law=law, slope=slope, ground=ground)
         return Contribution(
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),

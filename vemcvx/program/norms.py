@@ -45,6 +45,12 @@ class Norms(ArrayRecord):
     ground : callable t -> (m * block,), optional
         How far what they rub on has moved: slips are those relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|,
         and it does work.
+    slip_law : callable (t, p, past, slip) -> (m,), optional
+        Weights, in place of `law`, that also depend on the sum of |s_i| over the steps before, (m,), and on |s_i| of
+        the step: another fixed point.
+    softening : number or (m,) array, optional
+        How fast the weights of a `slip_law` that does not depend on p fall at most, as |s_i| of the step grows. Where
+        that is slow enough (:mod:`vemcvx.stepping.fixed_point`), certificates are bounds instead of estimates.
     """
 
     B: sp.csr_matrix
@@ -55,6 +61,8 @@ class Norms(ArrayRecord):
     bias: ArrayLike | Callable[[float], ArrayLike] | None = None
     slope: Callable[[float, Floats], MatrixLike] | None = None
     ground: Callable[[float], ArrayLike] | None = None
+    slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None
+    softening: ArrayLike | None = None
 
     if TYPE_CHECKING:  # B is given as any matrix
 
@@ -68,6 +76,8 @@ class Norms(ArrayRecord):
             bias: ArrayLike | Callable[[float], ArrayLike] | None = None,
             slope: Callable[[float, Floats], MatrixLike] | None = None,
             ground: Callable[[float], ArrayLike] | None = None,
+            slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None,
+            softening: ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -83,6 +93,9 @@ class Norms(ArrayRecord):
         function(self.law, "Norms: found law", "a function of (t, p) that gives weights")
         function(self.slope, "Norms: found slope", "a function of (t, p) that gives the law's derivative")
         function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
+        function(self.slip_law, "Norms: found slip_law", "a function of (t, p, past, slip) that gives weights")
+        if self.softening is not None:
+            object.__setattr__(self, "softening", self._checked(self.softening, "softening"))
         if not callable(self.w):
             object.__setattr__(self, "w", self._checked(self.w))
 
@@ -101,17 +114,31 @@ class Norms(ArrayRecord):
         # An array was checked when it was given.
         return w if isinstance(w, np.ndarray) else self._checked(at_instant(w, t, "Norms: w"))
 
-    def weights_under(self, t: float, p: Floats) -> Floats:
-        """Weights (m,) at the instant `t` while the limits answer with the forces `p` (r,)."""
+    @property
+    def softest(self) -> Floats | None:
+        """`softening` (m,), if it is known."""
+        return None if self.softening is None else np.asarray(self.softening, dtype=float)
+
+    @property
+    def dependent(self) -> bool:
+        """Whether weights depend on the answer of the step."""
+        return self.law is not None or self.slip_law is not None
+
+    def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
+        """Weights (m,) at `t` under forces `p` (r,) of the limits, after slips (m,) before the step and in it."""
+        if self.slip_law is not None:
+            slips = (np.zeros(self.count) if given is None else given for given in (past, slip))
+            return self._checked(self._ask("slip_law", t, p, *slips))
         return self.weights(t) if self.law is None else self._checked(self._ask("law", t, p))
 
     def slope_under(self, t: float, p: Floats) -> sp.csr_matrix:
         """The derivative (m, r) of the weights there; `slope` must be given."""
         return checked_matrix(self._ask("slope", t, p), "Norms: slope", (self.count, len(p)))
 
-    def _ask(self, name: str, t: float, p: Floats) -> ArrayLike:
-        failed = f"Norms: {name}: its function failed when called as f(t, p) with t = {t:.6g}"
-        value: ArrayLike = called(getattr(self, name), (t, p), failed, "return weights, or their derivative")
+    def _ask(self, name: str, t: float, *answer: Floats) -> ArrayLike:
+        given = "t, p, past, slip" if len(answer) > 1 else "t, p"
+        failed = f"Norms: {name}: its function failed when called as f({given}) with t = {t:.6g}"
+        value: ArrayLike = called(getattr(self, name), (t, *answer), failed, "return weights, or their derivative")
         return value
 
     def tilt(self, t: float) -> Floats:
@@ -142,12 +169,13 @@ class Norms(ArrayRecord):
         rows, raw = self.B.shape[0], at_instant(value, t, subject)
         return finite(shaped(raw, subject, f"({rows},) {what}, one a row of B", (rows,)), subject)
 
-    def _checked(self, raw: ArrayLike) -> Floats:
-        wanted = f"a weight, or ({self.count},) of them, one a term"
-        w = finite(shaped(raw, "Norms: w", wanted, (), (self.count,)), "Norms: w")
+    def _checked(self, raw: ArrayLike, name: str = "w") -> Floats:
+        what = "weight" if name == "w" else name
+        wanted = f"a {what}, or ({self.count},) of them, one a term"
+        w = finite(shaped(raw, f"Norms: {name}", wanted, (), (self.count,)), f"Norms: {name}")
         if (w < 0).any():
             worst = self.name(int(np.argmin(w)))
-            raise SceneError(f"Norms: found the weight {w.min():.6g} of {worst}; weights must be >= 0.")
+            raise SceneError(f"Norms: found the {what} {w.min():.6g} of {worst}; it must be >= 0.")
         return np.array(np.broadcast_to(w, (self.count,)))
 
 
@@ -157,8 +185,8 @@ class DraggedTerms:
 
     position: Callable[[float], Floats]
     """t -> (q * block,), c: of the supports, less that of the ground"""
-    weights: Callable[[float, Floats], Floats]
-    """(t, p) -> (q,), under the forces p (r,) of the limits"""
+    weights: Callable[[float, Floats, Floats, Floats], Floats]
+    """(t, p, past, slip) -> (q,), as of norm terms that follow the answer"""
     count: int
     block: int = 1
     bias: Callable[[float], Floats] | None = None

@@ -192,9 +192,9 @@ class System(ArrayRecord):
         return sp.csr_matrix((0, self.n)) if self.limits is None else self.limits.D
 
     @property
-    def follows_limits(self) -> bool:
-        """Whether weights of norm terms depend on the forces of the limits."""
-        return self.norms is not None and self.norms.law is not None
+    def follows_answer(self) -> bool:
+        """Whether weights of norm terms depend on the answer of the step."""
+        return self.norms is not None and self.norms.dependent
 
     @property
     def retained(self) -> Ints:

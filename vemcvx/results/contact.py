@@ -22,6 +22,7 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.outline import ArrayRecord
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
+from vemcvx.scene.terms import Terms
 from vemcvx.stepping.trajectory import Trajectory
 
 
@@ -53,13 +54,17 @@ class Contact(ArrayRecord):
         Friction bounds per length against slip forward (along the boundary with the body on the left) and backward:
         w_i over int phi_i, equal unless a scene says otherwise; 0 without friction. Where parts meet, their mean.
     pressure : (S, m)
-        Normal force of contact per length, compression positive; of either sign where contact is bilateral. A support
-        that moves a node along the normal of its contact is an obstacle that moves: its force is pressure.
+        Normal force of contact per length, compression positive; of either sign where contact is bilateral, or
+        cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
+        moves: its force is pressure.
     sticking : (S, m) bool
         Whether the increment of the step is zero, up to rounding; true in row 0.
     wear : (S, m)
         Friction work per length since the initial instant, of all steps, stored or not: over int phi_i of the edges
         with friction, so that ``wear @ friction_lengths`` is what friction has dissipated; 0 without friction.
+    accumulated_slip : (S, m)
+        How far the node has slipped since the initial instant, to and fro: the sum over all steps, stored or not, of
+        the length of its slip, which laws of friction may follow (where parts meet, the largest).
     closed : (S, m) bool
         Whether the node touches its obstacle, in one of its normals at least; true where contact is bilateral.
     lengths, friction_lengths : (m,)
@@ -77,6 +82,7 @@ class Contact(ArrayRecord):
     pressure: Annotated[Floats, "S m"]
     sticking: Annotated[Bools, "S m"]
     wear: Annotated[Floats, "S m"]
+    accumulated_slip: Annotated[Floats, "S m"]
     closed: Annotated[Bools, "S m"]
     lengths: Annotated[Floats, "m"]
     friction_lengths: Annotated[Floats, "m"]
@@ -119,8 +125,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     """
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.jumps.find(terms.jumps)
-    length = totals(at, terms.lengths, m)
-    pull = summed_columns(np.einsum("smb,mbd->smd", trajectory.multipliers, terms.tangents), at, m)
+    length, pull, cohesion = _pulled(terms, trajectory.multipliers, at, normals)
     jump = _jump(u, surface.jumps) - _ground(posed, trajectory, at, length)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
@@ -133,13 +138,35 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         traction=-pull / np.where(length > 0, length, 1.0)[:, None],
         bound=bound,
         backward=backward,
-        pressure=_pressure(posed, trajectory, forces),
+        pressure=_pressure(posed, trajectory, forces) + cohesion / surface.lengths,
         sticking=_sticking(trajectory, slip, at),
         wear=_per_length(trajectory.worn, at, length),
+        accumulated_slip=_largest(trajectory.slipped, at, m),
         closed=_closed(posed, trajectory, u),
         lengths=surface.lengths,
         friction_lengths=length,
     )
+
+
+def _pulled(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
+    """Lengths (m,) of edges with friction, its multipliers on the nodes (S, m, dim), and (S, m) what holds normals.
+
+    The last is of terms along given directions, and not in the one before.
+    """
+    m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
+    pull, given = summed_columns(each, at, m), terms.directed
+    if not given.any():
+        return totals(at, terms.lengths, m), pull, 0.0
+    parts = [totals(at[kind], terms.lengths[kind], m) for kind in (given, ~given)]
+    cohesion = np.einsum("smd,md->sm", summed_columns(each[:, given], at[given], m), normals)
+    return np.maximum(*parts), pull - cohesion[:, :, None] * normals, cohesion
+
+
+def _largest(values: Floats, at: Ints, m: int) -> Floats:
+    """The largest of the values (S, terms) of every node, (S, m); 0 without friction."""
+    found = np.zeros((len(values), m))
+    np.maximum.at(found.T, at, values.T)
+    return found
 
 
 def _jump(u: Floats, jumps: Jumps) -> Floats:
@@ -184,6 +211,9 @@ def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:
 def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> tuple[Floats, Floats]:
     """Bounds per length (S, m) of slip forward and backward."""
     terms, weights = posed.terms, trajectory.weights
+    # What holds along given directions is no bound of friction where there is some.
+    rubs = np.isin(at, at[~terms.directed])
+    weights = np.where(terms.directed & rubs, 0.0, weights)
     tilt = np.zeros_like(weights)
     if terms.bias is not None:
         tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])

@@ -95,6 +95,8 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
 
 def _bound(friction: Friction) -> Callable[[float], Floats]:
     law = friction.law
+    if friction.slip_law is not None:
+        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
     if law is None:
         return friction.weights
     pressed = np.full(len(friction.nodes), PRESSED)

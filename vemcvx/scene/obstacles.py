@@ -19,8 +19,9 @@ from vemcvx.program.limits import Limits
 from vemcvx.scene.edges import borne, lengths_of, united
 from vemcvx.scene.freedom import normal_rows, on_free
 from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.supports import Supports
-from vemcvx.scene.terms import FrictionLaw, Terms, merged
+from vemcvx.scene.terms import Terms, merged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,19 +135,20 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
 
 def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:
     """Weights under the forces of the limits, if some depend on them."""
-    pressed = terms.pressed
-    if pressed is None or len(terms.nodes) == 0:
+    under = terms.under
+    if under is None or len(terms.nodes) == 0:
         return None
     own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
     press: list[sp.csr_matrix] = [
         sp.csr_matrix((len(rows), len(obstacles.nodes)))
-        if f.law is None
+        if not f.reads_forces
         else pressing(obstacles, f, ends[rows], supports)
         for f, rows in zip(terms.frictions, own, strict=True)
     ]
 
-    def law(t: float, p: Floats) -> Floats:
-        return pressed(t, [M @ p for M in press])
+    def law(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
+        return under(t, [M @ p for M in press], past, slip)
 
-    slope = terms.slope
-    return FrictionLaw(law, None if slope is None else lambda t, p: slope(t, press, p))
+    slope, remembers = terms.slope, any(f.slip_law is not None for f in terms.frictions)
+    followed = None if slope is None else lambda t, p: slope(t, press, p)
+    return FrictionLaw(law, followed, remembers, terms.softening)

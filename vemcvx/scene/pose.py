@@ -31,13 +31,13 @@ from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
 from vemcvx.scene.inactive import out_of_reach, without_inactive
+from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits
 from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.surface import Surface, contact_surface
 from vemcvx.scene.terms import (
-    FrictionLaw,
     Terms,
     acting_rows,
     dragged_terms,

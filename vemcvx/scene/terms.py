@@ -24,6 +24,7 @@ from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import Moving, along, freedom, normal_rows, on_free
 from vemcvx.scene.jumps import Jumps, summing
+from vemcvx.scene.laws import FrictionLaw, Sums, weights_of
 from vemcvx.scene.supports import PARALLEL, Supports
 from vemcvx.vem import tangents_of
 
@@ -40,11 +41,16 @@ class Terms:
     lengths: Floats
     """(m,) integrals of the nodal basis functions over the edges with friction: of all parts that meet in a term"""
     weights: Callable[[float], Floats]
-    pressed: Callable[[float, Sequence[Floats]], Floats] | None = None
-    """(t, normal forces of every friction's rows) -> (m,), the weights where some depend on the pressure"""
+    under: Callable[[float, Sequence[Floats], Floats, Floats], Floats] | None = None
+    """(t, normal forces of every friction's rows, slip (m,) before the step and in it) -> (m,), the weights where some
+    depend on these"""
+    directed: Bools
+    """(m,) which are along directions that their friction gives"""
     frictions: Sequence[Friction] = ()
     slope: Callable[[float, Sequence[sp.csr_matrix], Floats], sp.csr_matrix] | None = None
-    """(t, which limits press on every friction's rows, their forces (r,)) -> (m, r), the derivative of `pressed`"""
+    """(t, which limits press on every friction's rows, their forces (r,)) -> (m, r), the derivative of `under`"""
+    softening: Floats | None = None
+    """(m,) how fast weights fall with the slip of the step at most; None where some read forces, or it is not known"""
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), along the tangent of each row; None if there is none"""
     acting: int = 0
@@ -64,16 +70,6 @@ class Terms:
         return self.jumps.nodes
 
 
-@dataclass(frozen=True)
-class FrictionLaw:
-    """How the weights of all terms follow the forces of the limits."""
-
-    weights: Callable[[float, Floats], Floats]
-    """(t, forces (r,)) -> (m,)"""
-    slope: Callable[[float, Floats], sp.csr_matrix] | None
-    """(t, forces (r,)) -> (m, r), the derivative of weights that are piecewise affine; None if they are not"""
-
-
 def friction_terms(
     frictions: Sequence[Friction], owns: tuple[sp.csr_matrix, Ints], supports: Supports, times: Sequence[float] = ()
 ) -> Terms:
@@ -82,6 +78,7 @@ def friction_terms(
     `owns` are the ends of edges that their rows own, numbered as those of obstacles are, and their names.
     """
     points = supports.points
+    _check_directions(frictions)
     if not frictions:
         none, dim = np.zeros(0), points.shape[1]
         return Terms(
@@ -90,8 +87,9 @@ def friction_terms(
             tangents=np.zeros((0, dim - 1, dim)),
             lengths=none,
             weights=lambda t: none,
+            directed=none > 0,
         )
-    jumps, normals = Jumps.of(frictions), np.concatenate([f.normals for f in frictions])
+    jumps, normals = Jumps.of(frictions), np.concatenate([f.across for f in frictions])
     first, term = merged(jumps, normals, kinds=_grounds(frictions))
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
     held = freedom(jumps[first], normals[first], supports, times, under)
@@ -103,19 +101,21 @@ def friction_terms(
         _refuse_overlap(frictions, owns[0], ends)
     ends = ends[kept]
 
-    sums = _Sums(frictions, gather, np.sign(np.einsum("ij,ij->i", normals, normals[first][term])))
+    sums = Sums(frictions, gather, np.sign(np.einsum("ij,ij->i", normals, normals[first][term])))
     tangents = tangents_of(normals[first][kept])
     moves = under is not None and len(kept) > 0
-    laws = [f for f in frictions if f.law is not None]
+    laws = [f for f in frictions if f.dependent]
     return Terms(
         rows=jumps[first][kept].matrix(tangents, points),
         jumps=jumps[first][kept],
         tangents=tangents,
         lengths=lengths_of(ends),
         weights=sums.weights,
-        pressed=sums.weights_under if laws else None,
+        directed=np.concatenate([np.full(len(f.nodes), f.directions is not None) for f in frictions])[first][kept],
+        under=sums.weights_under if laws else None,
         frictions=frictions,
         slope=sums.slope if laws and all(f.slope is not None for f in laws) else None,
+        softening=sums.softening() if laws else None,
         bias=sums.bias if any(f.bias is not None for f in frictions) else None,
         acting=len(acting),
         dragged=held.dragged[kept],
@@ -157,58 +157,35 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
         )
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """What the rows of all frictions say, added up for every term."""
-
-    frictions: Sequence[Friction]
-    gather: sp.csr_matrix
-    """(m, rows)"""
-    sign: Floats
-    """(rows,) 1 where the tangent of a row is that of its term, else -1"""
-
-    def weights(self, t: float) -> Floats:
-        """Weights (m,) where none depends on the pressure."""
-        return self._added([f.weights(t) for f in self.frictions])
-
-    def weights_under(self, t: float, forces: Sequence[Floats]) -> Floats:
-        """Weights (m,) under the normal forces of every friction's rows."""
-        pairs = zip(self.frictions, forces, strict=True)
-        return self._added([f.weights(t) if f.law is None else f.weights(t) + f.law(t, P) for f, P in pairs])
-
-    def slope(self, t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
-        """Their derivative (m, r), where limits of forces p (r,) press on the rows as `press` says."""
-        pairs = zip(self.frictions, press, strict=True)
-        each = [0.0 * M if f.slope is None else sp.diags_array(f.slope(t, M @ p)) @ M for f, M in pairs]
-        return sp.csr_matrix(self.gather @ sp.vstack(each))
-
-    def bias(self, t: float) -> Floats:
-        """(m,) along the tangent of each term."""
-        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
-        return self._added([self.sign * np.concatenate(each)])
-
-    def _added(self, parts: Sequence[Floats]) -> Floats:
-        total: Floats = self.gather @ np.concatenate(parts)
-        return total
+def _check_directions(frictions: Sequence[Friction]) -> None:
+    for f in frictions:
+        if f.directions is not None and (f.normals.shape[1] != 2 or np.shape(f.directions) != f.normals.shape):
+            raise SceneError(
+                f"{f.subject}: found directions of shape {np.shape(f.directions)} for normals of shape "
+                f"{f.normals.shape}; rows along directions are for bodies in the plane, one (2,) unit vector a row."
+            )
 
 
 def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Norms | None:
     """The terms that some unknown moves."""
-    m = terms.acting
+    m, none = terms.acting, np.zeros(terms.acting)
     if m == 0:
         return None
-    under, bias, ground = None if law is None else law.weights, terms.bias, terms.ground
-    slope = None if law is None else law.slope
+    bias, ground, slope = terms.bias, terms.ground, None if law is None else law.slope
+    under = None if law is None else weights_of(law, slice(0, m), len(terms.nodes))
+    remembers = law is not None and law.remembers
     block = terms.rows.shape[0] // len(terms.nodes)
     return Norms(
         B=on_free(acting_rows(terms), supports),
         w=lambda t: terms.weights(t)[:m],
         block=block,
         places=supports.places(terms.nodes),
-        law=None if under is None else lambda t, p: under(t, p)[:m],
+        law=None if under is None or remembers else lambda t, p: under(t, p, none, none),
         bias=None if bias is None else lambda t: bias(t)[: m * block],
         slope=None if slope is None else lambda t, p: slope(t, p)[:m],
         ground=None if ground is None else lambda t: ground(t)[: m * block],
+        slip_law=under if remembers else None,
+        softening=None if law is None or law.softening is None else law.softening[:m],
     )
 
 
@@ -218,10 +195,10 @@ def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> 
     if q == 0:
         return None
     block, bias, ground = terms.rows.shape[0] // len(terms.nodes), terms.bias, terms.ground
-    rows = terms.rows[m * block :]
+    rows, under = terms.rows[m * block :], None if law is None else weights_of(law, slice(m, m + q), m + q)
     return DraggedTerms(
         lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
-        lambda t, p: (terms.weights(t) if law is None else law.weights(t, p))[m:],
+        (lambda t, p, past, slip: terms.weights(t)[m:]) if under is None else under,
         q,
         block,
         None if bias is None else lambda t: bias(t)[m * block :],
@@ -236,8 +213,10 @@ def acting_rows(terms: Terms) -> sp.csr_matrix:
 
 def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
+    glued = [f.nodes for f in frictions if f.directions is not None]
+    stopped = np.concatenate([stopped, *glued])
     for friction in frictions:
-        if friction.law is not None:
+        if friction.law is not None or friction.directions is not None:
             continue
         normal = on_free(normal_rows(Jumps.of([friction]), friction.normals, supports.points), supports)
         free = (np.diff(normal.indptr) > 0) & ~np.isin(friction.nodes, stopped)

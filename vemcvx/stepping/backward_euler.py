@@ -77,7 +77,7 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
 def solved(attempt: PosedStep, n: int) -> State:
     """The step; weights that depend on the answer begin with those it was posed with."""
     norms = attempt.run.system.norms
-    if norms is not None and norms.law is not None:
+    if norms is not None and norms.dependent:
         return resolved(DependentStep(attempt, norms, n))
     refuse_unheld(attempt.program, attempt.run.condensation, n, attempt.data.t)
     return attempt.solve()

@@ -40,7 +40,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     acts = state.p > 0
     over[acts] = state.certificate.limits[acts] * (p[acts] / state.p[acts])
     # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
-    away = state.certificate.distance if run.system.follows_limits else 0.0
+    away = state.certificate.distance if run.system.follows_answer else 0.0
     friction = norm_gaps(state.capped_weights, lam, slip)
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away)
     answer = state.answer(state.y - before.y + moved, lam, p)
@@ -82,7 +82,7 @@ def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None
     force = state.data.force.phi if lost is None else state.data.force.phi - lost @ y
     own = state.certificate
     held = pulled(run.system, state.lam, state.p)
-    if run.system.follows_limits:
+    if run.system.follows_answer:
         held = np.zeros_like(y)
         held[run.condensation.retained] = state.unbalanced
     full = full_certificate(run.condensation, force, y, held, own)

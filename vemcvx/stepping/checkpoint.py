@@ -9,7 +9,8 @@ through by its fields, too; and one for every instant of the data there, which i
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from types import MappingProxyType
 from typing import Any, get_args, get_type_hints
@@ -19,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.errors import HistoryError
+from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.system import System
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.state import PreparedRun, State
@@ -31,6 +32,8 @@ DRIVE = "data"
 ABSENT, SEAL = "absent", "seal"
 PRESSURES = (0.0, 1e-150, 1.0, 1e150)
 """At which laws of friction are looked at: one nodal force of each size shows cohesion, coefficient and cap."""
+SLIPS = (0.0, 1e-9, 1e-6, 1e-3, 1.0)
+"""Likewise the slip before a step, and in it."""
 
 
 def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
@@ -54,9 +57,9 @@ def mark_of_data(system: System, t: float) -> int:
     parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
         parts += [norms.tilt(t), norms.weights(t), norms.moved(t)]
-        parts += [] if norms.law is None else [norms.weights_under(t, p) for p in pressures]
+        parts += _at_slips(norms.weights_under, t, pressures, norms.count) if norms.dependent else []
     if dragged is not None:
-        parts += [dragged.position(t), *(dragged.weights(t, p) for p in pressures)]
+        parts += [dragged.position(t), *_at_slips(dragged.weights, t, pressures, dragged.count)]
         parts += [] if dragged.bias is None else [dragged.bias(t)]
     for motion in (system.motion, None if damping is None else damping.motion):
         if motion is not None:
@@ -66,6 +69,16 @@ def mark_of_data(system: System, t: float) -> int:
                 *([] if motion.remaining_gap is None else [motion.remaining_gap(t)]),
             ]
     return int(_mark(*parts)[0])
+
+
+def _at_slips(weights: Callable[..., Floats], t: float, pressures: Sequence[Floats], m: int) -> list[Floats]:
+    """Weights (m,) as they follow forces and slips; none where a law refuses what need not come up."""
+    found = []
+    for p in pressures:
+        for slip in SLIPS:
+            with suppress(SceneError):
+                found.append(weights(t, p, np.full(m, slip), np.full(m, slip)))
+    return found
 
 
 def _mark(*parts: object) -> Ints:

@@ -27,7 +27,8 @@ def at_rest(system: System, t: float, p: Floats) -> Dragged:
     terms = system.dragged
     if terms is None:
         return Dragged.nothing(0, 1 if system.norms is None else system.norms.block)
-    return replace(Dragged.nothing(terms.count, terms.block), weights=terms.weights(t, p))
+    none = np.zeros(terms.count)
+    return replace(Dragged.nothing(terms.count, terms.block), weights=terms.weights(t, p, none, none))
 
 
 def drag(system: System, before: State, state: State) -> State:
@@ -40,11 +41,12 @@ def drag(system: System, before: State, state: State) -> State:
     size = np.linalg.norm(slip, axis=1)
     reach = np.maximum(np.abs(last), np.abs(now)).reshape(slip.shape).max(axis=1)
     still = size <= STILL * reach
-    weights, along = terms.weights(state.t, state.p), np.where(still, 0.0, 1.0)[:, None] * slip
+    past, size = before.dragged.slipped, np.where(still, 0.0, size)
+    weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
     lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]
     if terms.bias is not None:
         lam = lam + np.where(still, 0.0, 1.0)[:, None] * terms.bias(state.t).reshape(slip.shape)
     lost = np.einsum("qb,qb->q", lam, along)
     ledger, total = state.ledger, float(lost.sum())
     ledger = replace(ledger, dissipated=ledger.dissipated + total, work=ledger.work + total)
-    return replace(state, ledger=ledger, dragged=Dragged(weights, lam, still, before.dragged.worn + lost))
+    return replace(state, ledger=ledger, dragged=Dragged(weights, lam, still, before.dragged.worn + lost, past + size))

@@ -1,4 +1,4 @@
-"""Friction that depends on the pressure: a fixed point of convex programs inside each step, and what proves it.
+"""Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it.
 
 With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks for
 
@@ -19,6 +19,20 @@ their forces are those of d_s, which balance and follow the law to rounding, as 
 square of the bound comes what these forces miss of work on d_k, friction and limits, so that
 
     work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
+
+Weights that follow the slip, w = law(A + |s|, |s|) with A the slip before the step, are proven by convexity instead.
+Let none fall faster with |s_i| than k_i, and rho < 1 be that of :mod:`vemcvx.stepping.softening`; let (d_k, lam, p) be
+certified under the weights of its own slip, w' = law(s(d_k)), by gap = 1/2 |r|^2_{K^{-1}} + C. Then the step has one
+solution d, and
+
+    |d_k - d|_K <= sqrt(2 gap) / (1 - rho).
+
+Proof. With e = d_k - d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. What C misses excepted, the last term is <= 0,
+and the one before it at most (w'_i - w*_i)(|s*_i| - |s_i|) summed, which is at most sum k_i (|s_i| - |s*_i|)^2 <=
+sum k_i |(Be)_i|^2 <= rho |e|^2. So (1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) +
+(1 - rho) |e|^2 / 2.  QED
+The iteration is w_{k+1} = law(s(T(w_k))), whose increments shrink by rho if weights do not rise faster than k, either.
+A law that reads A alone has k = 0: the first program's certificate is the step's.
 
 Where sets do not settle, or the law is not known to be piecewise affine, the certificate is an *estimate*:
 
@@ -41,7 +55,7 @@ from operator import length_hint
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.errors import NotContracting
+from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
@@ -60,16 +74,18 @@ IDLE = 25
 """Programs in a row that may fail to halve the least increment: a contraction of .986 halves it in that many."""
 FEW_SETS = 10
 """From the state before; of a bolted joint under cycles of load 4 to 6 are wanted."""
+AT_BOUND = 1e-9
+"""Part of a weight that its multiplier may lack and be at its bound, and of what weights may fall by beyond a law."""
 PATIENCE = 3
 """Programs of a step before the log is told of each."""
 
 
 @dataclass(frozen=True)
 class DependentStep:
-    """A step whose weights depend on the forces of its limits."""
+    """A step whose weights depend on its answer: on the forces of its limits, or on its slip."""
 
     attempt: PosedStep
-    """the step with weights that follow the forces of the step before"""
+    """the step with weights that follow the forces of the step before, and its slips"""
     norms: Norms
     n: int
     """the step, for messages"""
@@ -121,24 +137,79 @@ class DependentStep:
 
         None if no solution is found, in as many sets as are left of the iterations, or `most` of them.
         """
+        if self.norms.slip_law is not None:
+            return None, 0
         # Iteratively, how each place answers to each other one would take as many solves.
         known = self.norms.slope is not None and self.run.operators.factor.cycle is None
         most = int(min(self.run.most - spent, most, sys.maxsize)) if known else 0
         rounds = iter(range(most))
         return self.pose(state.weights).settled(state, self.norms, rounds), most - length_hint(rounds)
 
-    def certified(self, state: State, certificate: Certificate) -> State:
-        """The state under the weights of its own pressures, with that certificate."""
-        return self.pose(self.law(state.p)).under_own_weights(state, certificate)
+    def certified(self, state: State, increments: list[float]) -> State:
+        """The state under the weights of its own pressures and slip, after increments of such states."""
+        w = self.law(state)
+        posed, stability, rate = self.pose(w), self.run.stability, self.norms.softest
+        if self.norms.slip_law is not None and rate is not None and stability is not None and stability.margin > 0:
+            self._check_softening(state, w, rate)
+            # A multiplier at its bound stays there: what that misses of forces counts by its square.
+            size, slip = np.linalg.norm(state.lam, axis=1), np.linalg.norm(state.slip, axis=1)
+            slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - AT_BOUND) * state.weights)
+            along = np.divide(w, slip, out=np.zeros_like(w), where=slides)[:, None] * state.slip
+            state = replace(state, lam=np.where(slides[:, None], along, state.lam))
+            return posed.under_own_weights(state, posed.convex(state, stability.margin))
+        last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
+        return posed.under_own_weights(state, _estimated(state.certificate, last))
+
+    def _check_softening(self, state: State, w: Floats, rate: Floats) -> None:
+        """Raise SceneError where weights have fallen faster than their law says."""
+        start, slip = self.attempt.program.w, np.linalg.norm(state.slip, axis=1)
+        over = start - w - rate * slip - AT_BOUND * (start + rate * (self.attempt.before.ledger.slipped + slip))
+        if (over > 0).any():
+            i = int(np.argmax(over))
+            raise SceneError(
+                f"friction: at {self.norms.name(i)} the weight fell from {start[i]:.6g} to {w[i]:.6g} over the slip "
+                f"{slip[i]:.6g} of step {self.n}, faster than its law says: softening is {rate[i]:.6g}. State how fast "
+                "it falls at most, or None for an estimate."
+            )
 
     def beside(self, state: State, near: State) -> State:
         """The motion of the state under the forces of a solution near it, and its distance to that."""
         error = self.distance(state, near) + near.certificate.error
         return self.pose(near.weights).moved(state, near, near.certificate.away(error))
 
-    def law(self, p: Floats) -> Floats:
-        """Weights (m,) under the forces p (r,)."""
-        return self.norms.weights_under(self.attempt.data.t, p)
+    def law(self, state: State) -> Floats:
+        """Weights (m,) under the forces and after the slip of a state."""
+        past, slip = self.attempt.before.ledger.slipped, np.linalg.norm(state.slip, axis=1)
+        return self.norms.weights_under(self.attempt.data.t, state.p, past, slip)
+
+    @property
+    def subject(self) -> str:
+        """What contracts."""
+        return "Coulomb's fixed point" if self.norms.slip_law is None else "the fixed point of friction that sees slip"
+
+    def unsettled(self, last: State, own: State) -> str:
+        """What has not settled, in words: of a program's answer, and of that answer under its own weights."""
+        if self.norms.slip_law is None:
+            return "what sticks, slips and touches has not settled"
+        change = (own.weights - last.weights) * np.sqrt(self.run.operators.norm_flexibility)
+        i = int(np.argmax(np.abs(change)))
+        place, stability = self.norms.name(i), self.run.stability
+        stated = "" if stability is None else f" (softening over stiffness is {stability.rho:.3g} of the 1 it may be)"
+        return f"weights still change, at {place} from {last.weights[i]:.3g} to {own.weights[i]:.3g}{stated}"
+
+    @property
+    def advice(self) -> str:
+        """What may help."""
+        if self.norms.slip_law is None:
+            return (
+                "Take a smaller coefficient, a cap, NormalCompliance in place of UnilateralContact, smaller steps, or "
+                "a sharper solver (Newton)."
+            )
+        return (
+            "Where friction changes with slip faster than the body gives way, a step may have no or several answers, "
+            "however small it is: take a law that changes over a longer slip, a stiffer body, or one that reads the "
+            "slip before the step alone."
+        )
 
     def distance(self, one: State, other: State) -> float:
         """Energy norm of the difference."""
@@ -154,7 +225,7 @@ class DependentStep:
 
 
 def resolved(step: DependentStep) -> State:
-    """The state whose weights are those that its own pressures call for.
+    """The state whose weights are those that its own pressures and slip call for.
 
     Raises
     ------
@@ -175,12 +246,9 @@ def resolved(step: DependentStep) -> State:
         iterations += rounds
         if before is not None:
             increments.append(step.distance(state, before) + step.work_apart(state, before))
-        if near is None:
-            met = np.array_equal(step.law(state.p), w)
-            own = step.certified(state, _estimated(state.certificate, [0.0] * (WINDOW + 1) if met else increments))
-        else:
-            own = near if step.replaces else step.beside(state, near)
-        own = replace(own, iterations=iterations, safeguards=safeguards, rate=_rate(increments, 1))
+        found = near if step.replaces else near and step.beside(state, near)
+        own, rate = found or step.certified(state, increments), _rate(increments, 1)
+        own = replace(own, iterations=iterations, safeguards=safeguards, rate=rate)
         error = own.certificate.error / (own.unit(accuracy) or np.inf)
         level = logging.INFO if count > PATIENCE else logging.DEBUG
         log.log(level, "step %d, program %d: %d iterations so far, error %.1e", n, count, iterations, error)
@@ -188,14 +256,16 @@ def resolved(step: DependentStep) -> State:
             return own
         if iterations >= step.run.most:
             return replace(own, status="iteration limit")
+        followed = step.law(state)
+        if step.norms.slip_law is not None and np.array_equal(followed, w):
+            return own  # The same program would be answered alike.
         if _hopeless(increments):
             break
-        w, before = step.law(state.p), state
+        w, before = followed, state
     raise NotContracting(
-        f"step {n} at t = {state.t:.6g}: Coulomb's fixed point contracts with the rate {own.rate:.3g} only: after "
-        f"{count} programs what sticks, slips and touches has not settled, and the estimated error is "
-        f"{error:.1e}, asked was {accuracy:.1e}. Take a smaller coefficient, "
-        "a cap, NormalCompliance in place of UnilateralContact, smaller steps, or a sharper solver (Newton).",
+        f"step {n} at t = {state.t:.6g}: {step.subject} contracts with the rate {own.rate:.3g} only: after {count} "
+        f"programs {step.unsettled(state, own)}, and the estimated error is {error:.1e}, asked was {accuracy:.1e}. "
+        f"{step.advice}",
         step=n,
         time=state.t,
         rate=float(own.rate),

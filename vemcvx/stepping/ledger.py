@@ -90,11 +90,13 @@ class Ledger:
     work: float
     worn: Floats
     """(m,) cumulative w_i |s_i| of every norm term; they sum to `dissipated`, where nothing else dissipates"""
+    slipped: Floats
+    """(m,) cumulative |s_i|, which laws of friction may see"""
 
     @classmethod
-    def opening(cls, energy: float, count: int) -> Ledger:
+    def opening(cls, energy: float, count: int, slipped: Floats | None = None) -> Ledger:
         """Nothing is lost or done yet, in any of `count` norm terms."""
-        return cls(energy, 0.0, 0.0, np.zeros(count))
+        return cls(energy, 0.0, 0.0, np.zeros(count), np.zeros(count) if slipped is None else slipped)
 
     @property
     def norm(self) -> float:
@@ -212,6 +214,8 @@ def _entered(past: Ledger, now: StepData, stored: float, work: float, slip: Floa
     """The ledger with a step's energy, its work but for the bias, and its slips."""
     # The bias is a force in the balance, and friction in the ledger.
     tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
-    rubbed = w * np.linalg.norm(slip, axis=1) + tilt
+    way = np.linalg.norm(slip, axis=1)
+    rubbed = w * way + tilt
     done = work + float(tilt.sum())
-    return Ledger(stored, past.dissipated + float(rubbed.sum()), past.work + done, past.worn + rubbed)
+    lost = past.dissipated + float(rubbed.sum())
+    return Ledger(stored, lost, past.work + done, past.worn + rubbed, past.slipped + way)

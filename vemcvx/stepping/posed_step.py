@@ -34,11 +34,11 @@ is at the end of its digits gives the same answer again."""
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
     """Pose the step that leads from `before` to what drives the system now; with weights `w` (m,), if they are given.
 
-    By default weights that depend on pressures follow those of `before`.
+    By default weights that depend on the answer follow the pressures of `before`, and slips so far.
     """
     if w is None:
         norms = run.system.norms
-        w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p)
+        w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
     e = now.remaining_gap - run.operators.limits.read(before.y)
     b = before.data.prescribed_slip - now.prescribed_slip
@@ -147,6 +147,21 @@ class PosedStep:
         answer = state.answer(at.d, at.lam, at.p)
         whole = replace(self, program=replace(self.program, w=w / up))
         return whole.state_after(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
+
+    def convex(self, state: State, margin: float) -> Certificate:
+        """The certificate of a state under the weights of its own slip, which is that of this program over the margin.
+
+        See :mod:`vemcvx.stepping.fixed_point`.
+        """
+        scales = self.run.scaling
+        alpha = scales.size(self.program)
+        if alpha == 0.0:
+            return state.certificate
+        scaled = scales.scale(self.program, alpha)
+        lam, p = scales.guess(state.lam, state.p, alpha)
+        own = scaled.certify(scales.shrink(state.y - self.before.y, alpha), scaled.project(lam), p)
+        own = own.times(1.0 / scales.energy(1.0, alpha))
+        return replace(own, floor=own.floor / margin**2).away(own.error / margin, False)
 
     def under_own_weights(self, state: State, certificate: Certificate) -> State:
         """A state that was found for other weights, under those of this program."""

@@ -176,6 +176,7 @@ class Recorder:
             self._enter(row, "weights", np.concatenate([state.weights, dragged.weights]))
             self._enter(row, "sticking", sticks)
             self._enter(row, "worn", np.concatenate([ledger.worn, dragged.worn]))
+            self._enter(row, "slipped", np.concatenate([ledger.slipped, dragged.slipped]))
             if "velocity" in self._rows:
                 self._enter(row, "velocity", 0.0 if state.velocity is None else state.velocity)
         if self._storage.lasting:

@@ -20,6 +20,7 @@ from vemcvx.solvers import Prepared, Solver, Solves, choose
 from vemcvx.solvers.response import Response
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Ledger, StepData
+from vemcvx.stepping.softening import Stability, stability_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +63,12 @@ class PreparedRun:
         """How norm terms and limits of the scaled operators move under each other's forces."""
         return Response(self.scaling.operators)
 
+    @cached_property
+    def stability(self) -> Stability | None:
+        """Of weights that fall with slip; None where it is not known how fast they do."""
+        norms = self.system.norms
+        return None if norms is None else stability_of(self.operators, norms)
+
     @property
     def operators(self) -> Operators:
         """The condensed operators, in the units of the system."""
@@ -80,11 +87,13 @@ class Dragged:
     """(q,) which did not slip"""
     worn: Floats
     """(q,) cumulative loss"""
+    slipped: Floats
+    """(q,) and cumulative slip"""
 
     @classmethod
     def nothing(cls, q: int, block: int) -> Dragged:
         """No loss and no weight."""
-        return cls(np.zeros(q), np.zeros((q, block)), np.ones(q, dtype=bool), np.zeros(q))
+        return cls(np.zeros(q), np.zeros((q, block)), np.ones(q, dtype=bool), np.zeros(q), np.zeros(q))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +125,7 @@ class State:
     safeguards: int = 0
     """how many of the iterations stood in for faster ones"""
     rate: float = np.nan
-    """with which the fixed point of pressure-dependent weights contracted"""
+    """with which the fixed point of weights that follow the answer contracted"""
     full: Floats | None = None
     """(n,) `unknowns`, once somebody has asked for them"""
     size: float = 0.0

@@ -35,6 +35,8 @@ class Trajectory(ArrayRecord):
         not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
         (:class:`vemcvx.program.norms.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
         `sticking` and `stuck`.
+    slipped : (S, m) array
+        How far each norm term has slipped since the initial instant: the cumulative sum of its |s_i|, likewise.
     stuck : (N + 1,) array of int
         How many norm terms have such an increment, step by step.
     energy, dissipated, work : (N + 1,) arrays
@@ -48,7 +50,7 @@ class Trajectory(ArrayRecord):
     iterations, safeguards : (N + 1,) arrays of int
         Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
     contraction : (N + 1,) array
-        Rate with which the fixed point of pressure-dependent friction contracted; NaN where there was none.
+        Rate with which the fixed point of friction that follows the answer contracted; NaN where there was none.
     estimated : (N + 1,) array of bool
         Where the certificate is an estimate and no bound: weights depend on the answer, and no solution was found to
         hold it against (:mod:`vemcvx.stepping.fixed_point`).
@@ -77,6 +79,7 @@ class Trajectory(ArrayRecord):
     weights: Annotated[Floats, "S terms"]
     sticking: Annotated[Bools, "S terms"]
     worn: Annotated[Floats, "S terms"]
+    slipped: Annotated[Floats, "S terms"]
     stuck: Annotated[Ints, "N"]
     energy: Annotated[Floats, "N"]
     dissipated: Annotated[Floats, "N"]

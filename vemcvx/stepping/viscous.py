@@ -179,7 +179,7 @@ class ViscousSteps:
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
         energy = strain_energy(system, ahead, t) + 0.5 * float(stepped.p @ (self._run.operators.compliance * stepped.p))
-        return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn)
+        return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn, rubbed.slipped)
 
 
 def shared_lengths(instants: Floats) -> Floats:
@@ -218,7 +218,7 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
         p=before.p,
         slip=nothing,
         certificate=certificate,
-        ledger=Ledger.opening(0.0, operators.count),
+        ledger=Ledger.opening(0.0, operators.count, before.ledger.slipped),
         scale=before.scale,
         iterations=0,
         size=before.size,

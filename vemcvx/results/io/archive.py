@@ -20,7 +20,7 @@ from vemcvx.stepping.trajectory import Trajectory
 Arrays = dict[str, NDArray[Any]]
 
 NAME = "vemcvx history"
-FORMAT = f"{NAME} 3"
+FORMAT = f"{NAME} 4"
 RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}
 SHAPES = {prefix + name: shape for prefix, record in RECORDS.items() for name, shape in sizes_of(record).items()}
 

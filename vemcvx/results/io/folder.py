@@ -132,7 +132,7 @@ def _at_nodes(history: Results, row: int) -> Fields:
     """Displacement, and contact as fields of the whole body."""
     contact, u = history.contact, history.displacement[row]
     fields = {"displacement": u}
-    for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"):
+    for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear", "accumulated_slip"):
         values = getattr(contact, name)[row]
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
         joined = contact.partners >= 0

@@ -1,0 +1,293 @@
+"""Weights that see the slip, of the step and before it, with forces or not: a fixed point, and when it is proven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from slip_weakening import SlipWeakening
+from vemcvx.effects import ContactSurface, Contribution, Friction, SlipLaw
+from vemcvx.errors import NotContracting
+from vemcvx.stepping.softening import stability
+
+STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right")
+TOUCHING = vx.BilateralContact(on="bottom")
+TIMES = np.linspace(0.0, 1.0, 7)
+
+
+def to_and_fro(x, t):
+    return np.column_stack([12 * np.sin(5 * t) * (1.3 - x[:, 1]), -2 * t + 0 * x[:, 0]])
+
+
+@dataclass(frozen=True)
+class Law(vx.Effect):
+    """Friction with any slip law, per length."""
+
+    bound: object
+    softening: float | None = None
+    pressed: bool = False
+    on: str = "bottom"
+
+    def contribute(self, space):
+        rows = space.part(self.on, "Law", contact=True).node_normals
+        lengths = rows.lengths
+
+        def weights(t, forces, before, slip):
+            return self.bound(t, forces / lengths if self.pressed else forces, before, slip) * lengths
+
+        softening = None if self.softening is None else self.softening * lengths
+        friction = replace(Friction.of(rows, "Law"), slip_law=SlipLaw(weights, softening, self.pressed))
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
+
+    def describe(self):
+        return f"Law: on {self.on}"
+
+
+def weakening(t, pressure, before, slip):
+    return np.maximum(4.0 - 30.0 * (before + slip), 1.0)
+
+
+def simulate(*friction, solver=None, times=TIMES, load=to_and_fro, contact=TOUCHING, **options):
+    scene = vx.Scene(STEEL, HELD, vx.Traction(load, on="left"), contact, *friction)
+    return vx.simulate(scene, vx.meshes.voronoi(4), times, solver=solver or vx.Newton(1e-9), **options)
+
+
+def test_solvers_agree_within_their_certificates():
+    """Each is as near to the solution of every step as it says; errors grow over steps by at most 1 / (1 - rho)."""
+    runs = [simulate(Law(weakening, 30.0), solver=solver) for solver in (vx.Newton(1e-9), vx.Clarabel(1e-6))]
+    assert {run.certificate_kind for run in runs} == {"bound"}
+    assert runs[0].contact.accumulated_slip[-1].max() > 0.01
+    apart = np.abs(np.sqrt(2 * runs[0].energy) - np.sqrt(2 * runs[1].energy))
+    totals = sum(np.cumsum(np.sqrt(2 * run.trajectory.gap)) for run in runs)
+    assert (apart <= 3 * totals).all()
+    assert totals[-1] < 1e-5 * np.sqrt(2 * runs[0].energy.max())
+
+
+def test_a_law_of_the_slip_before_takes_one_convex_program_a_step():
+    """Step by step it is Tresca's friction with the bounds that the slip has left."""
+
+    def before_alone(t, pressure, before, slip):
+        return np.maximum(4.0 - 300.0 * before, 1.0)
+
+    lagged = simulate(Law(before_alone, softening=0.0))
+    assert lagged.certificate_kind == "bound"
+    assert np.isnan(lagged.contraction).all()
+    contact = lagged.contact
+    bounds = before_alone(0.0, None, contact.accumulated_slip, None)
+    assert np.array_equal(contact.bound[1:], bounds[:-1])
+    place = contact.points[:, 0]
+
+    def given(x, t):
+        row = round((t - TIMES[0]) / (TIMES[1] - TIMES[0]))
+        order = np.argsort(place)
+        return np.interp(x[:, 0], place[order], contact.bound[row][order])
+
+    told = simulate(vx.TrescaFriction(given, on="bottom"))
+    scale = np.abs(lagged.displacement).max()
+    assert np.abs(told.displacement - lagged.displacement).max() < 1e-8 * scale
+
+
+def test_without_softening_the_answer_is_the_same_and_an_estimate():
+    known, unknown = (simulate(Law(weakening, k)) for k in (30.0, None))
+    assert (known.certificate_kind, unknown.certificate_kind) == ("bound", "estimate")
+    scale = np.abs(known.displacement).max()
+    assert np.abs(known.displacement - unknown.displacement).max() < 1e-7 * scale
+
+
+def test_coulomb_with_a_coefficient_that_wears_off():
+    """A block pressed by p and sheared: friction mu(A) p, with A its slip, at every instant and node."""
+    young, height, p, k = 26.0, 0.5, 2.0, 5.0
+    times, stiff = np.linspace(0.0, 1.0, 11), young / 2 / height
+    q, a = np.zeros(len(times)), np.zeros(len(times))
+    for n, U in enumerate(0.12 * times[1:], start=1):
+        slip = max(stiff * (U - a[n - 1]) - (0.5 - k * a[n - 1]) * p, 0.0) / (stiff - k * p)
+        if 0.5 - k * (a[n - 1] + slip) < 0.2:
+            slip = max(U - a[n - 1] - 0.2 * p / stiff, 0.0)
+        a[n] = a[n - 1] + slip
+        q[n] = stiff * (U - a[n])
+
+    def bound(t, pressure, before, slip):
+        return np.maximum(0.5 - k * (before + slip), 0.2) * np.maximum(pressure, 0.0)
+
+    def shear(x, t):
+        return np.column_stack([0 * x[:, 0], np.where(x[:, 0] > 0.5, 1.0, -1.0) * np.interp(t, times, q)])
+
+    scene = vx.Scene(
+        vx.Elasticity(young, 0.0),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.12 * t, -p * height / young], (len(x), 1)), on="top"),
+        vx.Traction(shear, on=["left", "right"]),
+        vx.UnilateralContact(on="bottom"),
+        Law(bound, pressed=True),
+    )
+    mesh = vx.meshes.squares(3, box=((0, 1), (0, height)))
+    history = vx.simulate(scene, mesh, times, initial="settled", solver=vx.Newton(1e-9))
+    assert history.certificate_kind == "estimate"
+    # An accuracy of 1e-9 of the energy in which it is pressed, over ten steps.
+    assert np.abs(-history.contact.traction[:, :, 0] - q[:, None]).max() < 1e-7
+    assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7
+    assert 0 < q[-1] < 0.6 * q.max()
+
+
+@pytest.mark.parametrize("pressed", [False, True])
+def test_a_law_without_the_contact_that_it_reads_is_refused(pressed):
+    def coulomb(t, pressure, before, slip):
+        return 0.3 * np.maximum(pressure, 0.0)
+
+    said = "no pressure is known" if pressed else "normal forces are told where pressed=True"
+    with pytest.raises(vx.SceneError, match=said):
+        simulate(Law(coulomb, pressed=pressed))
+
+
+WRONG = {
+    "a wrong shape": (
+        lambda t, p, a, s: np.ones(3),
+        r"Law: slip law: found an array of|Law: its slip law failed when",
+    ),
+    "a negative weight": (
+        lambda t, p, a, s: 1.0 - 1e3 * (a + s),
+        "Law: found the weight -.* at node .* slip laws",
+    ),
+    "NaN": (lambda t, p, a, s: np.where(a + s > 1e-4, np.nan, 1.0), "Law: found the weight nan at node .* in it; slip"),
+    "infinity": (lambda t, p, a, s: np.inf + s, "Law: found the weight inf"),
+    "words": (lambda t, p, a, s: "rough", "Law: its slip law failed when called as f"),
+    "an error": (lambda t, p, a, s: 1 / 0, "Law: its slip law failed when called as f.* ZeroDivisionError"),
+    "writing": (lambda t, p, a, s: a.__iadd__(1.0), "Law: its slip law failed when called as f.*read-only"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_laws_that_give_no_weights_are_told(name):
+    bound, said = WRONG[name]
+    with pytest.raises(vx.SceneError, match=said):
+        simulate(Law(bound))
+
+
+@pytest.mark.parametrize(("softening", "said"), [(-1.0, "found softening -"), (np.nan, "softening nan")])
+def test_a_softening_that_is_none_is_told(softening, said):
+    with pytest.raises(vx.SceneError, match=said):
+        simulate(Law(weakening, softening))
+
+
+def test_softening_of_a_law_that_reads_forces_is_told():
+    with pytest.raises(vx.SceneError, match="found softening beside pressed=True"):
+        simulate(Law(weakening, 30.0, pressed=True), contact=vx.UnilateralContact(on="bottom"))
+
+
+def test_a_law_that_falls_faster_than_it_says_is_told():
+    with pytest.raises(vx.SceneError, match=r"friction: at node \d+ .* faster than its law says: softening is"):
+        simulate(Law(weakening, 3.0))
+
+
+def block(distance):
+    """A block sheared over a floor; its softening over stiffness is .3 / distance."""
+    k = 0.6 / distance
+    return vx.Scene(
+        vx.Elasticity(26.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.1 * t, 0.0], (len(x), 1)), on="top"),
+        vx.PrescribedDisplacement(0.0, on=["left", "right"], direction=(0.0, 1.0)),
+        TOUCHING,
+        SlipWeakening(1.0, 0.4, distance, on="bottom"),
+    ), k * 0.5 / 10.0
+
+
+@pytest.mark.parametrize("distance", [0.1, 0.04, 0.031])
+def test_stability_is_that_of_a_spring_and_a_slider(distance):
+    """Softening k over mu / H, in closed form."""
+    scene, rho = block(distance)
+    system = vx.scene.pose.pose_scene(scene, vx.meshes.hexagons(4, box=((0, 1), (0, 0.5)))).system
+    run = vx.stepping.state.prepare(system, None, True, True)
+    assert stability(run.operators, system.norms.softest).rho == pytest.approx(rho, rel=1e-10)
+
+
+def test_where_no_contraction_is_known_a_sentence_says_so():
+    scene, rho = block(0.02)
+    mesh = vx.meshes.squares(4, box=((0, 1), (0, 0.5)))
+    said = rf"at node \d+ at \(.*\) \(softening over stiffness is {rho:.3g}; .*Take a law that falls over a longer slip"
+    with pytest.warns(vx.SceneWarning, match=said):
+        history = vx.simulate(scene, mesh, [0.0, 0.4, 1.0])
+    assert history.certificate_kind == "estimate"
+
+
+def test_where_the_fixed_point_does_not_contract_a_sentence_says_where():
+    def hardening(t, pressure, before, slip):
+        return 0.5 + 3e3 * slip
+
+    said = r"sees slip contracts with the rate .* weights still change, at node \d+ at .* that reads the slip before"
+    with pytest.raises(NotContracting, match=said):
+        simulate(Law(hardening))
+
+
+def test_there_is_no_error_budget_of_such_laws():
+    with pytest.raises(vx.SceneError, match="error_budget: there is no estimate for Law: its weights see the slip"):
+        vx.error_budget(simulate(Law(weakening, 30.0)))
+    with pytest.raises(vx.SceneError, match="adapt: there is no estimate for SlipWeakening"):
+        vx.adapt(block(0.1)[0], vx.meshes.squares(4), [0.0, 1.0], target=0.1)
+
+
+# An independent program: each step's energy minimised by cvxpy, its law followed until nothing changes.
+
+
+def random_system(rng, n=6, healing=False):
+    """A small body with m sliders whose bounds fall, level off, and may heal in time; and the law of their weights."""
+    m = n - 1
+    root = rng.normal(size=(n, n))
+    K = root @ root.T / n + 0.5 * np.eye(n)
+    B = rng.normal(size=(m, n))
+    push, turn = rng.normal(size=(2, n))
+    peak = rng.uniform(0.3, 1.0, m)
+    rest, k = peak * rng.uniform(0.1, 0.8, m), rng.uniform(0.1, 1.0, m)
+    worst = np.linalg.eigvalsh(np.sqrt(k)[:, None] * (B @ np.linalg.solve(K, B.T)) * np.sqrt(k))[-1]
+    k *= rng.uniform(0.2, 0.8) / worst
+    heal = rng.uniform(0.0, 1.0, m) if healing else np.zeros(m)
+
+    def law(t, p, past, slip):
+        return np.maximum(peak - k * (past + slip), rest) + heal * t
+
+    def load(t):
+        return 3.0 * np.sin(4 * t) * push + t * turn
+
+    return vx.System(K, load, vx.Norms(B, peak, slip_law=law, softening=k)), law
+
+
+def marched_by_cvxpy(system, law, times):
+    """States of a march, each step's fixed point with programs of cvxpy; how far the last iterates were apart."""
+    B, y, past, left = system.B.toarray(), np.zeros(system.n), np.zeros(system.norms.count), 0.0
+    K, f, w = system.K.toarray(), cp.Parameter(system.n), cp.Parameter(system.norms.count, nonneg=True)
+    d, states = cp.Variable(system.n), [np.zeros(system.n)]
+    posed = cp.Problem(cp.Minimize(0.5 * cp.sum_squares(np.linalg.cholesky(K).T @ d) - f @ d + w @ cp.abs(B @ d)))
+    for t in times[1:]:
+        slip, last = np.zeros(len(past)), None
+        for _ in range(60):
+            f.value, w.value = system.force(t) - K @ y, law(t, None, past, slip)
+            posed.solve(solver=cp.CLARABEL, tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12)
+            slip = np.abs(B @ d.value)
+            moved = np.inf if last is None else np.abs(d.value - last).max()
+            last = d.value
+            if moved < 1e-8:
+                break
+        left, y, past = max(left, moved), y + last, past + slip
+        states.append(y)
+    return np.array(states), left
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 40))])
+def test_random_laws_against_an_independent_fixed_point(seed):
+    """States differ by what certificates and the other's iteration leave; errors of a step grow by less than 20."""
+    rng = np.random.default_rng(seed)
+    system, law = random_system(rng, n=int(rng.integers(2, 7)), healing=seed % 2 == 1)
+    times = np.linspace(0.0, 1.5, 5)
+    run = vx.march(system, times, solver=vx.Newton(1e-7))
+    assert run.certificate_kind == "bound"
+    found, left = marched_by_cvxpy(system, law, times)
+    slack = 20 * np.sqrt(2 * run.gap).sum() + 100 * left + 1e-6
+    assert left < 1e-6
+    assert np.abs(run.state - found).max() < slack < 1e-3
+    way = np.abs(np.diff(run.state @ system.B.T.toarray(), axis=0)).cumsum(axis=0)
+    assert run.slipped[1:] == pytest.approx(way, abs=1e-12 * way.max())
+    made = np.diff(run.slipped, axis=0)
+    asked = np.array([law(t, None, run.slipped[n], made[n]) for n, t in enumerate(times[1:])])
+    assert run.weights[1:] == pytest.approx(asked, abs=1e-9)

@@ -1,0 +1,89 @@
+"""What the rows of all frictions say, added up for every term: weights, how they follow the answer, bias."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats
+from vemcvx.effects import Friction
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """How the weights of all terms follow the forces of the limits, and the slip."""
+
+    weights: Callable[[float, Floats, Floats, Floats], Floats]
+    """(t, forces (r,), slip (m,) before the step and in it) -> (m,)"""
+    slope: Callable[[float, Floats], sp.csr_matrix] | None
+    """(t, forces (r,)) -> (m, r), the derivative of weights that are piecewise affine; None if they are not"""
+    remembers: bool
+    """whether some see the slip"""
+    softening: Floats | None
+    """as of terms"""
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What the rows of all frictions say, added up for every term."""
+
+    frictions: Sequence[Friction]
+    gather: sp.csr_matrix
+    """(m, rows)"""
+    sign: Floats
+    """(rows,) 1 where the tangent of a row is that of its term, else -1"""
+
+    def weights(self, t: float) -> Floats:
+        """Weights (m,) where none depends on the pressure."""
+        return self._added([f.weights(t) for f in self.frictions])
+
+    def weights_under(self, t: float, forces: Sequence[Floats], past: Floats, slip: Floats) -> Floats:
+        """Weights (m,) under the normal forces of every friction's rows, after slips (m,) before the step and in it."""
+        before, now = (self._of_rows(slips) for slips in (past, slip))
+        each = []
+        for f, P, A, s in zip(self.frictions, forces, before, now, strict=True):
+            w = f.weights(t) if f.law is None else f.weights(t) + f.law(t, P)
+            each.append(w if f.slip_law is None else w + f.slip_law.added(f.subject, f.nodes, t, P, (A, s)))
+        return self._added(each)
+
+    def softening(self) -> Floats | None:
+        """How fast weights (m,) fall with the slip of the step at most; None where that is not known."""
+        laws = [f.slip_law for f in self.frictions]
+        if any(f.law is not None for f in self.frictions) or any(law and law.softening is None for law in laws):
+            return None
+        pairs = list(zip(self.frictions, laws, strict=True))
+        each = [np.zeros(len(f.nodes)) if law is None else law.rate(f.subject, f.nodes) for f, law in pairs]
+        return self._added(each)
+
+    def _of_rows(self, values: Floats) -> list[Floats]:
+        """Values (m,) of terms for the rows of every friction; zero where a row has no term."""
+        return np.split(self.gather.T @ values, np.cumsum([len(f.nodes) for f in self.frictions])[:-1])
+
+    def slope(self, t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
+        """Their derivative (m, r), where limits of forces p (r,) press on the rows as `press` says."""
+        pairs = zip(self.frictions, press, strict=True)
+        each = [0.0 * M if f.slope is None else sp.diags_array(f.slope(t, M @ p)) @ M for f, M in pairs]
+        return sp.csr_matrix(self.gather @ sp.vstack(each))
+
+    def bias(self, t: float) -> Floats:
+        """(m,) along the tangent of each term."""
+        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
+        return self._added([self.sign * np.concatenate(each)])
+
+    def _added(self, parts: Sequence[Floats]) -> Floats:
+        total: Floats = self.gather @ np.concatenate(parts)
+        return total
+
+
+def weights_of(law: FrictionLaw, part: slice, count: int) -> Callable[[float, Floats, Floats, Floats], Floats]:
+    """The weights of a part of all terms, which follow the slips of the same part."""
+
+    def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
+        every = np.zeros((2, count))
+        every[:, part] = past, slip
+        return law.weights(t, p, every[0], every[1])[part]
+
+    return weights

@@ -166,6 +166,19 @@ def test_laws_that_give_no_weights_are_told(name):
         simulate(Law(bound))
 
 
+@pytest.mark.parametrize("wrong", [lambda n: n[:-1], lambda n: 2.0 * n, lambda n: n[:, 0]])
+def test_directions_are_unit_vectors(wrong):
+    @dataclass(frozen=True)
+    class Astray(Law):
+        def contribute(self, space):
+            part = super().contribute(space)
+            (friction,) = part.frictions
+            return replace(part, frictions=(replace(friction, directions=wrong(friction.normals)),))
+
+    with pytest.raises(vx.SceneError, match="Law: found directions of shape .* one unit vector a row"):
+        simulate(Astray(weakening))
+
+
 @pytest.mark.parametrize(("softening", "said"), [(-1.0, "found softening -"), (np.nan, "softening nan")])
 def test_a_softening_that_is_none_is_told(softening, said):
     with pytest.raises(vx.SceneError, match=said):

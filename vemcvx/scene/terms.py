@@ -159,10 +159,13 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
 
 def _check_directions(frictions: Sequence[Friction]) -> None:
     for f in frictions:
-        if f.directions is not None and (f.normals.shape[1] != 2 or np.shape(f.directions) != f.normals.shape):
+        if f.directions is None:
+            continue
+        block, shape = tangents_of(f.normals[:1]).shape[1], np.shape(f.directions)
+        if block > 1 or shape != f.normals.shape or np.abs(np.linalg.norm(f.directions, axis=1) - 1).max() > PARALLEL:
             raise SceneError(
-                f"{f.subject}: found directions of shape {np.shape(f.directions)} for normals of shape "
-                f"{f.normals.shape}; rows along directions are for bodies in the plane, one (2,) unit vector a row."
+                f"{f.subject}: found directions of shape {shape} for normals of shape {f.normals.shape}; rows along "
+                "directions are for bodies in the plane, one unit vector a row."
             )
 
 

@@ -300,7 +300,7 @@ def test_kinds_are_said_everywhere(tmp_path):
     assert "estimate" not in proven.summary()
     doubtful = replace(proven, trajectory=replace(proven.trajectory, estimated=np.array([False, True])))
     assert doubtful.certificate_kind == "estimate"
-    assert "an estimate in 1 of 1 steps" in doubtful.summary()
+    assert "an estimate at 1 of 2 instants" in doubtful.summary()
     for name, history in (("bound", proven), ("estimate", doubtful)):
         history.write(tmp_path / name)
         assert json.loads((tmp_path / name / "summary.json").read_text())["certificate_kind"] == name

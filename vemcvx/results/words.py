@@ -46,7 +46,7 @@ def _kind(estimated: Bools) -> Lines:
     if not estimated.any():
         return []
     words = (
-        f"an estimate in {estimated.sum()} of {len(estimated) - 1} steps, where what sticks, slips and touches did not "
+        f"an estimate at {estimated.sum()} of {len(estimated)} instants, where what sticks, slips and touches did not "
         "settle; else a bound"
     )
     return [("", words)]

@@ -32,7 +32,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.ordering import minimum_degree
-from vemcvx.program.forces import Fields, Reduced, combined
+from vemcvx.program.forces import Fields, Reduced, combined, spread
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.system import System
@@ -97,12 +97,20 @@ class Condensation:
         order = self.system.elimination_order()
         return minimum_degree(self.regular) if order is None else order
 
-    def reduce(self, phi: Floats, remembered: bool = True) -> Reduced:
-        """What a force does; if they are remembered, a combination of forces seen before costs no solve."""
-        parts = self._fields.parts(phi) if remembered else self._fields.afresh(phi)
+    def reduce(self, phi: Floats, remembered: bool = True, rows: Ints | None = None) -> Reduced:
+        """What a force does, (n,) or on the unknowns `rows` alone.
+
+        If they are remembered, a combination of forces seen before costs no solve.
+        """
+
+        def everywhere() -> Floats:
+            return phi if rows is None else spread(phi, rows, self.system.n)
+
+        parts = self._fields.parts(phi, rows) if remembered else self._fields.afresh(everywhere())
         # Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
         tau = [(share, one.retained) for one, share in parts.items()]
-        return Reduced(lambda: phi, parts, parts, phi if self.whole else combined(tau, phi[self.retained]))
+        retained = everywhere() if self.whole else combined(tau, np.zeros(len(self.retained)))
+        return Reduced(everywhere, parts, parts, retained)
 
     def less(self, f: Reduced, c: Floats, remembered: bool = True) -> Reduced:
         """The force without B'c, which pulls at retained unknowns alone: exact however large c (k,) is."""

@@ -13,10 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, power_of_two
+from vemcvx.arrays import Floats, Ints, power_of_two
 
 # A load is taken for a combination of fields already solved for when what is left of it is rounding.
 SAME_FIELD = 8 * float(np.finfo(float).eps)
+NEAR = 1e-6
+"""Far more than rounding does to the force that a load makes on the retained unknowns."""
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
@@ -105,6 +107,12 @@ class Reduced:
         # Each share carries the unit of its force: the product of two may be no number where that of all three is.
         return float(sum(a * (b * one.products(two)[1]) for one, a, two, b in pairs))
 
+    def same(self, other: Reduced) -> bool:
+        """Whether the forces are equal; most that are not differ in what they do."""
+        apart = np.abs(self.retained - other.retained).max(initial=0.0)
+        near = apart <= NEAR * np.abs(self.retained).max(initial=0.0)
+        return bool(near) and np.array_equal(self.phi, other.phi)
+
     def __add__(self, other: Reduced) -> Reduced:
         return self._and(other, 1.0)
 
@@ -146,11 +154,16 @@ class Fields:
     def __init__(self, n: int, solve: Callable[[Floats], tuple[Floats, Floats, Floats]]):
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
+        self._rows: Ints | None = None
+        self._places = self._loaded
         self._basis: list[tuple[Floats, float, Field]] = []
 
-    def parts(self, phi: Floats) -> Parts:
-        """The combination that a force (n,) is; what is new in it is solved for, and remembered while there is room."""
-        entries = self._compress(phi)
+    def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
+        """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
+
+        That is remembered while there is room.
+        """
+        entries = self._compress(phi) if rows is None else self._placed(phi, rows)
         # Squares of forces, of any unit, are numbers when the largest is of size one.
         unit = float(power_of_two(np.abs(entries).max(initial=0.0)))
         rest = entries / unit
@@ -163,7 +176,7 @@ class Fields:
         if left <= SAME_FIELD * SAME_FIELD * size:
             return found
         if len(self._basis) == MOST_FIELDS:
-            return self.afresh(phi)
+            return self.afresh(self._expand(entries))
         new = self._solved(self._expand(rest), len(self._basis))
         self._basis.append((rest, left, new))
         return {**found, new: unit}
@@ -179,13 +192,29 @@ class Fields:
     def _compress(self, phi: Floats) -> Floats:
         """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""
         if np.count_nonzero(phi) != np.count_nonzero(phi[self._loaded]):
-            loaded = np.union1d(self._loaded, np.flatnonzero(phi))
-            self._basis = [(self._expand(q)[loaded], square, one) for q, square, one in self._basis]
-            self._loaded = loaded
+            self._touch(np.flatnonzero(phi))
         return phi[self._loaded]
+
+    def _placed(self, values: Floats, rows: Ints) -> Floats:
+        """The same of a force on some rows, as a rule always those."""
+        if rows is not self._rows:
+            self._touch(rows)
+            self._rows, self._places = rows, np.searchsorted(self._loaded, rows)
+        return spread(values, self._places, len(self._loaded))
+
+    def _touch(self, rows: Ints) -> None:
+        """Count these among the unknowns that some force loads."""
+        loaded = np.union1d(self._loaded, rows)
+        self._basis = [(self._expand(q)[loaded], square, one) for q, square, one in self._basis]
+        self._loaded, self._rows = loaded, None
 
     def _expand(self, compressed: Floats) -> Floats:
         """The force (n,) with these entries."""
-        phi = np.zeros(self._n)
-        phi[self._loaded] = compressed
-        return phi
+        return spread(compressed, self._loaded, self._n)
+
+
+def spread(values: Floats, rows: Ints, n: int) -> Floats:
+    """The force (n,) with these values on some rows."""
+    phi = np.zeros(n)
+    phi[rows] = values
+    return phi

@@ -125,7 +125,9 @@ def full_certificate(
     """
     system = condensation.system
     r = residual(force, system.K, y, held)
-    size = np.abs(force) + np.abs(held) + _absolute(system.K) @ np.abs(y)
+    size = np.abs(force) + np.abs(held)
+    if y.any():
+        size += _absolute(system.K) @ np.abs(y)
     if system.kernel is not None:
         # Multipliers are in balance there; what rounding leaves on the kernel is no force to answer.
         N = system.kernel.basis

@@ -63,6 +63,21 @@ class Damping(ArrayRecord):
         object.__setattr__(self, "C", C)
 
 
+@dataclass(frozen=True)
+class LoadOnPart:
+    """A load that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
+
+    n: int
+    rows: Ints
+    entries: Callable[[float], Floats]
+
+    def __call__(self, t: float) -> Floats:
+        """All forces (n,)."""
+        f = np.zeros(self.n)
+        f[self.rows] = self.entries(t)
+        return f
+
+
 @dataclass(frozen=True, repr=False)
 class System(ArrayRecord):
     """K, the load, and the norm terms; the load already includes minus the Dirichlet force of moving supports.
@@ -221,6 +236,12 @@ class System(ArrayRecord):
         """The load vector (n,) at the instant `t`, the bias of norm terms taken off."""
         f = self.push(t)
         return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.tilt(t)
+
+    def push_on_part(self, t: float) -> tuple[Floats, Ints | None]:
+        """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""
+        if not isinstance(self.load, LoadOnPart):
+            return self.push(t), None
+        return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows
 
     def push(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""

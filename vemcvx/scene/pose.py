@@ -26,7 +26,7 @@ from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.motion import Motion
-from vemcvx.program.system import Damping, System
+from vemcvx.program.system import Damping, LoadOnPart, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
@@ -215,18 +215,27 @@ def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports:
     """The load of a System; loads on a part of the body touch its unknowns alone."""
     touched = [(load, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
     others = [load for load in loads if not isinstance(load, Load)]
+    n = supports.P.shape[1]
+    rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
+    places = [np.searchsorted(rows, own) for _, own, _ in touched]
+
+    def entries(t: float) -> Floats:
+        f = np.zeros(len(rows))
+        for (one, _, matrix), place in zip(touched, places, strict=True):
+            f[place] += matrix @ one.values(t)
+        return f
+
+    part = LoadOnPart(n, rows, entries)
 
     def load(t: float) -> Floats:
-        f = np.zeros(supports.P.shape[1])
-        for one, rows, matrix in touched:
-            f[rows] += matrix @ one.values(t)
+        f = part(t)
         for other in others:
             f += supports.gather(other.vector(t))
         if not supports.still:
             f -= supports.gather(A @ supports.motion(t))
         return f
 
-    return load
+    return load if others or not supports.still else part
 
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:

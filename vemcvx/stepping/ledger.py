@@ -74,7 +74,7 @@ class StepData:
     def still_as(self, other: StepData) -> bool:
         """Whether nothing differs between the two instants."""
         return (
-            np.array_equal(self.force.phi, other.force.phi)
+            self.force.same(other.force)
             and np.array_equal(self.prescribed_slip, other.prescribed_slip)
             and np.array_equal(self.remaining_gap, other.remaining_gap)
             and np.array_equal(self._dirichlet_force, other._dirichlet_force)
@@ -107,7 +107,8 @@ class Ledger:
 def drive(system: System, condensation: Condensation, t: float) -> StepData:
     """Evaluate load and supports at `t`."""
     bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
-    pushed = in_range(condensation.reduce(system.push(t)), t)
+    forces, rows = system.push_on_part(t)
+    pushed = in_range(condensation.reduce(forces, rows=rows), t)
     force = condensation.less(pushed, bias)
     remaining_gap = system.remaining_gap(t)
     motion, c = system.motion, system.prescribed_slip(t)

@@ -40,7 +40,7 @@ class Freedom:
     opens: Bools
     """whether some free unknown moves it along the normal"""
     dragged: Bools
-    """whether it does not slide, and supports move it along the boundary, or the ground moves under it"""
+    """whether it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
     leans: Bools
     """whether contact holds the normal, once; where the node does not slide, supports hold the rest"""
     grips: sp.csr_matrix
@@ -61,13 +61,23 @@ def freedom(
     """
     k, dim = normals.shape
     tangents = jumps.matrix(tangents_of(normals), supports.points)
-    slides = np.asarray(np.diff(on_free(tangents, supports).indptr).reshape(k, dim - 1).any(axis=1))
+    B = on_free(tangents, supports)
+    slides = np.asarray(np.diff(B.indptr).reshape(k, dim - 1).any(axis=1))
     opens = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
-    held = np.flatnonzero(~slides)
+    held = np.flatnonzero(~slides | _lean(B, dim - 1))
     dragged = np.zeros(k, dtype=bool)
     under = None if ground is None else (lambda t: along(tangents_of(normals[held]), ground(t)[held]))
     dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times, under)
     return Freedom(slides, opens, dragged, *_grips(jumps, normals, supports))
+
+
+def _lean(B: sp.csr_matrix, block: int) -> Bools:
+    """Whether the free unknowns move a row along fewer than `block` directions, (k,)."""
+    rows = [B[axis::block] for axis in range(block)]
+    products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
+    each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
+    lean: Bools = each[:, 0] < PARALLEL * each[:, -1]
+    return lean
 
 
 def _dragged(

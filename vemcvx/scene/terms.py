@@ -56,7 +56,7 @@ class Terms:
     acting: int = 0
     """how many of the m, the first, some free unknown moves"""
     dragged: Bools | None = None
-    """(m,) which of the others supports move"""
+    """(m,) which of them supports move along the boundary, in some direction at least"""
     ends: sp.csr_matrix | None = None
     """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.edges`"""
     names: Ints | None = None
@@ -94,7 +94,7 @@ def friction_terms(
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
     held = freedom(jumps[first], normals[first], supports, times, under)
     acting = np.flatnonzero(held.slides)
-    kept = np.concatenate([acting, np.flatnonzero(held.beside | held.dragged)])
+    kept = np.concatenate([acting, np.flatnonzero((held.beside | held.dragged) & ~held.slides)])
     gather = summing(term, len(first))[kept]
     ends = united(owns[0], term)
     if under is not None:

@@ -1,0 +1,82 @@
+"""Results in space: tables, programs with discs, reactions of what is dragged; what exists in the plane only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hysteresis_in_space import BOUND, BOX, SIZE, curve
+
+import vemcvx as vx
+from vemcvx import plots
+
+AREA = SIZE[0] * SIZE[1]
+ONLY = "exists in the plane only, and this mesh is of polyhedra"
+
+
+@pytest.fixture(scope="module")
+def history():
+    path = curve()
+    return vx.simulate(path.scene(), vx.meshes.prisms(2, BOX), path.times)
+
+
+def test_tables_have_a_column_for_each_axis(history):
+    table = history.table("contact")
+    count = len(history.stored) * len(history.contact.nodes)
+    for name in ("slip", "traction", "normal"):
+        assert [len(table[f"{name}_{axis}"]) for axis in "xyz"] == [count] * 3
+    assert np.array_equal(table["slip_z"], history.contact.slip[:, :, 2].ravel())
+    assert history.summary().startswith(f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes")
+
+
+def test_programs_have_discs_that_other_solvers_take(history):
+    program = history.program(3)
+    assert program.operators.block == 2
+    posed = program.to_cvxpy()
+    posed.problem.solve(solver="CLARABEL")
+    assert program.certify(posed.d.value, posed.lam, posed.p).error < 1e-3
+
+
+def test_friction_against_what_drags_a_block_is_a_reaction_of_the_side_that_drags(history):
+    """A block pulled by a side, which moves nodes of the floor, too: the floor's friction is all that it takes."""
+    pulled = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: t, on="left", direction=(1.0, 0.0, 0.0)),
+        vx.Symmetry(on="front"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(BOUND, on="bottom"),
+    )
+    run = vx.simulate(pulled, history.mesh, [0.0, 1.0, 2.0])
+    assert not run.contact.sticking[-1].any()
+    assert run.reaction("left")[-1, 0] == pytest.approx(BOUND * AREA, rel=1e-6)
+    on_floor = np.isin(run.dragged_ends[:, 1], run.mesh.boundaries["bottom"])
+    assert on_floor.all()
+
+
+def test_runs_in_a_folder_and_resumes(history, tmp_path):
+    path = curve()
+    vx.simulate(path.scene(), history.mesh, path.times, stream=tmp_path / "run")
+    again = vx.simulate(path.scene(), history.mesh, path.times, stream=tmp_path / "run", resume=True)
+    assert np.array_equal(again.displacement, history.displacement)
+    assert np.array_equal(again.contact.traction, history.contact.traction)
+
+
+PLANE_ONLY = {
+    "error_budget": lambda h: vx.error_budget(h),
+    "adapt": lambda h: vx.adapt(h.scene, h.mesh, [0.0, 1.0]),
+    "energy_distance": lambda h: vx.measures.energy_distance(h, h),
+    "history: out_of_plane_stress": lambda h: h.out_of_plane_stress(1),
+    "probe": lambda h: h.probe([[0.5, 0.5, 0.5]]),
+    "along": lambda h: h.along([0.1, 0.1, 0.1], [0.5, 0.5, 0.5]),
+    "table": lambda h: h.table("probes", [[0.5, 0.5, 0.5]]),
+    "deformed_mesh": lambda h: plots.deformed_mesh(h),
+    "friction_traction": lambda h: plots.friction_traction(h),
+    "stick_slip_map": lambda h: plots.stick_slip_map(h),
+    "wear": lambda h: plots.wear(h),
+    "stressed_body": lambda h: plots.stressed_body(None, h),
+}
+
+
+@pytest.mark.parametrize("name", PLANE_ONLY)
+def test_what_exists_in_the_plane_only_says_so(history, name):
+    with pytest.raises(vx.SceneError, match=f"^{name}: {ONLY}"):
+        PLANE_ONLY[name](history)

@@ -31,7 +31,7 @@ PAGE = {
     "plots": "pictures and films of results",
     "history": "results and all that can be asked of them",
     "simulation": "from a scene to results",
-    "testing": "what every solver must satisfy, for solvers of one's own",
+    "testing": "what every solver and every effect must satisfy, for those of one's own",
     "estimate": "distances to other runs, estimated errors, adaptivity",
     "cost": "what accuracy costs",
     "cli": "the command line",

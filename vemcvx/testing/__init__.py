@@ -1,11 +1,13 @@
-"""Tests for solvers of one's own: what every solver must satisfy, on small problems of every kind of program.
+"""Tests for solvers and effects of one's own: what every solver must satisfy, and every effect.
 
 In a file of tests::
 
-    from vemcvx.testing import solver_suite
+    from vemcvx.testing import EffectSample, effect_suite, solver_suite
     test_my_solver = solver_suite(MySolver())
+    test_my_effect = effect_suite(EffectSample(MyEffect(...), beside=(...), others={...}))
 
-A solver is tested on the problems whose features it accepts, and that it refuses the others. This needs pytest.
+A solver is tested on the problems whose features it accepts, and that it refuses the others; an effect in the scene of
+its sample. This needs pytest.
 """
 
 from __future__ import annotations
@@ -16,13 +18,15 @@ from typing import Any
 
 import pytest
 
-pytest.register_assert_rewrite("vemcvx.testing.sentences")
+pytest.register_assert_rewrite("vemcvx.testing.sentences", "vemcvx.testing.effect_sentences")
 
 from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402 - pytest first, so that it tells why sentences fail
+from vemcvx.testing.effect_samples import EffectSample, Other  # noqa: E402
+from vemcvx.testing.effect_sentences import SENTENCES  # noqa: E402
 from vemcvx.testing.instances import INSTANCES, Instance  # noqa: E402
 from vemcvx.testing.sentences import OF_ANY_SOLVER, OF_EACH_INSTANCE, Case, refuses_what_it_does_not_accept  # noqa: E402
 
-__all__ = ["INSTANCES", "Instance", "solver_suite"]
+__all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "solver_suite"]
 
 ON_DIGITS = ("gives_the_same_answer_twice", "knows_no_units")
 """Sentences about every digit."""
@@ -64,3 +68,27 @@ def _cases(name: str, solver: Solver, must_answer: bool) -> Iterator[Any]:
         for sentence in OF_EACH_INSTANCE if able else (refuses_what_it_does_not_accept,):
             case = Case(solver, instance, must_answer)
             yield pytest.param(partial(sentence, case), id=f"{name}: {instance.name}: {sentence.__name__}")
+
+
+def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable[..., None]:
+    """A test, to be given a name that begins with test_: one case for each sample and sentence.
+
+    Parameters
+    ----------
+    samples : EffectSample, or mapping of names to samples
+        Several where settings of an effect exclude each other.
+    """
+    named = samples if isinstance(samples, Mapping) else {samples.name: samples}
+    cases = [
+        pytest.param(partial(sentence, sample), id=f"{name}: {sentence.__name__}")
+        for name, sample in named.items()
+        for sentence in SENTENCES
+    ]
+
+    @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
+    @pytest.mark.parametrize("case", cases)
+    def test(case: Callable[[], None]) -> None:
+        case()
+
+    test.__doc__ = "Every effect must satisfy every sentence."
+    return test

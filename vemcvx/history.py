@@ -35,7 +35,7 @@ class History(Results, Outlined):
 
     Attributes
     ----------
-    mesh : PolygonMesh
+    mesh : PolygonMesh or PolyhedralMesh
     scene : Scene or None
         None if the history was read from files, which do not keep the functions of a scene.
     effects : tuple of str
@@ -53,16 +53,17 @@ class History(Results, Outlined):
     seconds : dict
         "assemble", "prepare" and "solve".
     prestress : (S, n_cells, 3) or None
-        Stresses at zero strain, of eigenstrains and prestress; None if the scene has none.
+        Stresses at zero strain, of eigenstrains and prestress; None if the scene has none. In space (S, n_cells, 6).
     out_of_plane : (n_cells, 3) or None
         Out-of-plane stress zz for unit strains e_xx, e_yy, 2 e_xy; zero in plane stress, None if the material does not
-        give it.
+        give it, and in space.
     out_of_plane_prestress : (S, n_cells) or None
         The part of zz that eigenstrains cause; None if there are none.
     inactive : tuple of str
         Effects of the scene without influence on this run: dropped, or never active.
     dragged_ends : (q, 2) int or None
         Edges along which prescribed displacements move nodes against friction: the node and the other end of the edge.
+        In space the node and the number of the face.
     dragged_friction : (S, q, dim) or None
         The friction on the body at these nodes, which `forces` include.
     errors : dict or None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hysteresis_in_space import BOUND, BOX, SIZE, curve
+from identical import same
 
 import vemcvx as vx
 from vemcvx import plots
+from vemcvx.results.io.archive import read_archive, write_archive
 
 AREA = SIZE[0] * SIZE[1]
 ONLY = "exists in the plane only, and this mesh is of polyhedra"
@@ -58,6 +62,28 @@ def test_runs_in_a_folder_and_resumes(history, tmp_path):
     again = vx.simulate(path.scene(), history.mesh, path.times, stream=tmp_path / "run", resume=True)
     assert np.array_equal(again.displacement, history.displacement)
     assert np.array_equal(again.contact.traction, history.contact.traction)
+
+
+def test_the_archive_keeps_every_bit(history, tmp_path):
+    swollen = vx.Scene(*path_free(history), vx.ThermalStrain(1e-4, lambda x, t: t * x[:, 2]))
+    run = vx.simulate(swollen, history.mesh.with_cell_data("zone", np.arange(history.mesh.n_cells)), [0.0, 1.0])
+    write_archive(run, tmp_path / "history.npz")
+    read = read_archive(tmp_path / "history.npz")
+    for name in run.mesh.ARRAYS:
+        assert np.array_equal(getattr(read.mesh, name), getattr(run.mesh, name)), name
+    assert same(dict(read.mesh.boundaries), dict(run.mesh.boundaries))
+    assert same(read.mesh.cell_data, run.mesh.cell_data)
+    for field in dataclasses.fields(read):
+        if field.name not in ("mesh", "scene"):
+            assert same(getattr(read, field.name), getattr(run, field.name)), field.name
+    assert np.array_equal(read.stress(-1), run.stress(-1))
+    assert np.array_equal(read.reaction("top"), run.reaction("top"))
+
+
+def path_free(history):
+    """The block with its top at rest."""
+    held = vx.Clamp(on="top"), vx.BilateralContact(on="bottom"), vx.TrescaFriction(BOUND, on="bottom")
+    return (*(effect for effect in history.scene if isinstance(effect, vx.Elasticity)), *held)
 
 
 PLANE_ONLY = {

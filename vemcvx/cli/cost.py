@@ -16,7 +16,7 @@ from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
 from vemcvx.cost.table import REFUSED, answers, table, within_reach
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
-from vemcvx.meshes import FAMILIES
+from vemcvx.meshes import FAMILIES, plane_mesh
 from vemcvx.owned_files import Owned
 from vemcvx.stepping.time_loop import checked_times
 from vemcvx.version import __version__
@@ -45,7 +45,7 @@ class FromFile:
         problem = read_problem(self.path)
         return Ingredients(
             problem.scene(self.settings),
-            problem.mesh(point.n, point.family),
+            plane_mesh(problem.mesh(point.n, point.family), "cost"),
             checked_times(problem.times(point.steps or 2)),
             named_solver(point.solver, point.accuracy),
             problem.initial,
@@ -128,7 +128,7 @@ def _families(problem: Problem, typed: str | None) -> tuple[str | None, ...]:
     if typed is None:
         return (None,) if problem.family not in FAMILIES else USUAL
     families = _split("--mesh", typed)
-    known = list(dict.fromkeys([*FAMILIES, *([problem.family] if problem.family else [])]))
+    known = list(dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])]))
     for family in families:
         if family not in known:
             raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")

@@ -8,17 +8,16 @@ from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
 from vemcvx.arrays import brief
 from vemcvx.cli.python_file import executed, literal, own_errors
 from vemcvx.cli.supplied import problem_path
 from vemcvx.effects.effect import amount
 from vemcvx.errors import ProblemError
-from vemcvx.meshes import FAMILIES, PolygonMesh, read
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.scene import Scene
 
-Part = TypeVar("Part", Scene, PolygonMesh)
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 
 
@@ -53,18 +52,26 @@ class Problem:
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""
         made = self._call("scene", **dict(self._parameter(setting) for setting in settings))
-        return self._checked(made, Scene, "scene", "a vemcvx.Scene")
+        if not isinstance(made, Scene):
+            raise self._unlike(made, "scene", "a vemcvx.Scene")
+        return made
 
-    def mesh(self, n: int, family: str | None = None) -> PolygonMesh:
+    def mesh(self, n: int, family: str | None = None) -> AnyMesh:
         """The mesh, of the problem's own family by default; a name with a suffix is that of a mesh file."""
         if family is not None and is_file(family):
             return read(family)
-        if family is not None and family not in (*FAMILIES, self.family):
-            raise ProblemError(
-                f"--mesh: there is no family {family!r}; there are {', '.join(FAMILIES)}, and files such as part.msh."
-            )
+        if family is not None and family not in (*self.families, self.family):
+            known = ", ".join(self.families)
+            raise ProblemError(f"--mesh: there is no family {family!r}; there are {known}, and files such as part.msh.")
         made = self._call("mesh", n) if family is None else self._call("mesh", n, family=family)
-        return self._checked(made, PolygonMesh, "mesh", "a vemcvx.PolygonMesh")
+        if not isinstance(made, (PolygonMesh, PolyhedralMesh)):
+            raise self._unlike(made, "mesh", "a vemcvx.PolygonMesh")
+        return made
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """The families of meshes that there are for it: those of space if its own is one of them."""
+        return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
     def family(self) -> str | None:
@@ -95,10 +102,8 @@ class Problem:
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
         return own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named))
 
-    def _checked(self, made: object, kind: type[Part], part: str, wanted: str) -> Part:
-        if not isinstance(made, kind):
-            raise ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {wanted}.")
-        return made
+    def _unlike(self, made: object, part: str, wanted: str) -> ProblemError:
+        return ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {wanted}.")
 
 
 def read_problem(file: str | Path) -> Problem:

@@ -15,7 +15,7 @@ from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh
+from vemcvx.meshes import AnyMesh
 from vemcvx.results.io.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable, writable_folder, write_results
 from vemcvx.results.io.summary import Origin, listed_tables
 from vemcvx.results.probe.places import places
@@ -94,7 +94,7 @@ def _adapted(problem: Problem, asked: RunOptions, target: float) -> tuple[Histor
     return found.history, [found.summary()]
 
 
-def _mesh(problem: Problem, asked: RunOptions) -> PolygonMesh:
+def _mesh(problem: Problem, asked: RunOptions) -> AnyMesh:
     """The mesh, which has the probes in it."""
     mesh = problem.mesh(asked.n, asked.family)
     if asked.points is not None:

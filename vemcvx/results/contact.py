@@ -36,6 +36,8 @@ class Contact(ArrayRecord):
     against them is traction; it is taken to be 0 in a step in which the support stands still, when any value up to the
     bound would be admissible.
 
+    In space lengths are areas, and slip and traction are vectors in the tangent plane of the surface.
+
     Attributes
     ----------
     nodes : (m,) int

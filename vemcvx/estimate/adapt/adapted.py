@@ -22,7 +22,7 @@ from vemcvx.estimate.adapt.marking import cells_to_refine, split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh, plane_mesh
+from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
 from vemcvx.results.from_march import record
@@ -120,7 +120,7 @@ class Adapted(Outlined):
 
 def adapt(
     scene: Scene,
-    mesh: PolygonMesh,
+    mesh: AnyMesh,
     times: ArrayLike,
     target: float = 0.02,
     *,
@@ -161,7 +161,7 @@ def adapt(
         A step misses the accuracy.
     """
     check_kinds(scene, mesh)
-    plane_mesh(mesh, "adapt", "refine it by hand and simulate")
+    mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
     _check(target, theta, most_unknowns, progress)
     begin = _beginning(initial)
     wanted = checked_times(times)

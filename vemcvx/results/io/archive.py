@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import sizes_of
+from vemcvx.arrays import Ints, sizes_of
 from vemcvx.errors import HistoryError
-from vemcvx.meshes import Interface, PolygonMesh
+from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.vem import component_names
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -40,7 +41,7 @@ def write_archive(history: Results, path: Path) -> None:
     records = {"": history, "contact.": history.contact, "trajectory.": history.trajectory}
     arrays = {
         "about": np.array(json.dumps(about)),
-        **{f"mesh.{name}": getattr(mesh, name) for name in ("points", "offsets", "vertices")},
+        **{f"mesh.{name}": getattr(mesh, name) for name in mesh.ARRAYS},
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
         **{f"partners.{name}": found.partners for name, found in mesh.interfaces.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
@@ -91,7 +92,9 @@ def _about(arrays: Arrays) -> dict[str, Any]:
 
 def _history(arrays: Arrays, about: dict[str, Any]) -> Results:
     mesh = _mesh(arrays, about.get("bodies", {}))
-    _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": mesh.points.shape[1]})
+    dim = mesh.points.shape[1]
+    components = len(component_names(dim))
+    _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     _check_words(about)
     return Results(
         mesh=mesh,
@@ -137,8 +140,7 @@ def _check_words(about: dict[str, Any]) -> None:
         raise ValueError("found words and numbers of other kinds beside the arrays")
 
 
-def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> PolygonMesh:
-    cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
+def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
     named = _under("boundary.", arrays)
     # Every mesh makes this one itself.
     named.pop("boundary")
@@ -147,7 +149,18 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> PolygonMesh:
         for name, (one, other) in bodies.items()
     }
     data = _under("cell_data.", arrays)
+    if "mesh.face_cells" in arrays:
+        return PolyhedralMesh(arrays["mesh.points"], _polyhedra(arrays), boundaries=named, cell_data=data)
+    cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
     return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=data, interfaces=matched)
+
+
+def _polyhedra(arrays: Arrays) -> list[list[Ints]]:
+    """The faces of each cell, outwards."""
+    faces = np.split(arrays["mesh.face_vertices"], arrays["mesh.face_offsets"][1:-1])
+    first = arrays["mesh.face_cells"][:, 0]
+    cells = np.split(arrays["mesh.cell_faces"], arrays["mesh.cell_offsets"][1:-1])
+    return [[faces[f] if first[f] == cell else faces[f][::-1] for f in own] for cell, own in enumerate(cells)]
 
 
 def _under(prefix: str, arrays: Arrays) -> dict[str, Any]:

@@ -12,7 +12,8 @@ In a VTU file, at nodes: displacement, and of contact slip, traction, bound, bac
 elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact. At
 an interface both sides have them, slip and traction of the second body with the other sign. On cells: stress (xx, yy,
 xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density 1/2 eps : C eps, all of
-Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.)
+Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.) In space
+stress is (xx, yy, zz, xy, yz, xz).
 
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
 that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.
@@ -143,7 +144,8 @@ def _at_nodes(history: Results, row: int) -> Fields:
 
 def _on_cells(history: Results, row: int) -> Fields:
     """Stresses and strain energy per area."""
-    strain = strains(Space(history.mesh), history.displacement[row])
+    space = Space(history.mesh)
+    strain = strains(space, history.displacement[row])
     elastic = stresses(history.moduli, strain)
     energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
     stress = history.stress(int(history.stored[row]))
@@ -151,6 +153,8 @@ def _on_cells(history: Results, row: int) -> Fields:
     if history.out_of_plane is not None:
         out_of_plane = history.out_of_plane_stress(int(history.stored[row]))
         fields |= {"out_of_plane_stress": out_of_plane, "von_mises": equivalent(stress, out_of_plane)}
+    elif not space.in_plane:
+        fields["von_mises"] = equivalent(stress)
     return fields
 
 

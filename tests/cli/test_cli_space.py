@@ -1,0 +1,69 @@
+"""Problem files in space: the families are those of space, the plane's own commands say that they are."""
+
+from __future__ import annotations
+
+import pytest
+from typer.testing import CliRunner
+
+from vemcvx.cli import app
+
+BLOCK = '''"""A block dragged in space."""
+import numpy as np
+import vemcvx as vx
+
+
+def scene(bound=4.0):
+    return vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: [0.1 * np.sin(t), 0.1 - 0.1 * np.cos(t), 0.0], on="top"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom"),
+    )
+
+
+def mesh(n, family="cubes"):
+    return vx.meshes.SPACE_FAMILIES[family](n)
+
+
+def times(steps):
+    return np.linspace(0.0, 3.0, steps + 1)
+'''
+
+
+def invoked(tmp_path, *arguments):
+    (tmp_path / "block.py").write_text(BLOCK)
+    result = CliRunner().invoke(app, [arguments[0], str(tmp_path / "block.py"), *arguments[1:]])
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(("family", "size"), [("cubes", "8 cells, 27 nodes"), ("tetrahedra", "48 cells, 27 nodes")])
+def test_a_problem_in_space_runs_on_its_families(tmp_path, family, size):
+    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--mesh", family)
+    assert code == 0
+    assert size in said
+    assert "9 nodes slip" in said or "0 nodes stick, 9 slip" in said
+
+
+def test_show_says_discs_and_who_takes_them(tmp_path):
+    code, said = invoked(tmp_path, "show", "--n", "2")
+    assert code == 0
+    assert "9 norms of 2 components, 9 second-order cones" in said
+    assert "OSQP (no second-order cones)" in said
+
+
+REFUSED = {
+    "families of the plane": (
+        ["run", "--mesh", "squares"],
+        "no family 'squares'; there are cubes, tetrahedra,",
+    ),
+    "what accuracy costs": (["cost"], "cost: exists in the plane only, and this mesh is of polyhedra."),
+    "adaptive runs": (["run", "--n", "2", "--steps", "2", "--target", "0.1"], "adapt: exists in the plane only"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_of_the_plane_is_refused_in_a_sentence(tmp_path, name):
+    arguments, sentence = REFUSED[name]
+    code, said = invoked(tmp_path, *arguments)
+    assert code == 2
+    assert sentence in said

@@ -26,9 +26,9 @@ def _problems() -> list[str]:
 
 
 def _families() -> list[str]:
-    from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
+    from vemcvx.meshes import FAMILIES
 
-    return [*FAMILIES, *SPACE_FAMILIES]
+    return list(FAMILIES)
 
 
 def _solvers() -> list[str]:

@@ -62,11 +62,12 @@ class Sums:
         """Values (m,) of terms for the rows of every friction; zero where a row has no term."""
         return np.split(self.gather.T @ values, np.cumsum([len(f.nodes) for f in self.frictions])[:-1])
 
-    def slope(self, t: float, press: Sequence[sp.csr_matrix], p: Floats) -> sp.csr_matrix:
-        """Their derivative (m, r), where limits of forces p (r,) press on the rows as `press` says."""
-        pairs = zip(self.frictions, press, strict=True)
-        each = [0.0 * M if f.slope is None else sp.diags_array(f.slope(t, M @ p)) @ M for f, M in pairs]
-        return sp.csr_matrix(self.gather @ sp.vstack(each))
+    def slope(self, t: float, press: sp.csr_matrix, forces: Sequence[Floats]) -> sp.csr_matrix:
+        """Their derivative (m, r) by the forces of limits, which press on all rows as `press` (rows, r) says."""
+        pairs = zip(self.frictions, forces, strict=True)
+        steep = np.concatenate([np.zeros(len(P)) if f.slope is None else f.slope(t, P) for f, P in pairs])
+        entries = np.repeat(steep, np.diff(press.indptr)) * press.data
+        return sp.csr_matrix(self.gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
 
     def bias(self, t: float) -> Floats:
         """(m,) along the tangent of each term."""

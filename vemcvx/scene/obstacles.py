@@ -138,17 +138,22 @@ def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, suppor
     under = terms.under
     if under is None or len(terms.nodes) == 0:
         return None
-    own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
-    press: list[sp.csr_matrix] = [
+    starts = np.cumsum([len(f.nodes) for f in terms.frictions])[:-1]
+    own = np.split(np.arange(ends.shape[0]), starts)
+    each = [
         sp.csr_matrix((len(rows), len(obstacles.nodes)))
         if not f.reads_forces
         else pressing(obstacles, f, ends[rows], supports)
         for f, rows in zip(terms.frictions, own, strict=True)
     ]
+    press = sp.csr_matrix(sp.vstack(each))
+
+    def forces(p: Floats) -> list[Floats]:
+        return np.split(press @ p, starts)
 
     def law(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        return under(t, [M @ p for M in press], past, slip)
+        return under(t, forces(p), past, slip)
 
     slope, remembers = terms.slope, any(f.slip_law is not None for f in terms.frictions)
-    followed = None if slope is None else lambda t, p: slope(t, press, p)
+    followed = None if slope is None else lambda t, p: slope(t, press, forces(p))
     return FrictionLaw(law, followed, remembers, terms.softening)

@@ -47,8 +47,9 @@ class Terms:
     directed: Bools
     """(m,) which are along directions that their friction gives"""
     frictions: Sequence[Friction] = ()
-    slope: Callable[[float, Sequence[sp.csr_matrix], Floats], sp.csr_matrix] | None = None
-    """(t, which limits press on every friction's rows, their forces (r,)) -> (m, r), the derivative of `under`"""
+    slope: Callable[[float, sp.csr_matrix, Sequence[Floats]], sp.csr_matrix] | None = None
+    """(t, which limits press on the rows of all frictions, normal forces of every friction's rows) -> (m, r), the
+    derivative of `under`"""
     softening: Floats | None = None
     """(m,) how fast weights fall with the slip of the step at most; None where some read forces, or it is not known"""
     bias: Callable[[float], Floats] | None = None

@@ -42,12 +42,16 @@ class Sums:
 
     def weights_under(self, t: float, forces: Sequence[Floats], past: Floats, slip: Floats) -> Floats:
         """Weights (m,) under the normal forces of every friction's rows, after slips (m,) before the step and in it."""
-        before, now = (self._of_rows(slips) for slips in (past, slip))
-        each = []
-        for f, P, A, s in zip(self.frictions, forces, before, now, strict=True):
-            w = f.weights(t) if f.law is None else f.weights(t) + f.law(t, P)
-            each.append(w if f.slip_law is None else w + f.slip_law.added(f.subject, f.nodes, t, P, (A, s)))
+        each = [f.weights(t) if f.law is None else f.weights(t) + f.law(t, P) for f, P in self._with(forces)]
+        if any(f.slip_law is not None for f in self.frictions):
+            before, now = self._of_rows(past), self._of_rows(slip)
+            for k, (f, P) in enumerate(self._with(forces)):
+                if f.slip_law is not None:
+                    each[k] = each[k] + f.slip_law.added(f.subject, f.nodes, t, P, (before[k], now[k]))
         return self._added(each)
+
+    def _with(self, forces: Sequence[Floats]) -> list[tuple[Friction, Floats]]:
+        return list(zip(self.frictions, forces, strict=True))
 
     def softening(self) -> Floats | None:
         """How fast weights (m,) fall with the slip of the step at most; None where that is not known."""
@@ -64,8 +68,8 @@ class Sums:
 
     def slope(self, t: float, press: sp.csr_matrix, forces: Sequence[Floats]) -> sp.csr_matrix:
         """Their derivative (m, r) by the forces of limits, which press on all rows as `press` (rows, r) says."""
-        pairs = zip(self.frictions, forces, strict=True)
-        steep = np.concatenate([np.zeros(len(P)) if f.slope is None else f.slope(t, P) for f, P in pairs])
+        each = [np.zeros(len(P)) if f.slope is None else f.slope(t, P) for f, P in self._with(forces)]
+        steep = np.concatenate(each)
         entries = np.repeat(steep, np.diff(press.indptr)) * press.data
         return sp.csr_matrix(self.gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
 

@@ -5,6 +5,11 @@
 with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
 cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e. Absolute values may be two inequalities instead, -t <=
 B d - b <= t, whose duals (upper, lower) give lam = upper - lower.
+
+A disc of multipliers may be a polygon with corners w e_k on its rim instead: e_k . s_i <= t_i with duals mu_k >= 0 that
+sum to w_i, lam_i = sum_k mu_k e_k. Such multipliers are admissible; with P corners |s| cos(pi / P) <= max_k e_k . s, so
+that the gap of the program of the disc at the answer is at most 1 - cos(pi / P) times w |s|, and the certificate says
+how much it is.
 """
 
 from __future__ import annotations
@@ -57,14 +62,19 @@ class CvxpyStep:
         return None if any(value is None for value in duals) else multipliers()
 
 
-def to_cvxpy(operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bool = True) -> CvxpyStep:
-    """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths."""
+def to_cvxpy(
+    operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bool = True, corners: Floats | None = None
+) -> CvxpyStep:
+    """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths.
+
+    With `corners` (P, block), unit vectors, discs are such polygons.
+    """
     import cvxpy as cp
 
     d = cp.Variable(len(operators.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
-    cones_or_rows, lengths, lam = _norms(operators, d, w, b, cones)
+    cones_or_rows, lengths, lam = _norms(operators, d, w, b=b, cones=cones, corners=corners)
     bounds, yielding, p = _limits(operators, d, e)
     # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
     # where there is none at all.
@@ -73,13 +83,16 @@ def to_cvxpy(operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bo
 
 
 def _norms(
-    operators: Operators, d: cp.Variable, w: Data, b: Data, cones: bool
+    operators: Operators, d: cp.Variable, w: Data, *, b: Data, cones: bool, corners: Floats | None
 ) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
     import cvxpy as cp
 
     if operators.count == 0:
         return [], 0.0, lambda: np.zeros((0, operators.block))
     t, s = cp.Variable(operators.count), operators.B @ d - b
+    if corners is not None and operators.block > 1:
+        sides = [sp.kron(sp.eye_array(operators.count), corner[None], format="csr") @ s <= t for corner in corners]
+        return sides, w @ t, lambda: np.einsum("km,kb->mb", [side.dual_value for side in sides], corners)
     if cones:
         cone = cp.SOC(t, cp.reshape(s, (operators.block, operators.count), order="F"), axis=0)
         return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (operators.block, operators.count), order="F").T

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arguments import flag
+from vemcvx.arguments import flag, is_whole
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
@@ -106,6 +106,11 @@ class ThroughCvxpy(Solver):
         return super().advice if self.polish else f"use polish=True, or {super().advice.removeprefix('use ')}"
 
     @property
+    def corners(self) -> Floats | None:
+        """(P, 2) unit vectors to the corners of the polygons that discs are taken for, if they are."""
+        return None
+
+    @property
     def cones(self) -> bool:
         """Whether the solver takes second-order cones."""
         import cvxpy as cp
@@ -124,6 +129,8 @@ class ThroughCvxpy(Solver):
         return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, operators: Operators) -> "_PreparedConic":
+        if self.corners is not None and operators.block > 2:
+            raise NotAccepted(f"solver {self.name}: polygons are for norms of two components, not {operators.block}.")
         if self.solver not in installed():
             raise NotAccepted(
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(installed()))}. "
@@ -152,11 +159,40 @@ class Clarabel(ThroughCvxpy):
 
 @dataclass(frozen=True)
 class OSQP(ThroughCvxpy):
-    """The operator-splitting solver OSQP, through cvxpy, with absolute values; no second-order cones."""
+    """The operator-splitting solver OSQP, through cvxpy, with absolute values; no second-order cones.
+
+    Parameters
+    ----------
+    polygon : int, optional
+        Take discs of multipliers, |lam_i| <= w_i, for regular polygons with so many corners on their rims, at least 4.
+        Certificates are those of the discs: gaps are up to 1 - cos(pi / polygon) of sum w_i |s_i|, .019 with 16. By
+        default programs with discs are refused.
+    """
 
     solver: str = field(default="OSQP", init=False)
+    polygon: int | None = None
 
-    accepts: ClassVar[frozenset[str]] = LINEAR
+    instead: ClassVar[str] = "With polygon=16 it takes discs for polygons, and certifies what that misses."
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.polygon is not None and not (is_whole(self.polygon) and self.polygon >= 4):
+            raise SceneError(f"OSQP: found polygon = {brief(self.polygon)}; wanted a number of corners, at least 4.")
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return LINEAR if self.polygon is None else LINEAR | {SECOND_ORDER_CONES}
+
+    @property
+    def advice(self) -> str:
+        return super().advice if self.polygon is None else f"raise polygon, or {super().advice}"
+
+    @property
+    def corners(self) -> Floats | None:
+        if self.polygon is None:
+            return None
+        angles = 2 * np.pi * np.arange(self.polygon) / self.polygon
+        return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 class _PreparedConic:
@@ -195,14 +231,15 @@ class _PreparedConic:
     def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
         import cvxpy as cp
 
+        corners = self._settings.corners
         operators, data = self._form, (program.g, program.w, program.b, program.e)
         with COMPILING:
             if sp.issparse(operators.K):
-                return to_cvxpy(operators, program.g, program.w, b=program.b, e=program.e, cones=cones)
+                return to_cvxpy(operators, *data[:2], b=program.b, e=program.e, cones=cones, corners=corners)
             if cones not in self._compiled:
                 parameters = tuple(cp.Parameter(len(x), nonneg=x is program.w) for x in data)
                 g, w, b, e = parameters
-                self._compiled[cones] = parameters, to_cvxpy(operators, g, w, b=b, e=e, cones=cones)
+                self._compiled[cones] = parameters, to_cvxpy(operators, g, w, b=b, e=e, cones=cones, corners=corners)
         parameters, posed = self._compiled[cones]
         for parameter, value in zip(parameters, data, strict=True):
             parameter.value = value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from vemcvx.errors import NotAccepted
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import SECOND_ORDER_CONES, Operators
 from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.direct import Direct
@@ -37,6 +37,7 @@ def choose(operators: Operators, given: Solver | Solves | None) -> Solver:
         raise NotAccepted(
             f"solver {asked.name}: the program has {words(missing)}, which it does not accept; "
             f"it accepts {words(asked.accepts)}. These accept the program: {able}."
+            + (f" {asked.instead}" if asked.instead and SECOND_ORDER_CONES in missing else "")
         )
     return asked
 

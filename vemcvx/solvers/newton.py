@@ -144,8 +144,12 @@ class _Search:
     @property
     def done(self) -> bool:
         """Sharp enough, at the rounding floor, at the target and no longer improving, or out of iterations."""
-        enough = self.target if self.stationary or not self.exact else FURTHER_GAP * self.target
-        return self.gap <= enough or self.iterations >= self.max_iterations or self.gap <= self.floor
+        return self.gap <= self.enough or self.iterations >= self.max_iterations or self.gap <= self.floor
+
+    @property
+    def enough(self) -> float:
+        """The gap at which to stop; below the target iterations go on, where each is cheap and gains."""
+        return self.target if self.stationary or not self.exact else FURTHER_GAP * self.target
 
     @property
     def exact(self) -> bool:
@@ -176,6 +180,7 @@ class _Search:
             if waited and self.gap <= self.target:
                 self.stationary = True
                 return
-            if converges and self.done:
+            # The floor is that of a point that is no longer improved: far from the solution it is higher.
+            if converges and (self.gap <= self.enough or waited) and self.done:
                 return
             seen = sets

@@ -62,6 +62,8 @@ class Solver(ABC):
     accuracy: float = 1e-6
     semidefinite: ClassVar[bool] = False
     max_iterations: float = np.inf
+    instead: ClassVar[str] = ""
+    """How a program with features that it does not accept could be handed to it, in a sentence."""
 
     def __post_init__(self) -> None:
         """Refuse settings that mean nothing."""

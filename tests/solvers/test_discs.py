@@ -1,0 +1,215 @@
+"""Newton on discs: superlinear at its end, warm, and right where slips are tiny, turn, or are none at all."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from blocks_in_space import block, on_floor
+
+import vemcvx as vx
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import StepProgram
+from vemcvx.solvers import newton
+
+pytestmark = pytest.mark.arithmetic
+
+TIMES = np.linspace(0.0, 1.0, 9)
+
+
+def turning(t):
+    angle, pull = 2 * np.pi * t, 0.5 * min(1.0, 4 * t)
+    return np.array([pull * np.cos(angle), pull * np.sin(angle), -0.2 * pull])
+
+
+def pressed(t):
+    return turning(t) - [0.0, 0.0, 0.6 * min(1.0, 4 * t)]
+
+
+def to_and_fro(t):
+    return np.array([0.7, 0.3, -0.1]) * np.sin(6 * t)
+
+
+SCENES = {
+    "bilateral, turning": (turning, {"bound": 0.2}),
+    "bilateral, to and fro": (to_and_fro, {"bound": 0.2}),
+    "one-sided, turning": (pressed, {"bound": 0.1, "contact": "unilateral"}),
+    "Coulomb, turning": (pressed, {"coefficient": 0.3, "contact": "unilateral"}),
+}
+
+
+def scene(name, n=4, **more):
+    pull, given = SCENES[name]
+    return on_floor(block(n), pull, **given, **more)
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if "Coulomb" not in name])
+def test_the_end_is_superlinear_and_the_start_is_warm(name, monkeypatch):
+    """Certified gaps, of programs whose energies are about one: the last is at most the one before to the power 1.5."""
+    steps = []
+
+    class Watched(newton._Search):
+        def offer(self, point, kind):
+            if self.iterations == 0:
+                steps.append([])
+            d = self.program.feasible(point.d)
+            steps[-1].append(self.program.duality_gap(d, *self.program.admissible(point.lam, point.p, d)))
+            super().offer(point, kind)
+
+    monkeypatch.setattr(newton, "_Search", Watched)
+    history = vx.march(scene(name), TIMES)
+    assert history.certificate.max() < 1e-10
+    assert not history.safeguards.any()
+    ends = [gaps for gaps in steps if len(gaps) > 2]
+    assert len(ends) >= 5
+    assert all(gaps[-1] <= max(gaps[-2] ** 1.5, 1e-28) for gaps in ends), ends
+    assert max(map(len, steps)) <= 12
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_newton_and_clarabel_agree_within_their_certificates(name):
+    """Clarabel with true cones, from the same states; and both certificates are worth something."""
+    system, estimated = scene(name, 3), "Coulomb" in name
+    ours = vx.march(system, TIMES)
+    for n in (1, 4, 8):
+        between, start = TIMES[n - 1 : n + 1], ours.state[n - 1]
+        one, two = (vx.march(system, between, solver=s, initial=start, check=False) for s in (None, vx.Clarabel()))
+        apart = one.state[1] - two.state[1]
+        claimed = sum(np.sqrt(2 * run.gap[1]) + np.sqrt(2 * run.floor[1]) for run in (one, two))
+        assert np.sqrt(apart @ (system.K @ apart)) <= claimed
+        assert claimed <= 1e-5 * max(ours.norm)
+        assert (one.certificate_kind == "estimate") <= estimated
+
+
+def test_nothing_depends_on_the_frames():
+    """Turned by an angle of its own at every node: the same displacements, and forces turned with them."""
+    plain = vx.march(scene("one-sided, turning"), TIMES)
+    angles = np.random.default_rng(0).uniform(0, 2 * np.pi, plain.multipliers.shape[1])
+    turned = vx.march(scene("one-sided, turning", frames=angles), TIMES)
+    assert np.abs(turned.state - plain.state).max() <= 1e-10 * np.abs(plain.state).max()
+    c, s = np.cos(angles), np.sin(angles)
+    back = np.stack([[c, -s], [s, c]]).transpose(2, 0, 1)
+    forces = np.einsum("mij,tmj->tmi", back, turned.multipliers)
+    assert np.abs(forces - plain.multipliers).max() <= 1e-9 * np.abs(plain.multipliers).max()
+    assert np.array_equal(turned.sticking, plain.sticking)
+
+
+KINDS = ("plain", "stiff", "weights", "none", "limits", "all", "rows", "edge", "stiff edge")
+
+
+def program(seed, kind):
+    """A random program.
+
+    "stiff": eigenvalues over seven orders; "weights" over fourteen; "none": a third of them zero; "limits": half of
+    them bounds, half soft; "rows": of B that share unknowns; "edge": slips of 1e-3 to 1e-14, or none, whose
+    multipliers are on their bounds, and so near to where no direction is defined.
+    """
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    m = int(rng.integers(1, 14))
+    r = int(rng.integers(0, m + 1)) if kind in ("limits", "all") else 0
+    n = 2 * m + r + int(rng.integers(0, 6))
+    Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    K = Q @ np.diag(10.0 ** rng.uniform(-6 if kind in ("stiff", "all", "stiff edge") else -2, 1, n)) @ Q.T
+    B = sp.csr_matrix(np.eye(n)[: 2 * m])
+    if kind == "rows":
+        B = sp.csr_matrix(rng.normal(size=(2 * m, n)) * (rng.random((2 * m, n)) < 0.5))
+    compliance = np.where(rng.random(r) < 0.5, 0.0, 10.0 ** rng.uniform(-3, 1, r))
+    operators = Operators(0.5 * (K + K.T), B, 2, D=sp.csr_matrix(np.eye(n)[2 * m : 2 * m + r]), compliance=compliance)
+    w = 10.0 ** (rng.uniform(-8, 6, m) if kind in ("weights", "all") else rng.uniform(-1, 1, m))
+    w[rng.random(m) < (0.3 if kind in ("none", "all") else 0.0)] = 0.0
+    e = np.abs(rng.normal(size=r)) * (rng.random(r) < 0.7)
+    if "edge" not in kind:
+        b = rng.normal(size=2 * m) * (rng.random(2 * m) < 0.3)
+        return StepProgram(operators, K @ rng.normal(size=n) + rng.normal(size=n), w, b, e)
+    direction = rng.normal(size=(m, 2))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    d = 1e-3 * rng.normal(size=n)
+    d[: 2 * m] = (direction * (10.0 ** rng.uniform(-14, -3, m) * (rng.random(m) < 0.8))[:, None]).ravel()
+    share = np.where(rng.random(m) < 0.8, 1.0, 1 - 1e-6)
+    return StepProgram(operators, K @ d + B.T @ (share * w * direction.T).T.ravel(), w, np.zeros(2 * m), e)
+
+
+def answered(asked):
+    """Newton's answer, whether it is within 1e-8, or its rounding, and how many linear solves it took."""
+    size = abs(asked.g @ asked.operators.factor.solve(asked.g))
+    target = 0.5e-16 * size
+    answer = vx.Newton(max_iterations=2000).prepare(asked.operators).solve(asked, target, np.zeros((len(asked.w), 2)))
+    certificate = asked.certify(asked.feasible(answer.d), answer.lam, answer.p)
+    return answer, certificate.gap <= max(target, 4 * certificate.floor), answer.iterations
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_random_programs(kind):
+    found = [answered(program(seed, kind))[1:] for seed in range(12)]
+    assert all(good for good, _ in found), found
+    assert np.median([count for _, count in found]) <= 12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_thousands_of_random_programs(kind):
+    found = [answered(program(seed, kind))[1:] for seed in range(400)]
+    assert [seed for seed, (good, _) in enumerate(found) if not good] == []
+
+
+@pytest.mark.parametrize("seed", [1, 6, 11])
+def test_small_programs_against_forty_digits(seed):
+    """Projected gradients on the dual in mpmath; the distance in energy is one that the certificate allows."""
+    asked = program(seed, "plain")
+    reference = _projected_gradients(asked)
+    answer = answered(asked)[0]
+    apart = answer.d - reference
+    certificate = asked.certify(answer.d, answer.lam)
+    assert np.sqrt(apart @ (asked.operators.K @ apart)) <= certificate.error + certificate.error_floor
+    assert certificate.error < 1e-8 * np.sqrt(reference @ (asked.operators.K @ reference))
+
+
+def _projected_gradients(asked):
+    """d = K^{-1}(g - B'lam) with lam <- P_w(lam + a (B d - b)), accelerated, until lam moves by 1e-25."""
+    with mp.workdps(40):
+        operators, m = asked.operators, len(asked.w)
+        K, B = mp.matrix(operators.K.tolist()), mp.matrix(operators.B.toarray().tolist())
+        inverse = K**-1
+        F, free = B * inverse * B.T, B * inverse * mp.matrix(asked.g.tolist()) - mp.matrix(asked.b.tolist())
+        step = 1 / mp.mpf(float(np.linalg.eigvalsh(np.array(F.tolist(), dtype=float))[-1]) * 1.001)
+        lam = ahead = mp.zeros(2 * m, 1)
+        momentum = mp.mpf(1)
+        for _ in range(2000):
+            q, last, before = ahead + step * (free - F * ahead), lam, momentum
+            lam = q.copy()
+            for i, w in enumerate(asked.w):
+                size = mp.hypot(q[2 * i], q[2 * i + 1])
+                for j in (2 * i, 2 * i + 1):
+                    lam[j] = q[j] * w / size if size > w else q[j]
+            moved = lam - last
+            if mp.norm(moved) < mp.mpf(10) ** -25:
+                d = inverse * (mp.matrix(asked.g.tolist()) - B.T * lam)
+                return np.array(d.tolist(), dtype=float).ravel()
+            if mp.fdot(q - lam, moved) + mp.fdot(ahead - lam, moved) > 0:
+                momentum = before = mp.mpf(1)
+            momentum = (1 + mp.sqrt(1 + 4 * before**2)) / 2
+            ahead = lam + (before - 1) / momentum * moved
+    raise AssertionError("the reference has not converged")
+
+
+@pytest.mark.parametrize("polygon", [4, 16, 64])
+def test_osqp_takes_polygons_and_says_what_they_miss(polygon):
+    """The gap of the true program is at most 1 - cos(pi / P) of what slips lose, and that is the certificate."""
+    system, between = scene("bilateral, to and fro", 3), [0.0, 0.2]
+    exact = vx.march(system, between)
+    found = vx.march(system, between, solver=vx.OSQP(polygon=polygon), check=False)
+    apart = found.state[1] - exact.state[1]
+    assert np.sqrt(apart @ (system.K @ apart)) <= np.sqrt(2 * found.gap[1]) + np.sqrt(2 * exact.gap[1])
+    missed = (1 - np.cos(np.pi / polygon)) * found.dissipated[1]
+    assert 0.01 * missed < found.gap[1] <= missed * (1 + 1e-6) + 1e-12 * exact.norm[1] ** 2
+    with pytest.raises(vx.NotCertified, match=r"OSQP reached .* asked was 1\.0e-06.*raise polygon"):
+        vx.march(system, between, solver=vx.OSQP(polygon=polygon))
+
+
+def test_osqp_refuses_discs():
+    with pytest.raises(vx.NotAccepted, match=r"^solver OSQP: the program has second-order cones.*With polygon=16 it"):
+        vx.march(scene("bilateral, turning", 2), [0.0, 0.2], solver=vx.OSQP())
+    for wrong in (3, 2.5, "x", True):
+        with pytest.raises(vx.SceneError, match=r"^OSQP: found polygon = .*at least 4"):
+            vx.OSQP(polygon=wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from solids import SOLIDS, solid
 
 import vemcvx as vx
 
@@ -17,9 +18,9 @@ ROLLERS = vx.Symmetry(on=["left", "front"])
 EXACT = 1e-11
 
 
-@pytest.fixture(params=vx.meshes.SPACE_FAMILIES)
+@pytest.fixture(params=SOLIDS)
 def mesh(request):
-    return vx.meshes.SPACE_FAMILIES[request.param](2, BOX)
+    return solid(request.param, 2, BOX)
 
 
 def run(mesh, *effects, times=STEPS, **options):

@@ -8,21 +8,23 @@ import pytest
 import skfem
 from hysteresis_in_space import BOUND, BOX, MU, REACH, SIZE, circle, curve
 from skfem.models.elasticity import linear_elasticity
+from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx.vem import tangents_of
 
 AREA = SIZE[0] * SIZE[1]
+SHARP = vx.Newton(accuracy=1e-11)
 
 
 def block(family, n=2):
-    return vx.meshes.SPACE_FAMILIES[family](n, BOX)
+    return solid(family, n, BOX)
 
 
-@pytest.mark.parametrize("family", vx.meshes.SPACE_FAMILIES)
+@pytest.mark.parametrize("family", SOLIDS)
 def test_hysteresis_along_a_curve_is_exact_step_by_step(family):
     mesh, path = block(family), curve()
-    history = vx.simulate(path.scene(), mesh, path.times)
+    history = vx.simulate(path.scene(), mesh, path.times, solver=SHARP)
     exact, contact = path.displacement(mesh.points), history.contact
     assert np.abs(history.displacement - exact).max() < 1e-9 * np.abs(exact).max()
     assert np.abs(contact.slip[:, :, :2] - path.foot[:, None]).max() < 1e-9 * np.abs(path.foot).max()
@@ -47,7 +49,7 @@ def test_a_turn_of_steady_sliding_dissipates_what_the_closed_form_says(steps):
     radius = 2.5 * REACH
     path, loss = circle(steps, radius)
     mesh = block("tetrahedra")
-    history = vx.simulate(path.scene(), mesh, path.times, initial=path.displacement(mesh.points)[0])
+    history = vx.simulate(path.scene(), mesh, path.times, initial=path.displacement(mesh.points)[0], solver=SHARP)
     assert not history.contact.sticking[1:].any()
     assert history.dissipated[-1] == pytest.approx(loss, rel=1e-9)
     # As steps shrink, the foot goes round the circle that lags behind by a right triangle; the difference is O(delta).
@@ -61,7 +63,7 @@ def test_a_block_that_is_turned_in_space_answers_turned():
     faces = mesh.face_offsets, mesh.face_vertices, mesh.cell_offsets, mesh.cell_faces, mesh.face_cells
     turned = vx.PolyhedralMesh.unchecked(mesh.points @ axes.T, *faces)
     named = {name: part for name, part in mesh.boundaries.items() if name != "boundary"}
-    history = vx.simulate(path.scene(axes=axes), turned.with_boundaries(named), path.times)
+    history = vx.simulate(path.scene(axes=axes), turned.with_boundaries(named), path.times, solver=SHARP)
     exact = path.displacement(mesh.points) @ axes.T
     assert np.abs(history.displacement - exact).max() < 1e-9 * np.abs(exact).max()
 
@@ -81,7 +83,7 @@ def rubbed(mesh):
         vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.03 * x[:, 0] ** 2),
         vx.CoulombFriction(0.4, on="bottom"),
     )
-    return vx.simulate(scene, mesh, np.linspace(0, 2, 5), initial="settled", solver=vx.Newton(accuracy=1e-12))
+    return vx.simulate(scene, mesh, np.linspace(0, 2, 5), initial="settled", solver=SHARP)
 
 
 def test_nothing_depends_on_which_tangents_are_taken(monkeypatch):
@@ -195,3 +197,52 @@ def test_agrees_with_the_full_size_program_of_scikit_fem_cvxpy_and_clarabel():
     apart = (careless.displacement[1] - history.displacement[1]).ravel()
     distance = np.sqrt(apart @ (other.K @ apart))
     assert 1e-9 < distance / np.sqrt(2 * history.energy[:2].max()) <= careless.certificate[1]
+
+
+LOADS = {
+    "monotone": lambda t: (0.06 * t, 0.02 * t),
+    "cyclic": lambda t: (0.05 * np.sin(3 * t), 0.02 * np.sin(3 * t)),
+    "turning": lambda t: (0.05 * np.sin(2 * t), 0.05 - 0.05 * np.cos(2 * t)),
+}
+
+
+def agree(family, load):
+    """A block with a stressed lid, pressed, twisted and dragged, by Newton and by Clarabel: their answers' distance."""
+    move = LOADS[load]
+
+    def top(x, t):
+        turned = 0.03 * t * np.column_stack([0.6 - x[:, 1], x[:, 0] - 0.5, np.zeros(len(x))])
+        return turned + np.array([*move(t), -0.01 * t])
+
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(top, on="top"),
+        vx.UnilateralContact(on="bottom", gap=lambda x, t: 0.004 * x[:, 0] ** 2),
+        vx.TrescaFriction(lambda x, t: 2.0 + x[:, 1], on="bottom", while_closed=False),
+    )
+    mesh, times = block(family), np.linspace(0.0, 2.0, 5)
+    newton = vx.simulate(scene, mesh, times)
+    conic = vx.simulate(scene, mesh, times, solver=vx.Clarabel())
+    assert newton.certificate.max() < 1e-8
+    assert conic.certificate.max() < 1e-6
+    # Each bounds its own distance to the exact answer, step after step, relative to the largest energy norm so far.
+    K = newton.program(1, condense=False).operators.K
+    apart = newton.trajectory.state - conic.trajectory.state
+    norm = np.sqrt(np.maximum.accumulate(2 * np.maximum(newton.energy, conic.energy)))
+    distance = np.sqrt(np.einsum("si,si->s", apart, (K @ apart.T).T))
+    allowed = (newton.certificate_total + conic.certificate_total) * norm
+    assert (distance <= allowed + 1e-13 * norm).all()
+    assert distance[-1] > 0.0
+    return newton
+
+
+def test_newton_and_clarabel_agree_within_their_certificates():
+    found = agree("voronoi3", "turning")
+    assert found.contact.slip_count[-1] > 0 < found.contact.open_count.max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("family", SOLIDS)
+def test_newton_and_clarabel_agree_on_every_family_and_load(family, load):
+    agree(family, load)

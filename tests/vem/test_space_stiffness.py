@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import skfem
 from skfem.models.elasticity import linear_elasticity
+from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx.vem import Space, cell_load, edge_load, loaded_sides, rigid_modes, stiffness, strains, stress_load
@@ -15,9 +16,9 @@ EPS = np.finfo(float).eps
 SLOPE = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])
 
 
-@pytest.fixture(params=vx.meshes.SPACE_FAMILIES)
+@pytest.fixture(params=SOLIDS)
 def mesh(request):
-    return vx.meshes.SPACE_FAMILIES[request.param](3, ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6)))
+    return solid(request.param, 2, ((0.0, 1.0), (0.0, 1.2), (-0.3, 0.6)))
 
 
 def moduli(mesh):

@@ -133,7 +133,7 @@ def remarks(found: Compared) -> list[str]:
         lines.append(f"distance: of the states to those by {judged.most_certain}, the most certain, in energy norm")
         lines.append("allowed: what both certificates allow for it; honest: whether the distance is within that")
     if not judged.rigorous:
-        lines.append("allowed: no bound here, where weights follow the pressure or friction or rates meet limits")
+        lines.append("allowed: no bound here, where weights follow the answer, or friction or rates meet limits")
     best = judged.most_certain
     return lines + [f"WRONG: {name} is farther from {best} than both certificates allow" for name in judged.liars]
 

@@ -6,7 +6,7 @@ Steps with given weights are nonexpansive in the energy norm, so two answers y, 
 
 The left side is exact: K is the matrix of the scene. Against the most certain answer, whose right side is the
 smallest, that is a test of every certificate: those that keep it are *honest*. A certificate that is as small as was
-asked for is *good*; an honest one need not be. Where the weights follow the pressure, or friction or rates meet
+asked for is *good*; an honest one need not be. Where the weights follow the answer, or friction or rates meet
 limits, a step depends on the one before in ways that the sum does not bound
 (:class:`vemcvx.stepping.trajectory.Trajectory`); the distance is then told only.
 """

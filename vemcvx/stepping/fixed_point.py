@@ -20,19 +20,9 @@ square of the bound comes what these forces miss of work on d_k, friction and li
 
     work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
 
-Weights that follow the slip, w = law(A + |s|, |s|) with A the slip before the step, are proven by convexity instead.
-Let none fall faster with |s_i| than k_i, and rho < 1 be that of :mod:`vemcvx.stepping.softening`; let (d_k, lam, p) be
-certified under the weights of its own slip, w' = law(s(d_k)), by gap = 1/2 |r|^2_{K^{-1}} + C. Then the step has one
-solution d, and
-
-    |d_k - d|_K <= sqrt(2 gap) / (1 - rho).
-
-Proof. With e = d_k - d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. What C misses excepted, the last term is <= 0,
-and the one before it at most (w'_i - w*_i)(|s*_i| - |s_i|) summed, which is at most sum k_i (|s_i| - |s*_i|)^2 <=
-sum k_i |(Be)_i|^2 <= rho |e|^2. So (1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) +
-(1 - rho) |e|^2 / 2.  QED
-The iteration is w_{k+1} = law(s(T(w_k))), whose increments shrink by rho if weights do not rise faster than k, either.
-A law that reads A alone has k = 0: the first program's certificate is the step's.
+Weights that follow the slip, of the step and before it, are proven by convexity instead, where that is known
+(:mod:`vemcvx.stepping.softening`); iterates are mixed then (:mod:`vemcvx.stepping.mixing`): the proof is of answers,
+however they were found.
 
 Where sets do not settle, or the law is not known to be piecewise affine, the certificate is an *estimate*:
 
@@ -59,6 +49,7 @@ from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
+from vemcvx.stepping.mixing import mixed
 from vemcvx.stepping.posed_step import PosedStep, pose_step
 from vemcvx.stepping.seminorm import refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
@@ -149,7 +140,7 @@ class DependentStep:
         """The state under the weights of its own pressures and slip, after increments of such states."""
         w = self.law(state)
         posed, stability, rate = self.pose(w), self.run.stability, self.norms.softest
-        if self.norms.slip_law is not None and rate is not None and stability is not None and stability.margin > 0:
+        if self.convex and stability is not None and rate is not None:
             self._check_softening(state, w, rate)
             # A multiplier at its bound stays there: what that misses of forces counts by its square.
             size, slip = np.linalg.norm(state.lam, axis=1), np.linalg.norm(state.slip, axis=1)
@@ -159,6 +150,12 @@ class DependentStep:
             return posed.under_own_weights(state, posed.convex(state, stability.margin))
         last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
         return posed.under_own_weights(state, _estimated(state.certificate, last))
+
+    @property
+    def convex(self) -> bool:
+        """Whether weights follow the slip in a way that leaves the step convex."""
+        stability = self.run.stability if self.norms.slip_law is not None else None
+        return stability is not None and stability.margin > 0
 
     def _check_softening(self, state: State, w: Floats, rate: Floats) -> None:
         """Raise SceneError where weights have fallen faster than their law says."""
@@ -205,10 +202,12 @@ class DependentStep:
                 "Take a smaller coefficient, a cap, NormalCompliance in place of UnilateralContact, smaller steps, or "
                 "a sharper solver (Newton)."
             )
+        if self.convex:
+            return "The step has one answer, which is not found if weights rise so steeply: let them rise more slowly."
         return (
             "Where friction changes with slip faster than the body gives way, a step may have no or several answers, "
             "however small it is: take a law that changes over a longer slip, a stiffer body, or one that reads the "
-            "slip before the step alone."
+            "slip before the step alone. If weights do not fall with slip, softening=0 says so, and helps."
         )
 
     def distance(self, one: State, other: State) -> float:
@@ -239,6 +238,7 @@ def resolved(step: DependentStep) -> State:
     w, safeguards = step.start, 0
     before: State | None = None
     increments: list[float] = []
+    tried: list[tuple[Floats, Floats]] = []
     for count in range(1, MOST_PROGRAMS + 1):
         state = step.solve(w, before, iterations)
         iterations, safeguards = iterations + state.iterations, safeguards + state.safeguards
@@ -259,9 +259,10 @@ def resolved(step: DependentStep) -> State:
         followed = step.law(state)
         if step.norms.slip_law is not None and np.array_equal(followed, w):
             return own  # The same program would be answered alike.
+        tried.append((w, followed))
         if _hopeless(increments):
             break
-        w, before = followed, state
+        w, before = mixed(tried) if step.convex else followed, state
     raise NotContracting(
         f"step {n} at t = {state.t:.6g}: {step.subject} contracts with the rate {own.rate:.3g} only: after {count} "
         f"programs {step.unsettled(state, own)}, and the estimated error is {error:.1e}, asked was {accuracy:.1e}. "

@@ -96,6 +96,8 @@ def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
     """The state y (n,), whatever led to it: as far as is known, nothing slipped or pressed."""
     norms, operators = run.system.norms, run.operators
     weights = np.zeros(0) if norms is None else norms.weights(now.t)
+    if norms is not None and norms.slip_law is not None:
+        weights = norms.weights_under(now.t, np.zeros(len(operators.compliance)))
     y_c = y[run.condensation.retained]
     still = np.zeros((operators.count, operators.block))
     none = np.zeros(len(operators.compliance))

@@ -151,7 +151,7 @@ class PosedStep:
     def convex(self, state: State, margin: float) -> Certificate:
         """The certificate of a state under the weights of its own slip, which is that of this program over the margin.
 
-        See :mod:`vemcvx.stepping.fixed_point`.
+        See :mod:`vemcvx.stepping.softening`.
         """
         scales = self.run.scaling
         alpha = scales.size(self.program)

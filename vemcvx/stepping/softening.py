@@ -12,6 +12,17 @@ what they take is less than what the body gives back: with
 as long as rho < 1. In a block of height H and shear modulus mu that is k < mu / H per area: the stability of a
 spring and a slider. The margin 1 - rho does not depend on the length of steps. Without one a step may have several
 answers, or jump: what is found is then an estimate, which a warning says.
+
+Theorem. Let rho < 1, and let (d_k, lam, p) be certified under the weights w' of its own slip by gap =
+1/2 |r|^2_{K^{-1}} + C. Then the step has one solution d, and  |d_k - d|_K <= sqrt(2 gap) / (1 - rho).
+Proof. With e = d_k - d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. What C misses excepted, the last term is <= 0,
+and the one before it at most (w'_i - w*_i)(|s*_i| - |s_i|) summed, which is at most sum k_i (|s_i| - |s*_i|)^2 <=
+sum k_i |(Be)_i|^2 <= rho |e|^2. So (1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) +
+(1 - rho) |e|^2 / 2.  QED  (One solution: between two of them r and C are nothing.)
+
+The iteration w_{k+1} = law(s(T(w_k))) of :mod:`vemcvx.stepping.fixed_point` shrinks increments by rho if weights do not
+rise faster than k, either. A law that reads the slip before the step alone has k = 0: the certificate of its one
+program is the step's.
 """
 
 from __future__ import annotations
@@ -62,9 +73,10 @@ def stability_of(operators: Operators, norms: Norms) -> Stability | None:
 def stability(operators: Operators, softening: Floats | None) -> Stability | None:
     """The stability of weights that fall with the slip of a step by `softening` (m,) at most; None if that is unknown.
 
-    Bodies that nothing but friction holds have none to give back: rho is infinite.
+    Bodies that nothing but friction holds have none to give back: rho is infinite. Iteratively, how each place answers
+    to each other one would take as many solves: it is unknown.
     """
-    if softening is None:
+    if softening is None or (softening.any() and operators.factor.cycle is not None):
         return None
     falls = np.flatnonzero(softening)
     if len(falls) == 0:

@@ -155,7 +155,7 @@ CALLED = [
     (vx.meshes.kelvin, {"n": 1, "box": ((0, 1), (0, 1), (0, 1))}, {}),
     (vx.meshes.voronoi3, {"n": 1, "box": ((0, 1), (0, 1), (0, 1)), "seed": 0, "cells": None, "relaxations": 1},
      {"cells": {"None"}, "seed": {"huge"}}),
-    (MESH.extruded, {"heights": [0.0, 1.0]}, {}),
+    (MESH.extruded, {"heights": [0.0, 1.0]}, {"heights": {"an array"}}),
     (CUBE.with_boundary, {"name": "a", "predicate": lambda x: x[:, 0] > 0.9}, {"name": NAMES}),
     (CUBE.with_boundaries, {"boundaries": {"a": [0]}}, {"boundaries": {"None", "no dict"}}),
     (vx.PolygonMesh, {"points": MESH.points, "cells": [[0, 1, 3, 2]], "boundaries": None, "cell_data": None,

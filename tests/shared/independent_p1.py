@@ -16,6 +16,7 @@ is -lam t, the obstacle's is -p n.
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -52,17 +53,27 @@ def stressed(v, w):
     return w.xx * e[0, 0] + w.yy * e[1, 1] + 2 * w.xy * e[0, 1]
 
 
+class NotPolished(AssertionError):
+    """This program has no answer, whatever others have."""
+
+
 @dataclass
 class Rows:
-    """Directions at nodes: row i is direction_i . u(node_i), with the length int phi_i of its side."""
+    """Directions at nodes: row i is direction_i . u(node_i), with the length int phi_i of its side.
+
+    Between bodies it is direction_i . (u(node_i) - u(partner_i)).
+    """
 
     nodes: np.ndarray
     directions: np.ndarray
     lengths: np.ndarray
+    partners: np.ndarray = None
 
     def matrix(self, n_nodes):
         out = np.zeros((len(self.nodes), n_nodes, 2))
         out[np.arange(len(self.nodes)), self.nodes] = self.directions
+        if self.partners is not None:
+            out[np.arange(len(self.nodes)), self.partners] -= self.directions
         return out.reshape(len(self.nodes), -1)
 
 
@@ -272,13 +283,43 @@ class Body:
         return self
 
     def _free(self, rows):
-        """The rows that what is prescribed leaves free to move."""
+        """The rows that what is prescribed leaves free to move; supports of joints are not foreseen."""
+        if rows.partners is not None:
+            return rows
         keep = []
         for node, direction in zip(rows.nodes, rows.directions, strict=True):
             fixed = np.array([d for other, d, _ in self.held if other == node]).reshape(-1, 2).T
             left = direction - fixed @ np.linalg.lstsq(fixed, direction, rcond=None)[0]
             keep.append(np.linalg.norm(left) > 1e-9)
         return Rows(rows.nodes[keep], rows.directions[keep], rows.lengths[keep])
+
+
+class Bodies(Body):
+    """Several boxes of triangles, one above the other; their sides are "lower.left", and "lower|upper" between them."""
+
+    def __init__(self, points, triangles, body_of_triangle, names):
+        super().__init__(points, triangles)
+        self.joined = {}
+        around, self.sides, self.normals = self.normals, {}, {}
+        for k, name in enumerate(names):
+            own = np.unique(triangles[body_of_triangle == k])
+            low, high = points[own].min(axis=0), points[own].max(axis=0)
+            for side, a, c in (("left", 0, low), ("right", 0, high), ("bottom", 1, low), ("top", 1, high)):
+                facets = np.flatnonzero(np.isin(self.mesh.facets, own).all(axis=0) & (self.mesh.f2t[1] < 0))
+                on = np.abs(points[self.mesh.facets[:, facets], a] - c[a]).max(axis=0) < 1e-9
+                self.sides[f"{name}.{side}"], self.normals[f"{name}.{side}"] = facets[on], around[side]
+        for below, above in pairwise(names):
+            joint, there = f"{below}|{above}", self.nodes(f"{above}.bottom")
+            self.sides[joint], self.normals[joint] = self.sides[f"{below}.top"], (0.0, 1.0)
+            self.joined[joint] = {
+                i: there[np.abs(points[there] - points[i]).max(axis=1).argmin()] for i in self.nodes(joint)
+            }
+
+    def rows(self, side, tangents=False):
+        rows = super().rows(side, tangents)
+        if side in self.joined:
+            rows.partners = np.array([self.joined[side][i] for i in rows.nodes])
+        return rows
 
 
 @dataclass
@@ -443,10 +484,16 @@ class March:
             if (~self.soft).any():
                 rigid = room[np.flatnonzero(~self.soft)] <= 0
                 rules.append(rigid)
-        tight = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13, "max_iter": 200}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Clarabel may stop a digit short of 1e-13; the polish finds the rest
-            cp.Problem(cp.Minimize(cost), rules).solve(solver=cp.CLARABEL, **tight)
+        for tolerance in (1e-13, 1e-11, 1e-9):
+            names = "tol_gap_abs", "tol_gap_rel", "tol_feas"
+            # Clarabel may stop a digit short of 1e-13, or fail on the way there; the polish finds the rest.
+            with warnings.catch_warnings(), contextlib.suppress(cp.SolverError):
+                warnings.simplefilter("ignore")
+                cp.Problem(cp.Minimize(cost), rules).solve(
+                    solver=cp.CLARABEL, max_iter=200, **dict.fromkeys(names, tolerance)
+                )
+            if u.value is not None:
+                break
         s = self.T @ u.value - b / unit
         lam = np.asarray(split.dual_value) if split is not None else np.zeros(0)
         room = self.N @ u.value - gap / unit
@@ -489,7 +536,7 @@ class March:
             if (new_sign == sign).all() and (new_acts == acts).all():
                 return State(u, lam, p, q, (sign, acts))
             sign, acts = new_sign, new_acts
-        raise AssertionError("the polish did not find the sets")
+        raise NotPolished("the polish did not find the sets")
 
 
 def _solved(H, A, f, c):

@@ -20,6 +20,8 @@ from vemcvx.program.tolerances import FURTHER_GAP
 MOST_POINTS = 200
 PATIENCE = 6
 """Proximal points in a row that may bring no better gap: solvers stop at their own rounding."""
+FARTHEST = 4.0
+"""Times the last, which a centre may move: while a body slides on and on, secants go as far as their rounding says."""
 
 
 Ask = Callable[[StepProgram, float, Floats, Floats, int], Answer]
@@ -118,5 +120,7 @@ class _Centres:
         ahead = d.copy()
         if len(self._moves) > 1:
             dx, df = np.diff(self._centres, axis=0).T, np.diff(self._moves, axis=0).T
-            ahead[self._at] = x + move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
+            step = move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
+            size, far = np.linalg.norm(step), FARTHEST * np.linalg.norm(dx[:, -1])
+            ahead[self._at] = x + (step * (far / size) if size > far else step)
         return ahead

@@ -26,7 +26,8 @@ POLYDATA = {
     ".old.vtk": lambda mesh: polydata.legacy(mesh, "4.2"),
     ".new.vtk": lambda mesh: polydata.legacy(mesh, "5.1"),
 }
-SOUND |= POLYDATA
+SPACE = {".kelvin.vtu": vx.meshes.kelvin, ".tetrahedra.msh": vx.meshes.tetrahedra, ".cubes.vtk": vx.meshes.cubes}
+SOUND |= POLYDATA | SPACE | {".theirs.vtu": None}
 MEMORY = 3 * 2**30
 SECONDS = 20
 """For a batch of files; a sound one takes milliseconds."""
@@ -58,12 +59,14 @@ def read_all(paths):
 
 
 def sound(suffix, folder):
+    if suffix == ".theirs.vtu":
+        return polydata.POLYHEDRA.encode()
     if suffix in POLYDATA:
         return POLYDATA[suffix](vx.meshes.voronoi(2))
     path = folder / f"sound{suffix}"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        SOUND[suffix](2).write(path)
+        SOUND[suffix](1 if suffix in SPACE else 2).write(path)
     return path.read_bytes()
 
 

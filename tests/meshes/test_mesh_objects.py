@@ -217,7 +217,9 @@ def test_a_history_of_ours_as_pyvista_reads_it(tmp_path):
     ids=["None", "number", "path", "array", "module", "block", "ours"],
 )
 def test_other_objects(other):
-    with pytest.raises(vx.MeshError, match="convert takes meshio.Mesh, MeshTri and MeshQuad of scikit-fem, .* got "):
+    with pytest.raises(
+        vx.MeshError, match="convert takes meshio.Mesh, MeshTri, MeshQuad, MeshTet and MeshHex of scikit-fem, .* got "
+    ):
         convert(other)
 
 
@@ -225,7 +227,7 @@ def test_other_objects(other):
     ("other", "message"),
     [
         (skfem.MeshTri2(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTriP2'; wanted are plane polyg"),
-        (skfem.MeshTet(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTetP1'"),
+        (skfem.MeshTet2(), "the mesh of scikit-fem: it holds cells of the kind 'ElementTetP2'"),
         (skfem.MeshTri(np.full((2, 3), np.nan), np.array([[0], [1], [2]])), "node 0 is at .nan, nan."),
         (meshio.Mesh(SQUARE, []), "the mesh of meshio: it holds no polygons"),
         (meshio.Mesh(SQUARE, [("quad", [[0, 1, 2, 7]])]), "the mesh of meshio: cell 0 names node 7"),

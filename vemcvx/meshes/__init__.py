@@ -17,9 +17,10 @@ from vemcvx.meshes.families.tetrahedra import tetrahedra
 from vemcvx.meshes.families.triangles import triangles
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.families.voronoi3 import voronoi3
+from vemcvx.meshes.foreign import convert, read
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement.refine import Refinement, refinement
-from vemcvx.meshes.polygon_mesh import PolygonMesh, convert, read
+from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.several_bodies.bodies import bodies
 

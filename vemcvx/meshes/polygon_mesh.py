@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from vemcvx.canvas import draw_cells
 from vemcvx.meshes.checks.names import plotted_points, plotted_values
 from vemcvx.meshes.extrusion import extruded
-from vemcvx.meshes.io.files import load, write
-from vemcvx.meshes.io.objects import from_object, to_object
+from vemcvx.meshes.io.files import write
+from vemcvx.meshes.io.objects import to_object
 from vemcvx.meshes.local_refinement.refine import refinement
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.several_bodies.cracks import cut
@@ -204,71 +204,3 @@ class PolygonMesh(Tessellation):
             ax=ax,
             style=style,
         )
-
-
-def read(path: str | Path) -> PolygonMesh:
-    """Read a mesh from a file in any format of meshio, or of VTK's polygons (.vtp and .vtk).
-
-    Named boundaries are those that `PolygonMesh.write` wrote, or the physical groups of lines of a Gmsh file (their
-    number if they have no name). Cell data come along; a physical group of surfaces is a cell datum of its name, 1 in
-    the group and 0 outside. Node and cell order are the file's; a constant third coordinate is dropped.
-
-    If the file names no part of the boundary, those boundary edges that lie where x or y is least or greatest are
-    called "left", "right", "bottom" and "top", as in families of meshes: a `MeshWarning` says which there are.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file; its suffix tells the format.
-
-    Returns
-    -------
-    PolygonMesh
-        The mesh, checked.
-
-    Raises
-    ------
-    MeshError
-        There is no such file, it is damaged or foreign, or what it holds is no plane mesh of polygons.
-
-    Warns
-    -----
-    MeshWarning
-        Cells were turned, unused nodes dropped, named lines inside the mesh left out, or sides named.
-    """
-    return _with_methods(load(path))
-
-
-def convert(other: Any) -> PolygonMesh:
-    """Return the mesh that an object of another library holds; `PolygonMesh.to` is the way back.
-
-    What holds for files, holds here: order, names, data, sides without names, checks (see :func:`read`).
-
-    Parameters
-    ----------
-    other : meshio.Mesh, skfem.MeshTri or MeshQuad, pyvista.UnstructuredGrid or PolyData
-        Boundaries are named by cell sets of lines or physical groups (meshio), named boundaries (scikit-fem), and by
-        what `PolygonMesh.to` makes of them. Subdomains and cell sets are cell data, 1 inside and 0 outside.
-
-    Returns
-    -------
-    PolygonMesh
-        The mesh, checked.
-
-    Raises
-    ------
-    MeshError
-        It is no such object, or what it holds is no plane mesh of polygons.
-
-    Warns
-    -----
-    MeshWarning
-        As :func:`read`.
-    """
-    return _with_methods(from_object(other))
-
-
-def _with_methods(found: Tessellation) -> PolygonMesh:
-    mesh = object.__new__(PolygonMesh)
-    mesh.__dict__.update(found.__dict__)
-    return mesh

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
+from vemcvx.meshes.io.files import write
+from vemcvx.meshes.io.objects import to_object
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 
 
@@ -13,6 +17,19 @@ class PolyhedralMesh(SpaceTessellation):
 
     Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four
     small ones it has four coplanar faces. Neither cells nor faces need be convex.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) array_like of float
+        Node coordinates, in consistent units.
+    cells : sequence of sequences of index sequences, or (n_cells, faces, vertices) array of int
+        Faces of each cell, each the vertices in order around it. Those that do not run counter-clockwise seen from
+        outside are turned, with a `MeshWarning`.
+    boundaries : mapping of str to array_like, optional
+        Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" (all of it) is
+        always there.
+    cell_data : mapping of str to (n_cells, ...) array_like, optional
+        Data on cells, such as moduli or material numbers.
 
     Attributes
     ----------
@@ -32,7 +49,68 @@ class PolyhedralMesh(SpaceTessellation):
     node_map : (n,) int or None
         If nodes that no cell uses were dropped: new number of each given node, -1 if dropped. Else None.
 
+    Raises
+    ------
+    MeshError
+        The points and cells are no valid mesh; the message names the cell or node and what to do. A face is plane if
+        its vertices are no farther from its plane than 1e-6 of its diameter.
+
+    Warns
+    -----
+    MeshWarning
+        Faces were turned, or unused nodes dropped.
+
     Notes
     -----
     All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
     """
+
+    def write(self, path: str | Path) -> None:
+        """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit from .vtu files.
+
+        Parameters
+        ----------
+        path : str or Path
+            The suffix chooses the format: .vtu takes every mesh (polyhedra as VTK has them, boundaries as polygons),
+            other formats of meshio tetrahedra, hexahedra, wedges and pyramids.
+
+        Raises
+        ------
+        MeshError
+            The format would lose cells, or the file cannot be written.
+        """
+        write(path, self)
+
+    def to(self, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
+        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the way back.
+
+        Parameters
+        ----------
+        library : {"meshio", "skfem", "pyvista"}
+            Its name. Points keep their order in all of them.
+
+        Returns
+        -------
+        meshio.Mesh
+            Tetrahedra, hexahedra, wedges and pyramids in blocks of one kind, and for every named boundary blocks of
+            triangles or quadrilaterals, which the cell datum "boundary:<name>" marks. If this permutes cells, the datum
+            "vemcvx:cell" has their numbers.
+        skfem.MeshTet or skfem.MeshHex
+            With named boundaries; cell data of zeros and ones are subdomains.
+        pyvista.UnstructuredGrid
+            Polyhedra in their order, with the cell data. A named boundary is the field datum "boundary:<name>", the
+            vertices of its faces, a row each, filled up with -1.
+
+        Raises
+        ------
+        MeshError
+            The library is none of these, or has no such cells.
+        VemcvxError
+            The library is not installed.
+
+        Warns
+        -----
+        MeshWarning
+            scikit-fem keeps no other cell data.
+        """
+        return to_object(self, library)

@@ -44,7 +44,7 @@ class SpaceTessellation(Mesh):
     def __init__(
         self,
         points: ArrayLike,
-        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer],
+        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | topology.Listed,
         *,
         boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,

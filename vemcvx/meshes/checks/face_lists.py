@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Ints, plain
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.topology import cell_of_corner, offsets_of
+from vemcvx.meshes.polyhedra.topology import Listed
 
 WANTED = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
 BY_VERTICES = (
@@ -20,8 +21,8 @@ BY_VERTICES = (
 )
 
 
-def check_face_lists(cells: Any, n_nodes: int) -> tuple[Ints, Ints, Ints]:
-    """Offsets and vertices of the faces that cells list, and where each cell's begin; or MeshError.
+def check_face_lists(cells: Any, n_nodes: int) -> Listed:
+    """The faces that cells list, or MeshError.
 
     Every cell has at least four faces, every face at least three different nodes that exist.
     """
@@ -48,7 +49,7 @@ def check_face_lists(cells: Any, n_nodes: int) -> tuple[Ints, Ints, Ints]:
     if len(twice):
         face, node = divmod(int(twice[0]), n_nodes)
         raise MeshError(f"{_face(face, cell_offsets)} names node {node} twice; every vertex must appear once.")
-    return offsets, vertices, cell_offsets
+    return Listed(offsets, vertices, cell_offsets)
 
 
 def _face(number: int, cell_offsets: Ints) -> str:
@@ -56,7 +57,9 @@ def _face(number: int, cell_offsets: Ints) -> str:
     return f"cell {cell}: its face {number - cell_offsets[cell]}"
 
 
-def _flattened(cells: Any) -> tuple[Ints, Ints, Ints]:
+def _flattened(cells: Any) -> Listed:
+    if isinstance(cells, Listed):
+        return cells
     if isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and not isinstance(cells, np.ma.MaskedArray):
         if cells.ndim != 3:
             raise MeshError(
@@ -64,7 +67,7 @@ def _flattened(cells: Any) -> tuple[Ints, Ints, Ints]:
             )
         count, each, sides = cells.shape
         flat = cells.astype(np.int64).ravel()
-        return np.arange(count * each + 1) * sides, flat, np.arange(count + 1) * each
+        return Listed(np.arange(count * each + 1) * sides, flat, np.arange(count + 1) * each)
     try:
         listed = [list(cell) for cell in cells]
     except Exception:  # of whatever a user hands in
@@ -74,7 +77,7 @@ def _flattened(cells: Any) -> tuple[Ints, Ints, Ints]:
     found = _numbers(faces)
     if found is None:
         found = _one_by_one(faces, cell_offsets)
-    return *found, cell_offsets
+    return Listed(*found, cell_offsets)
 
 
 def _kind(cells: Any) -> str:

@@ -28,6 +28,17 @@ def box_sides(corners: Floats, offsets: Ints, box: SpaceBox, tolerance: float = 
     return on
 
 
+def extreme_faces(points: Floats, faces: Faces) -> dict[str, Ints]:
+    """Boundary faces that lie where x, y or z is extreme, by the names that families give them; those there are."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    # A mesh that was moved or scaled into place has plane sides to its digits.
+    rounding = 1e-9 * float((high - low).max())
+    box = SpaceBox(tuple(low.tolist()), tuple(high.tolist()))
+    on = box_sides(points[faces.face_vertices], faces.face_offsets, box, rounding)
+    sides = {name: np.flatnonzero(flags & (faces.face_cells[:, 1] < 0)) for name, flags in on.items()}
+    return {name: numbers for name, numbers in sides.items() if len(numbers)}
+
+
 def check_face_boundaries(
     boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None, mesh: Faces, node_map: Ints | None
 ) -> dict[str, Ints]:

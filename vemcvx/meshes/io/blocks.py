@@ -13,7 +13,7 @@ edge by edge the nodes of the second body in the same places.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, unquote
@@ -26,12 +26,14 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, edge_keys, positions
+from vemcvx.meshes.polyhedra.topology import Listed
 from vemcvx.meshes.tessellation import Tessellation
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
 VTK_TYPES = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "triangle_strip", 7: "polygon"}
-VTK_TYPES |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron"}
+VTK_TYPES |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhedron"}
 POLYGONS = ("triangle", "quad", "polygon")
+SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 PASSED_OVER = ("vertex", "empty")
 
 Data = dict[str, list[NDArray[Any]]]
@@ -47,17 +49,20 @@ class Blocks:
         Kinds are meshio's: "triangle", "quad", "polygon", "line" ...
     data : dict of str to list of (m, ...) arrays
         One array a block.
-    lines, surfaces : dict of str to list of (m,) bool
-        Named sets of cells, one array a block: of lines, of polygons.
+    sides, sets : dict of str to list of (m,) bool
+        Named sets, one array a block: of what bounds cells (lines; in space, polygons), and of cells.
     edges : dict of str to (m, 2) int
-        Named edges that are no cells.
+        Named edges that are no cells; in space, named faces, (m, k) padded by -1.
+    polyhedra : Listed, optional
+        The faces of polyhedra, which blocks of the kind "polyhedron" name by numbers, (m, 1).
     """
 
     cells: list[tuple[str, Ints]]
     data: Data = field(default_factory=dict)
-    lines: Data = field(default_factory=dict)
-    surfaces: Data = field(default_factory=dict)
+    sides: Data = field(default_factory=dict)
+    sets: Data = field(default_factory=dict)
     edges: dict[str, Ints] = field(default_factory=dict)
+    polyhedra: Listed | None = None
 
 
 def vtk_types(counts: Ints) -> Ints:
@@ -96,13 +101,15 @@ def grouped(
     return blocks
 
 
-def marked_edges(data: Mapping[str, Any]) -> dict[str, Ints]:
-    """Named boundaries among data that belong to no cell; MeshError where they are no pairs of nodes."""
+def marked_edges(data: Mapping[str, Any], *, solid: bool = False) -> dict[str, Ints]:
+    """Named boundaries among data that belong to no cell; MeshError where they are no pairs (no rows) of nodes."""
     named = {name.removeprefix(MARK): np.asarray(values) for name, values in data.items() if name.startswith(MARK)}
     for name, values in named.items():
-        if values.dtype.kind not in "iu" or values.size % 2:
-            raise MeshError(f"its datum {MARK + name!r} is no list of edges, pairs of node numbers.")
-    return {name: values.astype(np.int64).reshape(-1, 2) for name, values in named.items()}
+        if values.dtype.kind not in "iu" or (values.ndim != 2 if solid else values.size % 2):
+            wanted = "faces, rows of node numbers" if solid else "edges, pairs of node numbers"
+            raise MeshError(f"its datum {MARK + name!r} is no list of {wanted}.")
+    rows = {name: values if solid else values.reshape(-1, 2) for name, values in named.items()}
+    return {name: values.astype(np.int64) for name, values in rows.items()}
 
 
 def named_edges(mesh: Tessellation) -> dict[str, Ints]:
@@ -139,10 +146,10 @@ def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
             parts.append(on_cells[name][cells])
     first = len(blocks.cells) - len(named)
     for number, name in enumerate(named):
-        blocks.lines[name] = [np.full(len(c), k == first + number) for k, (_, c) in enumerate(blocks.cells)]
+        blocks.sides[name] = [np.full(len(c), k == first + number) for k, (_, c) in enumerate(blocks.cells)]
 
 
-def mesh_of(points: Floats, blocks: Blocks) -> tuple[Tessellation, list[str]]:
+def plane_mesh_of(points: Floats, blocks: Blocks) -> tuple[Tessellation, list[str]]:
     """Return the mesh of the polygons of a file, its lines as boundaries; and notes on lines inside it, left out."""
     polygons = [number for number, (kind, _) in enumerate(blocks.cells) if kind in POLYGONS]
     strange = [kind for kind, _ in blocks.cells if kind not in (*POLYGONS, *PASSED_OVER, "line")]
@@ -157,25 +164,35 @@ def mesh_of(points: Floats, blocks: Blocks) -> tuple[Tessellation, list[str]]:
     if ragged:
         raise MeshError(f"its cells of the kind {ragged[0]!r} do not all have as many nodes as that takes.")
     cells, order = _cells_in_order(blocks, polygons)
-    data = {
-        name: np.concatenate([parts[k] for k in polygons])[order]
-        for name, parts in blocks.data.items()
-        if name != CELL and not name.startswith(MARK)
-    }
-    for name, parts in blocks.surfaces.items():
-        data[name] = np.concatenate([parts[k] for k in polygons])[order].astype(np.uint8)
-    numbers = {name: _native(values) for name, values in data.items() if values.dtype.kind in "biuf"}
-    marks = {name.removeprefix(MARK): p for name, p in blocks.data.items() if name.startswith(MARK)}
-    named = {name: _marked_lines(blocks, parts) for name, parts in (marks | blocks.lines).items()} | blocks.edges
-    mesh = Tessellation(_plane(points), cells, cell_data=numbers, interfaces=_take_interfaces(named))
+    named = {name: _marked_lines(blocks, parts) for name, parts in marked_sides(blocks).items()} | blocks.edges
+    data = data_on(blocks, polygons, order)
+    mesh = Tessellation(_plane(points), cells, cell_data=data, interfaces=_take_interfaces(named))
     return _with_lines(mesh, named)
 
 
-def _cells_in_order(blocks: Blocks, polygons: Iterable[int]) -> tuple[list[Ints] | Ints, Ints]:
-    rows = [blocks.cells[number][1] for number in polygons]
-    order = np.arange(sum(map(len, rows)))
+def data_on(blocks: Blocks, chosen: Sequence[int], order: Ints) -> dict[str, NDArray[Any]]:
+    """Data on the cells of the chosen blocks, one after the other and then in the given order; sets as 0 and 1."""
+    data = {name: parts for name, parts in blocks.data.items() if name != CELL and not name.startswith(MARK)}
+    data |= {name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.sets.items()}
+    whole = {name: np.concatenate([parts[k] for k in chosen])[order] for name, parts in data.items()}
+    return {name: _native(values) for name, values in whole.items() if values.dtype.kind in "biuf"}
+
+
+def marked_sides(blocks: Blocks) -> Data:
+    """Named sets of what bounds cells: those marked by data, and those of the file's own."""
+    return {name.removeprefix(MARK): p for name, p in blocks.data.items() if name.startswith(MARK)} | blocks.sides
+
+
+def order_of(blocks: Blocks, chosen: Sequence[int]) -> Ints:
+    """In which order to take the cells of the chosen blocks, laid one after the other."""
     if CELL in blocks.data:
-        order = np.argsort(np.concatenate([blocks.data[CELL][number] for number in polygons]), kind="stable")
+        return np.argsort(np.concatenate([blocks.data[CELL][number] for number in chosen]), kind="stable")
+    return np.arange(sum(len(blocks.cells[number][1]) for number in chosen))
+
+
+def _cells_in_order(blocks: Blocks, polygons: Sequence[int]) -> tuple[list[Ints] | Ints, Ints]:
+    rows = [blocks.cells[number][1] for number in polygons]
+    order = order_of(blocks, polygons)
     if len({row.shape[1] for row in rows}) == 1:
         return np.concatenate(rows)[order], order
     flat = [cell for row in rows for cell in row]

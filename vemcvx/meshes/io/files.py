@@ -12,37 +12,55 @@ import os
 import shutil
 import tempfile
 import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.io.blocks import add_boundaries, cell_blocks, mesh_of
+from vemcvx.meshes.io.blocks import Blocks, add_boundaries, cell_blocks
+from vemcvx.meshes.io.by_vertices import solid_blocks
 from vemcvx.meshes.io.meshio_mesh import Arrays, blocks_of, meshio_mesh
 from vemcvx.meshes.io.messages import finished, named, translated
+from vemcvx.meshes.io.reading import mesh_of
 from vemcvx.meshes.io.unsafe import opened
+from vemcvx.meshes.io.vtu import write_polyhedra
+from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
-
-if TYPE_CHECKING:
-    import meshio
 
 ANY_POLYGON = (".vtu", ".vtk")
 SOLID_ONLY = (".ele", ".node")  # TetGen's
 READ_ONLY = {".vtp": ["vtu"]}
 
 
-def load(path: str | Path) -> Tessellation:
+def load(path: str | Path) -> Tessellation | SpaceTessellation:
     """The mesh in a file: see :func:`vemcvx.meshes.read`."""
     path = _path(path)
     return finished(str(path), lambda: _read(path))
 
 
-def write(path: str | Path, mesh: Tessellation) -> None:
-    """Write a mesh with its named boundaries and cell data (see `PolygonMesh.write`)."""
+def write(path: str | Path, mesh: Tessellation | SpaceTessellation) -> None:
+    """Write a mesh with its named boundaries and cell data (see `write` of meshes)."""
     path = _path(path)
     suffix = _check_target(path)
+    own = mesh if suffix not in ANY_POLYGON else None
+    if isinstance(mesh, Tessellation):
+        lost = _save(path, suffix, meshio_mesh(mesh.points, _plane_blocks(path, suffix, mesh), suffix).write, own)
+    elif suffix == ".vtu":
+        lost = _save(path, suffix, lambda draft, **_: write_polyhedra(draft, mesh, {}, mesh.cell_data, sides=True))
+    else:
+        with named(str(path)):
+            blocks = solid_blocks(mesh, in_order=suffix not in ANY_POLYGON, sides=suffix in (*ANY_POLYGON, ".msh"))
+        lost = _save(path, suffix, meshio_mesh(mesh.points, blocks, suffix).write, mesh)
+    if lost:
+        all_of_it = ".vtu" if isinstance(mesh, SpaceTessellation) else " and ".join(ANY_POLYGON)
+        warnings.warn(f"{path}: {suffix} files do not keep {lost}; {all_of_it} files do.", MeshWarning, stacklevel=3)
+
+
+def _plane_blocks(path: Path, suffix: str, mesh: Tessellation) -> Blocks:
     if suffix not in ANY_POLYGON and np.diff(mesh.offsets).max() > 4:
         raise MeshError(
             f"{path}: {suffix} files do not keep polygons of more than four vertices, and this mesh has "
@@ -53,23 +71,19 @@ def write(path: str | Path, mesh: Tessellation) -> None:
     blocks = cell_blocks(mesh, mesh.cell_data, in_order=suffix not in ANY_POLYGON)
     if suffix in (*ANY_POLYGON, ".msh"):
         add_boundaries(blocks, mesh)
-    lost = _save(path, suffix, meshio_mesh(mesh.points, blocks, suffix), mesh if suffix not in ANY_POLYGON else None)
-    if lost:
-        warnings.warn(
-            f"{path}: {suffix} files do not keep {lost}; {' and '.join(ANY_POLYGON)} files do.",
-            MeshWarning,
-            stacklevel=3,
-        )
+    return blocks
 
 
-def write_cells(path: str | Path, mesh: Tessellation, point_data: Arrays, cell_data: Arrays) -> None:
+def write_cells(
+    path: str | Path, mesh: Tessellation | SpaceTessellation, point_data: Arrays, cell_data: Arrays
+) -> None:
     """Write fields on a mesh as a VTU file that ParaView opens.
 
     Parameters
     ----------
     path : str or Path
         Must end in .vtu.
-    mesh : PolygonMesh
+    mesh : PolygonMesh or PolyhedralMesh
         The cells; boundaries and cell data of the mesh are not written.
     point_data, cell_data : mapping of str to array
         One row a node, one row a cell; vectors of two components get a third, zero.
@@ -86,9 +100,11 @@ def write_cells(path: str | Path, mesh: Tessellation, point_data: Arrays, cell_d
         for name, values in data.items():
             if np.ndim(values) not in (1, 2) or len(values) != rows:
                 raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
-    blocks = cell_blocks(mesh, {name: _three(values) for name, values in cell_data.items()})
-    fields = {name: _three(values) for name, values in point_data.items()}
-    _save(path, ".vtu", meshio_mesh(mesh.points, blocks, ".vtu", fields))
+    fields, data = ({name: _three(values) for name, values in given.items()} for given in (point_data, cell_data))
+    if isinstance(mesh, SpaceTessellation):
+        _save(path, ".vtu", lambda draft, **_: write_polyhedra(draft, mesh, fields, data, sides=False))
+    else:
+        _save(path, ".vtu", meshio_mesh(mesh.points, cell_blocks(mesh, data), ".vtu", fields).write)
 
 
 def _path(path: str | Path) -> Path:
@@ -130,13 +146,15 @@ def _check_target(path: Path) -> str:
     return suffix
 
 
-def _save(path: Path, suffix: str, file: meshio.Mesh, mesh: Tessellation | None = None) -> str:
+def _save(
+    path: Path, suffix: str, put: Callable[..., None], mesh: Tessellation | SpaceTessellation | None = None
+) -> str:
     """Write a file in one go; if a mesh is given, first compare what it reads as, and return what is lost."""
     lost = ""
     failure = "cannot be written" if suffix in ANY_POLYGON else "cannot be written; .vtu and .vtk hold every mesh"
     with translated(str(path), failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
         draft = Path(folder) / path.name  # some formats are more than one file
-        file.write(draft, file_format="gmsh22" if suffix == ".msh" else None)  # version 4 wants a geometry
+        put(draft, file_format="gmsh22" if suffix == ".msh" else None)  # version 4 wants a geometry
         if mesh is not None:
             lost = _lost(mesh, draft, suffix)
         for made in Path(folder).iterdir():
@@ -144,11 +162,11 @@ def _save(path: Path, suffix: str, file: meshio.Mesh, mesh: Tessellation | None 
     return lost
 
 
-def _lost(mesh: Tessellation, draft: Path, suffix: str) -> str:
+def _lost(mesh: Tessellation | SpaceTessellation, draft: Path, suffix: str) -> str:
     """Names that a file does not give back; MeshError if it does not give back the mesh."""
     try:
         back = _read(draft)[0]
-        same = np.array_equal(back.offsets, mesh.offsets) and np.array_equal(back.vertices, mesh.vertices)
+        same = all(map(np.array_equal, _cells_of(back), _cells_of(mesh)))
         # Some formats write six digits; a mesh that six digits damage has been refused on reading.
         same = same and np.allclose(back.points, mesh.points, rtol=0.0, atol=1e-5 * np.ptp(mesh.points))
     except MeshError:
@@ -160,7 +178,12 @@ def _lost(mesh: Tessellation, draft: Path, suffix: str) -> str:
     return ", ".join([*rounded, *map(repr, sorted(names))])
 
 
-def _read(path: Path) -> tuple[Tessellation, list[str]]:
+def _cells_of(mesh: Tessellation | SpaceTessellation) -> tuple[Ints, Ints]:
+    """Offsets and nodes of the cells; in space, in no order within a cell."""
+    return (mesh.offsets, mesh.vertices) if isinstance(mesh, Tessellation) else mesh.cell_nodes
+
+
+def _read(path: Path) -> tuple[Tessellation | SpaceTessellation, list[str]]:
     import meshio
 
     # Unlike pathlib's, these know no names that are too long.

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats
-from vemcvx.meshes.io.blocks import MARK, POLYGONS, Blocks, Data, marked_edges
+from vemcvx.meshes.io.blocks import MARK, POLYGONS, SOLIDS, Blocks, Data, marked_edges
 from vemcvx.meshes.io.groups import physical_groups, take_physical_groups, take_sets
+from vemcvx.meshes.io.polyhedra import TYPES, blocks_of_vtk
 from vemcvx.meshes.io.unsafe import check_data
 
 if TYPE_CHECKING:
@@ -33,14 +34,14 @@ def meshio_mesh(
     data: Data = {}
     names: Arrays = {}
     if suffix in (".vtu", ".vtk", IN_MEMORY):
-        marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.lines.items()}
+        marks = {MARK + name: [part.astype(np.uint8) for part in parts] for name, parts in blocks.sides.items()}
         data = blocks.data | marks
         if suffix == ".vtk":
             data = {name: [_wide(part) for part in parts] for name, parts in data.items()}
     elif suffix == ".msh":
         data, names = physical_groups(blocks)
     return meshio.Mesh(
-        np.pad(points, ((0, 0), (0, 1))),
+        np.pad(points, ((0, 0), (0, 3 - points.shape[1]))),
         blocks.cells,
         point_data={spelled(name): values for name, values in (point_data or {}).items()},
         cell_data={spelled(name): parts for name, parts in data.items()},
@@ -51,16 +52,20 @@ def meshio_mesh(
 def blocks_of(mesh: meshio.Mesh, suffix: str = IN_MEMORY) -> Blocks:
     """Cells, data and names of a mesh, from a file with that suffix or from memory."""
     spelled = unquote if suffix == ".vtk" else str
-    kinds = [block.type for block in mesh.cells]
-    known = [block.type in (*POLYGONS, "line") for block in mesh.cells]
-    cells = [
-        np.asarray(block.data if flat else np.zeros((len(block.data), 1))).astype(np.int64)
-        for block, flat in zip(mesh.cells, known, strict=True)
-    ]
     data = {spelled(name): [_flat(np.asarray(p), suffix) for p in parts] for name, parts in mesh.cell_data.items()}
-    blocks = Blocks(list(zip(kinds, cells, strict=True)), data)
+    if TYPES in mesh.field_data:
+        blocks = blocks_of_vtk(mesh.field_data, {name: parts[0] for name, parts in data.items()})
+    else:
+        known = [block.type in (*SOLIDS[:-1], *POLYGONS, "line") for block in mesh.cells]
+        cells = [
+            np.asarray(block.data if flat else np.zeros((len(block.data), 1))).astype(np.int64)
+            for block, flat in zip(mesh.cells, known, strict=True)
+        ]
+        blocks = Blocks([(block.type, part) for block, part in zip(mesh.cells, cells, strict=True)], data)
     check_data(blocks)
-    blocks.edges.update(marked_edges({spelled(name): edges for name, edges in mesh.field_data.items()}))
+    solid = any(kind in SOLIDS for kind, _ in blocks.cells)
+    fields = {spelled(name): values for name, values in mesh.field_data.items()}
+    blocks.edges.update(marked_edges(fields, solid=solid))
     take_physical_groups(blocks, {n: value for n, value in mesh.field_data.items() if not n.startswith(MARK)})
     take_sets(blocks, mesh.cell_sets)
     return blocks

@@ -8,16 +8,23 @@ import warnings
 from collections.abc import Callable, Iterator
 
 from vemcvx.errors import MeshError, MeshWarning
+from vemcvx.meshes.checks.face_names import extreme_faces
 from vemcvx.meshes.checks.names import WHOLE, straight_sides
+from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
 
+Found = Tessellation | SpaceTessellation
 
-def finished(subject: str, made: Callable[[], tuple[Tessellation, list[str]]]) -> Tessellation:
+
+def finished(subject: str, made: Callable[[], tuple[Found, list[str]]]) -> Found:
     """The mesh of a file or an object, its sides named if nothing is; what is to be said of it as warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         mesh, notes = made()
-    sides = straight_sides(mesh.points, mesh.boundaries[WHOLE])
+    if isinstance(mesh, Tessellation):
+        sides = straight_sides(mesh.points, mesh.boundaries[WHOLE])
+    else:
+        sides = extreme_faces(mesh.points, mesh.faces)
     if sides and set(mesh.boundaries) == {WHOLE}:
         mesh = mesh.with_boundaries(sides)
         notes = [*notes, f"no part of the boundary has a name; by their place, sides are called {', '.join(sides)}."]

@@ -8,30 +8,34 @@ from typing import Any
 
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import MeshError, MeshWarning, VemcvxError
-from vemcvx.meshes.io.blocks import Blocks, add_boundaries, cell_blocks, mesh_of
+from vemcvx.meshes.io.blocks import Blocks, add_boundaries, cell_blocks
+from vemcvx.meshes.io.by_vertices import solid_blocks
 from vemcvx.meshes.io.meshio_mesh import blocks_of, meshio_mesh
 from vemcvx.meshes.io.messages import finished, named, translated
 from vemcvx.meshes.io.pyvista_grid import from_pyvista, to_pyvista
+from vemcvx.meshes.io.reading import mesh_of
 from vemcvx.meshes.io.skfem_mesh import from_skfem, to_skfem
+from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
 
 CALLED = {"meshio": "meshio", "skfem": "scikit-fem", "pyvista": "PyVista"}
 MESHES = {("meshio", "Mesh"), ("skfem", "Mesh"), ("pyvista", "DataSet")}
 
 
-def from_object(other: Any) -> Tessellation:
+def from_object(other: Any) -> Tessellation | SpaceTessellation:
     """The mesh in an object: see :func:`vemcvx.meshes.convert`."""
     kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(other).__mro__}
     if not kinds & MESHES:
         raise MeshError(
-            f"convert takes meshio.Mesh, MeshTri and MeshQuad of scikit-fem, UnstructuredGrid and PolyData of PyVista; "
-            f"got {brief(other)}. For a file there is read, for points and cells PolygonMesh(points, cells)."
+            f"convert takes meshio.Mesh, MeshTri, MeshQuad, MeshTet and MeshHex of scikit-fem, UnstructuredGrid and "
+            f"PolyData of PyVista; got {brief(other)}. For a file there is read, for points and cells "
+            "PolygonMesh(points, cells) and PolyhedralMesh(points, cells)."
         )
     library = (kinds & MESHES).pop()[0]
     subject = f"the mesh of {CALLED[library]}"
     ways: dict[str, Callable[[Any], tuple[Floats, Blocks]]] = {"skfem": from_skfem, "pyvista": from_pyvista}
 
-    def made() -> tuple[Tessellation, list[str]]:
+    def made() -> tuple[Tessellation | SpaceTessellation, list[str]]:
         with translated(subject, "cannot be converted"):
             points, blocks = ways.get(library, _from_meshio)(other)
         with named(subject):
@@ -40,7 +44,7 @@ def from_object(other: Any) -> Tessellation:
     return finished(subject, made)
 
 
-def to_object(mesh: Tessellation, library: str) -> Any:
+def to_object(mesh: Tessellation | SpaceTessellation, library: str) -> Any:
     """A mesh as an object of a library: see `PolygonMesh.to`."""
     if library not in list(CALLED):
         raise MeshError(f"a mesh goes to {', '.join(map(repr, CALLED))}; got {brief(library)}. To a file: write(path).")
@@ -70,7 +74,9 @@ def _from_meshio(mesh: Any) -> tuple[Floats, Blocks]:
     return mesh.points, blocks_of(mesh)
 
 
-def _to_meshio(mesh: Tessellation) -> Any:
+def _to_meshio(mesh: Tessellation | SpaceTessellation) -> Any:
+    if isinstance(mesh, SpaceTessellation):
+        return meshio_mesh(mesh.points, solid_blocks(mesh))
     blocks = cell_blocks(mesh, mesh.cell_data)
     add_boundaries(blocks, mesh)
     return meshio_mesh(mesh.points, blocks)

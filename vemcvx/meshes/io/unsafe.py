@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from vemcvx.errors import MeshError
 from vemcvx.meshes.io.blocks import CELL, MARK, PHYSICAL, Blocks
+from vemcvx.meshes.io.polyhedra import has_polyhedra
 from vemcvx.meshes.io.vtk_files import rewritten
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def opened(path: Path, file_format: str) -> Iterator[Path | io.IOBase]:
         x y z, x y z)), ...).
     """
     _check_file(path, file_format)
-    if path.suffix.lower() in (".vtk", ".vtp"):
+    if path.suffix.lower() in (".vtk", ".vtp") or (file_format == "vtu" and has_polyhedra(path.read_bytes())):
         with rewritten(path) as grid:
             yield grid
     elif file_format in WAITING_FOR_TEXT:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from vemcvx.errors import MeshError
+from vemcvx.meshes.io.polyhedra import without_polyhedra
 
 POLYGON = 7  # VTK's number of the type
 POLYDATA = re.compile(rb"^DATASET\s+POLYDATA", re.MULTILINE | re.IGNORECASE)
@@ -26,7 +27,7 @@ NUMBERS = re.compile(
 
 @contextmanager
 def rewritten(path: Path) -> Iterator[Path]:
-    """A passing file that holds the unstructured grid of a .vtk, or the polygons of PolyData as one.
+    """A passing file that holds the grid of a .vtk, the polygons of PolyData as one, or polyhedra of a .vtu as points.
 
     Raises
     ------
@@ -34,7 +35,8 @@ def rewritten(path: Path) -> Iterator[Path]:
         There are no polygons in PolyData, or other cells beside them.
     """
     data = path.read_bytes()
-    data = _xml(data) if path.suffix.lower() == ".vtp" else _legacy(data)
+    ways = {".vtp": _xml, ".vtk": _legacy, ".vtu": without_polyhedra}
+    data = ways[path.suffix.lower()](data)
     with tempfile.TemporaryDirectory() as folder:
         grid = Path(folder) / path.name
         grid.write_bytes(data)

@@ -14,6 +14,21 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.topology import cell_of_corner, offsets_of, rows_in_order
 
 
+class Listed(NamedTuple):
+    """Faces of cells that list all of theirs, one cell after the other."""
+
+    offsets: Ints
+    """(n_listed + 1,) where in `vertices` each face begins"""
+    vertices: Ints
+    cell_offsets: Ints
+    """(n_cells + 1,) which faces are each cell's"""
+
+    def in_order(self, cells: Ints) -> Listed:
+        """Those of the cells with the given numbers, in this order."""
+        cell_offsets, faces = rows_in_order(self.cell_offsets, np.arange(len(self.offsets) - 1), cells)
+        return Listed(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
+
+
 class Faces(NamedTuple):
     """Faces of a mesh (see :class:`vemcvx.PolyhedralMesh`)."""
 

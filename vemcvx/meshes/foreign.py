@@ -1,0 +1,89 @@
+"""Meshes out of files and of the objects of other libraries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from vemcvx.meshes.io.files import load
+from vemcvx.meshes.io.objects import from_object
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.space_tessellation import SpaceTessellation
+from vemcvx.meshes.tessellation import Tessellation
+
+
+# To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
+def read(path: str | Path) -> PolygonMesh | Any:
+    """Read a mesh from a file in any format of meshio, of VTK's polygons (.vtp and .vtk) or polyhedra (.vtu).
+
+    Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
+    wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
+    of your own whose warped faces are two triangles each, the same in both cells.
+
+    Named boundaries are those that `write` of a mesh wrote, or the physical groups of lines (in space, of surfaces) of
+    a Gmsh file, their number if they have no name. Cell data come along; a physical group of cells is a cell datum of
+    its name, 1 in the group and 0 outside. Node and cell order are the file's; of plane meshes, a constant third
+    coordinate is dropped.
+
+    If the file names no part of the boundary, what lies where x, y or z is least or greatest is called as families of
+    meshes call it ("left", "right", "bottom" and "top" in the plane): a `MeshWarning` says which there are.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; its suffix tells the format.
+
+    Returns
+    -------
+    PolygonMesh or PolyhedralMesh
+        The mesh, checked.
+
+    Raises
+    ------
+    MeshError
+        There is no such file, it is damaged or foreign, or what it holds is no valid mesh.
+
+    Warns
+    -----
+    MeshWarning
+        Cells were turned, unused nodes dropped, named lines or faces inside the mesh left out, or sides named.
+    """
+    return _with_methods(load(path))
+
+
+def convert(other: Any) -> PolygonMesh | Any:
+    """Return the mesh that an object of another library holds; `to` of a mesh is the way back.
+
+    What holds for files, holds here: order, names, data, sides without names, checks (see :func:`read`).
+
+    Parameters
+    ----------
+    other : meshio.Mesh, skfem.MeshTri, MeshQuad, MeshTet or MeshHex, pyvista.UnstructuredGrid or PolyData
+        Boundaries are named by cell sets of lines (in space, of polygons) or physical groups (meshio), named boundaries
+        (scikit-fem), and by what `to` of a mesh makes of them. Subdomains and cell sets are cell data, 1 inside and 0
+        outside.
+
+    Returns
+    -------
+    PolygonMesh or PolyhedralMesh
+        The mesh, checked.
+
+    Raises
+    ------
+    MeshError
+        It is no such object, or what it holds is no valid mesh.
+
+    Warns
+    -----
+    MeshWarning
+        As :func:`read`.
+    """
+    return _with_methods(from_object(other))
+
+
+def _with_methods(found: Tessellation | SpaceTessellation) -> PolygonMesh | PolyhedralMesh:
+    kind: type[PolygonMesh | PolyhedralMesh] = PolygonMesh if isinstance(found, Tessellation) else PolyhedralMesh
+    mesh = object.__new__(kind)
+    mesh.__dict__.update(found.__dict__)
+    return mesh

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
+from plate_with_hole import polar
 
 JOINT = "lower|upper"
 STEEL = vx.Elasticity(10.0, 0.3)
@@ -52,6 +53,38 @@ def test_constant_pressure_has_no_residual_where_three_bodies_meet():
         vx.UnilateralContact(on=["lower|left", "lower|right"]),
     )
     assert space_of(scene, mesh).max() < 1e-12
+
+
+@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
+def test_constant_stress_has_no_residual_where_supports_hold_the_ends_of_an_interface(contact):
+    """They bear what acts there, of which no multiplier tells."""
+    outside = [f"lower.{side}" for side in ("bottom", "left", "right")]
+    outside += [f"upper.{side}" for side in ("top", "left", "right")]
+    gradient = np.array([[0.02, 0.04], [0.01, -0.12]])
+    scene = vx.Scene(
+        STEEL,
+        vx.PrescribedDisplacement(lambda x, t: t * x @ gradient.T, on=outside),
+        contact(on=JOINT),
+        vx.TrescaFriction(10.0, on=JOINT),
+    )
+    assert space_of(scene, two_blocks("voronoi", "hexagons", (3, 4))).max() < 1e-12
+
+
+def test_pressure_across_a_curve_counts_on_its_chords():
+    """Uniform pressure leaves no residual but for the mean normals at the ends of chords, by their angle's square."""
+    found = []
+    for sides in (16, 32):
+        angles = np.linspace(0, 2 * np.pi, sides + 1)
+        disc, ring = polar(np.array([0.5, 2.0]), angles, centre=True), polar(np.array([2.0, 3.0]), angles)
+        scene = vx.Scene(
+            vx.Elasticity(1.0, 0.3),
+            vx.PrescribedDisplacement(lambda x, t: -0.01 * t * x, on="b.outer"),
+            vx.UnilateralContact(on="a|b"),
+            vx.TrescaFriction(1.0, on="a|b"),
+        )
+        found.append(space_of(scene, vx.meshes.bodies({"a": disc, "b": ring}))[-1])
+    assert found[0] < (np.pi / 16) ** 2
+    assert found[1] < 0.3 * found[0]
 
 
 def test_bonded_blocks_have_the_budget_of_one_body():

@@ -16,9 +16,12 @@ from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.terms import Terms
+from vemcvx.vem.rows import SMOOTH
 
 ALONG = 1e-6
 """Normals of an edge and of a term at one of its ends that agree to this are those of one side."""
+CURVED = 1.0 - 0.5 * SMOOTH**2
+"""Cosine of the angle that is none at an interface."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +100,15 @@ def _spread(edges: Skeleton, jumps: Jumps, normals: Floats, traction: Floats) ->
 def at_ends(edges: Skeleton, jumps: Jumps, normals: Floats, values: Floats) -> Floats:
     """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none.
 
-    An edge is on the side of a row if it has its normal and, at an interface, the same body across.
+    An edge is on the side of a row if it has its normal or, at an interface, is near to the mean that curves have, and
+    has the same body across. Where supports hold an end of an interface they bear what acts there, whatever it is: it
+    is taken to be as at the other end.
     """
     nodes, size = jumps.nodes, edges.outer_edges.max() + 1
     near = nodes < size
     found = np.zeros((len(edges.outer), 2, values.shape[1]))
+    known = edges.joints.across < 0
+    side_of = np.where(jumps.partners < 0, 1 - ALONG, CURVED)
     order = np.argsort(nodes, kind="stable")
     order = order[near[order]]
     for side in range(2):
@@ -111,8 +118,12 @@ def at_ends(edges: Skeleton, jumps: Jumps, normals: Floats, values: Floats) -> F
             has = np.flatnonzero(start + k < stop)
             row = order[start[has] + k]
             cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / edges.lengths[has]
-            same = (np.abs(cosine) > 1 - ALONG) & (jumps.partners[row] == edges.joints.across[has, side])
+            same = (np.abs(cosine) > side_of[row]) & (jumps.partners[row] == edges.joints.across[has, side])
             found[has[same], side] += values[row[same]]
+            known[has[same], side] = True
+    for side in range(2):
+        bare = known[:, 1 - side] & ~known[:, side]
+        found[bare, side] = found[bare, 1 - side]
     return found
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots import stressed_body
+from vemcvx.plots import contact_face, stressed_body
 from vemcvx.plots.palette import COMPUTED, EXACT
 
 MOST_MARKS = 60
@@ -56,3 +56,14 @@ def beside_closed_form(
     light_grid(ax)
     ax.legend(frameon=False, fontsize="small")
     return ax
+
+
+def face_and_graph(history, *, shares=(1.0, 1.0), **how):
+    """Return a figure with the face of contact in space, and axes beside it for a graph.
+
+    Options are those of `contact_face`.
+    """
+    figure = new_figure(9.4, 3.9)
+    face, graph = figure.subplots(1, 2, width_ratios=shares)
+    contact_face(history, ax=face, **how)
+    return figure, graph

@@ -11,6 +11,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import VemcvxError
@@ -78,6 +79,13 @@ def legend_below(ax: Axes) -> None:
         ax.legend(frameon=False, fontsize="small")
 
 
+def legend_under(ax: Axes) -> None:
+    """Name what is drawn under axes that are full of it, whether or not they share their figure."""
+    # The distance is in letters, not a part of axes that may be flat: it leaves room for the ticks and their label.
+    drawn = ax.legend(frameon=False, fontsize="small", ncols=3, loc="upper center", borderaxespad=4.5)
+    drawn.set_bbox_to_anchor((0.5, 0.0), ax.transAxes)
+
+
 def film_writer(kind: str, rate: int) -> AbstractMovieWriter:
     """Return what writes the frames of a film, `rate` a second: "pillow", or "ffmpeg"; VemcvxError without it."""
     from matplotlib.animation import writers
@@ -127,6 +135,25 @@ def draw_arrows(
         width=width,
         zorder=3,
     )
+
+
+def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str]) -> None:
+    """Fill polygons of equally many corners (k, n, 2), each in a colour of its own, without lines."""
+    from matplotlib.collections import PolyCollection
+
+    # Lines in the colour of the polygon close the seams between neighbours.
+    ax.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors="face", linewidths=0.3, zorder=1))
+
+
+def show_image(ax: Axes, image: NDArray[np.uint8], colours: str, limits: tuple[float, float], label: str) -> None:
+    """Show an image (height, width, 3), without axes, beside the bar of its colours."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    ax.imshow(image)
+    ax.set_axis_off()
+    bar = ax.figure.colorbar(ScalarMappable(Normalize(*limits), colours), ax=ax, shrink=0.75)
+    bar.set_label(label, fontsize="small")
 
 
 def draw_cells(

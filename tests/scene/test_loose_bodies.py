@@ -66,3 +66,17 @@ def test_a_body_with_a_crack_is_one_body():
     ground = vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom")
     with pytest.warns(vx.SceneWarning, match=r"holds the body against the translation \(1, 0\) of the body"):
         pose_scene(vx.Scene(STEEL, *ground), cracked)
+
+
+def test_a_skew_body_in_space_is_held_by_a_clamp():
+    """Its axes are none of inertia: rotations about them are not orthogonal, and were once taken to be."""
+    block = vx.meshes.cubes(2)
+    skew = block.points + np.column_stack([0 * block.points[:, :2], block.points[:, 0]])
+    arrays = {name: getattr(block, name) for name in block.ARRAYS if name != "points"}
+    names = {name: faces for name, faces in block.boundaries.items() if name != "boundary"}
+    mesh = vx.PolyhedralMesh.unchecked(skew, **arrays).with_boundaries(names)
+    push = vx.BodyForce(lambda x, t: np.tile([t, 0.0, 0.0], (len(x), 1)))
+    held = vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="top"), push), mesh, [0.0, 1.0])
+    assert held.reaction("top")[-1, 0] == pytest.approx(-1.0, rel=1e-9)
+    with pytest.raises(vx.SceneError, match="the body floats: 6 rigid motions"):
+        vx.simulate(vx.Scene(vx.Elasticity(200.0, 0.3), push), mesh, [0.0, 1.0])

@@ -45,7 +45,7 @@ HEAVY = {
     "matplotlib": {"canvas.py"},
     "meshio": {"meshes/io/files.py", "meshes/io/meshio_mesh.py"},
     "skfem": {"meshes/io/skfem_mesh.py"},
-    "pyvista": {"meshes/io/pyvista_grid.py"},
+    "pyvista": {"meshes/io/pyvista_grid.py", "plots/rendering.py"},
     "distributed": {"cost/pool.py"},
     "pandas": {"results/tables.py"},
     "marimo": {"cli/live_page.py"},

@@ -22,7 +22,7 @@ from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.show import mesh_name, scene_in_words
 from vemcvx.errors import ProblemError
 from vemcvx.history import History
-from vemcvx.plots.pictures import draw_pictures
+from vemcvx.plots.pictures import draw_pictures, left_out
 
 REPORT = "report.html"
 DPI = 130
@@ -31,6 +31,9 @@ CAPTIONS = {
     "friction_traction": "Friction along the contact boundary, within its bound.",
     "stick_slip_map": "Which part of the contact boundary sticks and slips when.",
     "wear": "Friction work along the contact boundary, to which wear is in proportion.",
+    "deformed_body": "The body as it is deformed at the end, and how it is stressed.",
+    "contact_face": "Which part of the face of contact sticks and slips at the end, and where to.",
+    "friction_disc": "Friction at the end at every contact node, within the disc of its bound.",
     "energy_ledger": "Where the work of the forces goes.",
 }
 STYLE = (
@@ -100,6 +103,8 @@ def _pictures(history: History) -> Iterator[str]:
     for name, drawn in draw_pictures(history).items():
         data, says = base64.b64encode(as_png(drawn, DPI)).decode(), CAPTIONS[name]
         yield f'<figure><img src="data:image/png;base64,{data}" alt="{says}"><figcaption>{says}</figcaption></figure>'
+    for why in dict.fromkeys(left_out(history).values()):
+        yield f"<p>Left out: {escape(why)}.</p>"
 
 
 def _run(history: History) -> str:

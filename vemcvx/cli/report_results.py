@@ -15,7 +15,10 @@ from vemcvx.history import History
 
 ROWS = 12
 """Steps that the table of steps has at most; steps.csv has all."""
-FORCE, LENGTH, ENERGY, STRESS, PER_LENGTH = "force", "length", "force × length", "force / length²", "force / length"
+FORCE, LENGTH, ENERGY, STRESS = "force", "length", "force × length", "force / length²"
+SPREAD = {2: ("length", "force / length"), 3: ("area", STRESS)}
+"""Over what forces of contact are spread, and their unit, by the dimension."""
+THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
 CARRIES = 1e-9
 """Reactions below this part of the largest are rounding."""
 COLUMNS = {
@@ -48,8 +51,8 @@ def results(history: History, points: Floats | None) -> str:
         *_extremes(history),
     ]
     units = (
-        "Consistent units, those of the problem's data: the unit of force and the unit of length say all others, in "
-        "the plane per unit of thickness. Extremes are those of the last stored step, t = "
+        "Consistent units, those of the problem's data: the unit of force and the unit of length say all others"
+        f"{THICKNESS[history.mesh.points.shape[1]]}. Extremes are those of the last stored step, t = "
     )
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
@@ -81,13 +84,14 @@ def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
     size = np.linalg.norm(history.displacement[-1], axis=1)
     yield _largest("displacement", size, mesh.points, LENGTH)
     last = int(history.stored[-1])
-    if history.out_of_plane is not None:
+    over, spread = SPREAD[mesh.points.shape[1]]
+    if history.out_of_plane is not None or over == "area":
         yield _largest("von Mises stress", history.von_mises(last), mesh.centroids, STRESS)
     yield _largest("principal stress", history.principal_stresses(last)[:, 0], mesh.centroids, STRESS)
     if len(contact.nodes):
         yield _largest("slip", np.linalg.norm(contact.slip[-1], axis=1), contact.points, LENGTH)
-        yield _largest("friction per length", np.linalg.norm(contact.traction[-1], axis=1), contact.points, PER_LENGTH)
-        yield _largest("contact pressure per length", contact.pressure[-1], contact.points, PER_LENGTH)
+        yield _largest(f"friction per {over}", np.linalg.norm(contact.traction[-1], axis=1), contact.points, spread)
+        yield _largest(f"contact pressure per {over}", contact.pressure[-1], contact.points, spread)
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
         said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
         yield f"contact nodes: {said}", str(len(contact.nodes)), ""

@@ -133,8 +133,13 @@ def _written(history: History, asked: RunOptions, origin: Origin) -> list[str]:
 
 def _drawn(history: History, folder: Path) -> list[str]:
     from vemcvx.plots import write_plots
+    from vemcvx.plots.pictures import left_out
 
-    return [f"pictures    {folder}: {', '.join(path.name for path in write_plots(history, folder))}"]
+    drawn = ", ".join(path.name for path in write_plots(history, folder))
+    return [
+        f"pictures    {folder}: {drawn}",
+        *(f"left out    {why}" for why in dict.fromkeys(left_out(history).values())),
+    ]
 
 
 def _reported(problem: Problem, asked: RunOptions, history: History) -> list[str]:

@@ -12,7 +12,9 @@ from vemcvx.arguments import number
 from vemcvx.arrays import brief
 from vemcvx.canvas import film_writer, new_figure
 from vemcvx.errors import HistoryError
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.owned_files import path_of
+from vemcvx.plots.deformed_body import SIZE, deformed_body
 from vemcvx.plots.deformed_mesh import deformed_mesh, size_of_page
 from vemcvx.plots.units import Units
 from vemcvx.results.results import Results
@@ -35,7 +37,8 @@ def animate(
 ) -> Path:
     """Write a film of the deformed mesh through all stored steps.
 
-    Magnification, colours, arrows and view are those of `deformed_mesh`, the same in all frames.
+    Magnification, colours, arrows and view are those of `deformed_mesh`, in space of `deformed_body`, the same in all
+    frames.
 
     Parameters
     ----------
@@ -46,7 +49,7 @@ def animate(
     seconds : float
         How long the film takes, with 1 to 50 frames a second, a whole number of them.
     magnify, limits, units
-        See :func:`vemcvx.plots.deformed_mesh`.
+        See :func:`vemcvx.plots.deformed_mesh`, or `deformed_body`.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def animate(
     if path.suffix not in KINDS:
         raise HistoryError(f"animate: found {brief(str(path))}; films end in .gif or .mp4.")
     rate = _rate(seconds, len(history.stored))
-    figure = new_figure(*size_of_page(history))
+    figure = new_figure(*(SIZE if isinstance(history.mesh, PolyhedralMesh) else size_of_page(history)))
     writer = film_writer(KINDS[path.suffix], rate)
     frames = _frames(history, figure, (magnify, limits, units))
     # The first frame tells whether all is as it should be before a file of that name is replaced.
@@ -92,8 +95,9 @@ def _frames(
 ) -> Iterator[None]:
     """Draw one stored step after another on the figure."""
     magnify, limits, units = how
+    draw = deformed_body if isinstance(history.mesh, PolyhedralMesh) else deformed_mesh
     for step in history.stored:
         figure.clear()
         ax = figure.add_subplot()
-        deformed_mesh(history, int(step), ax=ax, magnify=magnify, limits=limits, units=units)
+        draw(history, int(step), ax=ax, magnify=magnify, limits=limits, units=units)
         yield

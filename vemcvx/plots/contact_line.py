@@ -78,7 +78,7 @@ def apart(history: Results, line: ContactLine) -> Bools:
 def contact_line(history: Results, picture: str) -> ContactLine:
     """The contact nodes of a history laid out, or HistoryError if there are none."""
     contact = history.contact
-    plane_mesh(history.mesh, picture)
+    plane_mesh(history.mesh, picture, "contact_face and friction_disc draw contact in space")
     if len(contact.nodes) == 0:
         raise HistoryError(f"{picture}: this history has no contact nodes; the scene names no contact or friction.")
     edges = _edges(history)

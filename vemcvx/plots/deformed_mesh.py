@@ -59,7 +59,7 @@ def deformed_mesh(
         Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
         the friction forces per length on the body at contact nodes.
     """
-    row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh")
+    row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     factor = common_magnification(history, _size(history), magnify)
     u = history.displacement[row]
     ax = axes_or_new(ax, *size_of_page(history))

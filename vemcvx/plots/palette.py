@@ -3,6 +3,7 @@
 STICK, SLIP = "#0072B2", "#D55E00"
 STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
 """Areas: light, middle, dark; slip towards larger and towards smaller positions."""
+SLIP_AREA, OPEN_AREA = "#F6CDB0", "#EDEDED"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE = "0.45"
 COMPUTED, EXACT = "#0072B2", "#000000"

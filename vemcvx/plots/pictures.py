@@ -9,10 +9,16 @@ from typing import TYPE_CHECKING
 
 from vemcvx.arguments import choice
 from vemcvx.errors import HistoryError
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.owned_files import path_of
+from vemcvx.plots.contact_face import contact_face
+from vemcvx.plots.deformed_body import deformed_body
 from vemcvx.plots.deformed_mesh import deformed_mesh
 from vemcvx.plots.energy_ledger import energy_ledger
+from vemcvx.plots.face_layout import hidden, seen
+from vemcvx.plots.friction_disc import friction_disc
 from vemcvx.plots.friction_traction import friction_traction
+from vemcvx.plots.rendering import MISSING, has_pyvista
 from vemcvx.plots.stick_slip_map import stick_slip_map
 from vemcvx.plots.wear import wear
 from vemcvx.results.results import Results
@@ -25,9 +31,14 @@ PICTURES: dict[str, Callable[[Results], Figure]] = {
     "friction_traction": friction_traction,
     "stick_slip_map": stick_slip_map,
     "wear": wear,
+    "deformed_body": deformed_body,
+    "contact_face": contact_face,
+    "friction_disc": friction_disc,
     "energy_ledger": energy_ledger,
 }
-OF_CONTACT = {"friction_traction", "stick_slip_map"}
+IN_PLANE, IN_SPACE = {"deformed_mesh", "friction_traction", "stick_slip_map", "wear"}, {"deformed_body"}
+ON_FACE = {"contact_face", "friction_disc"}
+OF_CONTACT = {"friction_traction", "stick_slip_map", *ON_FACE}
 OF_STEPS = {"stick_slip_map", "energy_ledger"}
 DPI = 200
 MARKS = {
@@ -97,8 +108,23 @@ def _ours(path: Path) -> bool:
         return False
 
 
+def left_out(history: Results) -> dict[str, str]:
+    """Pictures that there would be, by name, and why there are not."""
+    body = {} if has_pyvista() else {"deformed_body": MISSING}
+    faces = {name: hidden(name) for name in ON_FACE if len(history.contact.nodes) and not seen(history.contact)}
+    return body | faces if _in_space(history) else {}
+
+
+def _in_space(history: Results) -> bool:
+    return isinstance(history.mesh, PolyhedralMesh)
+
+
 def _has(history: Results, name: str) -> bool:
     contact, steps = len(history.contact.nodes) > 0, bool((history.stored > 0).any())
+    if name in (IN_PLANE if _in_space(history) else IN_SPACE | ON_FACE) or name in left_out(history):
+        return False
+    if name == "friction_disc":
+        return bool((history.contact.bound[-1] > 0).any())
     if name == "wear":
         return steps and bool(history.contact.wear.any())
     return (contact or name not in OF_CONTACT) and (steps or name not in OF_STEPS)

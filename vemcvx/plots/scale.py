@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, brief
 from vemcvx.errors import HistoryError
-from vemcvx.meshes import plane_mesh
+from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons.topology import directed_edges
 from vemcvx.results.results import Results
 
@@ -54,8 +54,12 @@ def _positive(raw: object) -> float:
 
 def _stretch(history: Results) -> float:
     """How far ends of edges move apart, or around each other, as a part of the edge's length."""
-    mesh = plane_mesh(history.mesh, "plots")
-    ends = np.unique(np.sort(directed_edges(mesh.offsets, mesh.vertices), axis=1), axis=0)
+    mesh = history.mesh
+    # Edges are those of polygons: cells of the plane, faces in space.
+    polygons = (
+        (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else (mesh.offsets, mesh.vertices)
+    )
+    ends = np.unique(np.sort(directed_edges(*polygons), axis=1), axis=0)
     lengths = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
     return max(
         float(np.percentile(np.linalg.norm(u[ends[:, 1]] - u[ends[:, 0]], axis=1) / lengths, STRAINED_EDGES))
@@ -64,7 +68,7 @@ def _stretch(history: Results) -> float:
 
 
 def extent(history: Results, factor: float) -> Floats:
-    """(2, 2) lower left and upper right corner of all that the body fills, undeformed and at all stored steps."""
+    """(2, dim) lowest and highest corner of all that the body fills, undeformed and at all stored steps."""
     places = [history.mesh.points, *(history.mesh.points + factor * u for u in history.displacement)]
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])
 

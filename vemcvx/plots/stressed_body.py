@@ -92,7 +92,7 @@ def stressed_body(
     for name, found, known in (("stress", stress, STRESSES), ("forces", forces, FORCES)):
         if found not in known:
             raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
-    row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body")
+    row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
     u, (label, part) = history.displacement[row], STRESSES[stress]
     seen = _inside(mesh.centroids, window)
     size = float(np.ptp(mesh.points, axis=0).max() if window is None else max(np.ptp(window, axis=1)))
@@ -102,7 +102,7 @@ def stressed_body(
     cells = ax.collections[0]
     cells.set_array(part(history.stress(step)))
     stresses = [part(history.stress(int(n)))[seen] for n in history.stored]
-    colours, ends = _colours(stresses, stress in UNSIGNED)
+    colours, ends = colours_of(stresses, stress in UNSIGNED)
     cells.set(cmap=colours, clim=value_range(limits, ends))
     for signs in mirrors:
         _image(ax, history, factor * u, signs)
@@ -144,7 +144,7 @@ def _image(ax: Axes, history: Results, moved: Floats, signs: tuple[int, int]) ->
     )
 
 
-def _colours(stresses: Sequence[Floats], unsigned: bool) -> tuple[str, tuple[float, float]]:
+def colours_of(stresses: Sequence[Floats], unsigned: bool) -> tuple[str, tuple[float, float]]:
     """Colours for the stresses of all steps and their ends: of both signs about zero, or of one."""
     few = 100.0 - SHOWN_CELLS
     low = min(float(np.percentile(s, few)) for s in stresses)

@@ -30,6 +30,8 @@ from vemcvx.vem import Space, rigid_modes
 # A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
 # a million leaves 1e-6 of the translations and of the rotation, far above it.
 FREE = 1e-12
+SKEW = 1e-9
+"""Products of normed motions below this are rounding."""
 
 
 def loose_motions(
@@ -181,6 +183,11 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     square = np.zeros((pieces, k))
     np.add.at(square, piece, np.einsum("iak,iak->ik", modes, modes))
     modes /= np.sqrt(square)[piece][:, None, :]
+    products = np.zeros((pieces, k, k))
+    np.add.at(products, piece, np.einsum("iak,ial->ikl", modes, modes))
+    # Rotations about different axes are not orthogonal unless these are axes of inertia.
+    if np.abs(products - np.eye(k)).max() > SKEW:
+        modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]
     rows = np.repeat(node[:, None] * dim + np.arange(dim), k, axis=1)
     columns = np.tile(piece[:, None] * k + np.arange(k), (1, dim))
     return sp.csr_matrix((modes.ravel(), (rows.ravel(), columns.ravel())), shape=(points.size, pieces * k))

@@ -1,0 +1,120 @@
+"""The deformed body in space, coloured by a stress, drawn by PyVista."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.arguments import choice
+from vemcvx.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.canvas import axes_or_new, figure_of, show_image
+from vemcvx.errors import HistoryError
+from vemcvx.meshes import PolyhedralMesh
+from vemcvx.plots.rendering import rendered
+from vemcvx.plots.scale import common_magnification, extent, value_range
+from vemcvx.plots.stressed_body import colours_of
+from vemcvx.plots.units import Units, instant, unit
+from vemcvx.results.results import Results
+from vemcvx.vem import equivalent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+UNSIGNED = "von_mises"
+STRESSES: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
+    UNSIGNED: ("von Mises stress", equivalent),
+    "mean": (r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$", lambda s: s[:, :3].mean(axis=1)),
+    "xx": (r"$\sigma_{11}$", lambda s: s[:, 0]),
+    "yy": (r"$\sigma_{22}$", lambda s: s[:, 1]),
+    "zz": (r"$\sigma_{33}$", lambda s: s[:, 2]),
+    "xy": (r"$\sigma_{12}$", lambda s: s[:, 3]),
+    "yz": (r"$\sigma_{23}$", lambda s: s[:, 4]),
+    "xz": (r"$\sigma_{13}$", lambda s: s[:, 5]),
+}
+SIZE = 6.4, 4.6
+"""Of a page, in inches."""
+VIEW = (-1.0, -1.6, 0.9)
+
+
+def deformed_body(
+    history: Results,
+    step: int = -1,
+    *,
+    ax: Axes | None = None,
+    stress: str = UNSIGNED,
+    view: ArrayLike = VIEW,
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
+    """Draw a body in space deformed at a stored step, each face of its surface in the stress of its cell.
+
+    Magnification, colours and what is shown are the same at all steps. No display is needed.
+
+    Parameters
+    ----------
+    history : History
+    step : int
+        A stored step; negative ones count from the end.
+    ax : Axes, optional
+        Where to draw; by default on a new figure.
+    stress : str
+        Which: one of `STRESSES`. Tension is red and compression blue.
+    view : (3,) vector
+        From where the body is looked at, with x_3 upwards.
+    magnify : float, optional
+        How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
+    limits : (low, high), optional
+        Ends of the colour scale; by default the same for all stored steps.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.units`.
+
+    Raises
+    ------
+    HistoryError
+        The body is plane, or there is no stress of that name.
+    VemcvxError
+        PyVista or matplotlib is not installed.
+    """
+    row, mesh = history.row(step), history.mesh
+    if not isinstance(mesh, PolyhedralMesh):
+        raise HistoryError("deformed_body: this body is plane; deformed_mesh and stressed_body draw it.")
+    label, part = STRESSES[choice(stress, "deformed_body", "stress", list(STRESSES), HistoryError)]
+    faces = mesh.boundaries["boundary"]
+    cells = mesh.face_cells[faces, 0]
+    factor = common_magnification(history, float(np.ptp(mesh.points, axis=0).max()), magnify)
+    stresses = [part(history.stress(int(n)))[cells] for n in history.stored]
+    colours, ends = colours_of(stresses, stress == UNSIGNED)
+    scale = value_range(limits, ends)
+    image = rendered(
+        (mesh.points + factor * history.displacement[row], *_polygons(mesh, faces)),
+        stresses[row],
+        colours=colours,
+        limits=scale,
+        frame=extent(history, factor),
+        view=_direction(view),
+    )
+    ax = axes_or_new(ax, *SIZE)
+    show_image(ax, image, colours, scale, f"{label} ({unit(units, 'force per area')})")
+    ax.set_title(f"{instant(history.times[row], units)}, displacements × {factor:g}", fontsize="small")
+    return figure_of(ax)
+
+
+def _polygons(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Ints]:
+    """Offsets and vertices of some faces."""
+    counts = np.diff(mesh.face_offsets)[faces]
+    offsets = np.append(0, np.cumsum(counts))
+    corner = np.arange(offsets[-1]) + np.repeat(mesh.face_offsets[faces] - offsets[:-1], counts)
+    return offsets, mesh.face_vertices[corner]
+
+
+def _direction(view: ArrayLike) -> Floats:
+    wanted = "a vector of three finite components that is not along x_3"
+    found = as_real_array(view, "deformed_body: view", wanted)
+    if found.shape != (3,) or not np.isfinite(found).all() or not found[:2].any():
+        raise HistoryError(f"deformed_body: found view = {brief(view)}; wanted {wanted}.")
+    return found

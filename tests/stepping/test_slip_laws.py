@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import cvxpy as cp
+import meshio
 import numpy as np
 import pytest
 
@@ -248,7 +249,7 @@ def test_friction_that_hardens_is_convex_however_steep(rise):
 
 
 def test_friction_that_hardens_too_steeply_is_refused():
-    said = "which is not found if weights rise so steeply"
+    said = "has one answer, which is not found: let weights"
     with pytest.raises(NotContracting, match=said):
         simulate(Law(lambda t, pressure, before, slip: 0.5 + 1e5 * slip, softening=0.0))
 
@@ -334,6 +335,53 @@ def test_in_space_the_slip_is_that_of_a_disc():
     assert np.abs(history.contact.slip[:, :, :2] - a[:, None]).max() < 1e-6
     assert np.abs(history.contact.accumulated_slip - way[:, None]).max() < 1e-6
     assert way[-1] > 0.1
+
+
+def test_directions_may_be_any():
+    """On a block that is sheared and pressed, rows along e = (3, 4) / 5 resist as far as their bound: lam = +-g e."""
+
+    @dataclass(frozen=True)
+    class Slanted(Law):
+        def contribute(self, space):
+            part = super().contribute(space)
+            (friction,) = part.frictions
+            return replace(
+                part, frictions=(replace(friction, directions=np.tile([0.6, 0.8], (len(friction.nodes), 1))),)
+            )
+
+    bound, held = 1.0, vx.PrescribedDisplacement(lambda x, t: np.tile([0.3 * t, 0.4 * t], (len(x), 1)), on="top")
+    friction = Slanted(lambda t, pressure, before, slip: bound, softening=0.0)
+    history = vx.simulate(vx.Scene(STEEL, held, friction), vx.meshes.squares(3), [0.0, 0.5, 1.0])
+    contact = history.contact
+    assert not contact.sticking[1:].any()
+    # Along the normal it is pressure, compression positive; e . n = -.8 on the floor.
+    assert contact.traction[-1] == pytest.approx(np.tile([-0.6 * bound, 0.0], (4, 1)), abs=1e-9)
+    assert contact.pressure[-1] == pytest.approx(-0.8 * bound, abs=1e-9)
+    assert contact.bound[1:] == pytest.approx(bound, abs=1e-12)
+    along = np.linalg.norm(history.reaction("top"), axis=1)
+    assert along[-1] == pytest.approx(bound, abs=1e-9)
+    moved = np.abs(np.diff(history.displacement[:, contact.nodes] @ [0.6, 0.8], axis=0)).sum(axis=0)
+    assert contact.accumulated_slip[-1] == pytest.approx(moved, rel=1e-9)
+
+
+def test_the_slip_so_far_is_written_and_read_for_both_bodies(tmp_path):
+    lower, upper = vx.meshes.hexagons(2, box=((0, 1), (0, 1))), vx.meshes.squares(3, box=((0, 1), (1, 2)))
+    scene = vx.Scene(
+        STEEL,
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(lambda x, t: np.tile([0.3 * np.sin(5 * t), 0.0], (len(x), 1)), on="upper.top"),
+        vx.BilateralContact(on="lower|upper"),
+        Law(lambda t, pressure, before, slip: np.maximum(4.0 - 15.0 * (before + slip), 1.0), 15.0, on="lower|upper"),
+    )
+    history = vx.simulate(scene, vx.meshes.bodies({"lower": lower, "upper": upper}), TIMES)
+    slip = history.contact.accumulated_slip
+    assert slip[-1].max() > 0.01
+    history.write(tmp_path)
+    assert np.array_equal(vx.read_history(tmp_path).contact.accumulated_slip, slip)
+    assert np.array_equal(history.table("contact")["accumulated_slip"], slip.ravel())
+    written = meshio.read(tmp_path / "step_0006.vtu").point_data["accumulated_slip"]
+    for nodes in (history.contact.nodes, history.contact.partners):
+        assert np.array_equal(written[nodes], slip[-1])
 
 
 def test_there_is_no_error_budget_of_such_laws():

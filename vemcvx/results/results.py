@@ -83,7 +83,8 @@ class Results:
 
         Estimates are for friction that depends on pressure (Coulomb), in steps where what sticks, slips and touches
         does not settle; a bound is then on the distance to *a* solution of the step, which for coefficients that are
-        not small need not be the only one.
+        not small need not be the only one. They are also for friction that sees its slip, unless it is known to weaken
+        more slowly than the body gives way; bounds are then on the distance to the only solution.
         """
         return self.trajectory.certificate_kind
 

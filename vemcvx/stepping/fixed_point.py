@@ -67,6 +67,9 @@ FEW_SETS = 10
 """From the state before; of a bolted joint under cycles of load 4 to 6 are wanted."""
 AT_BOUND = 1e-9
 """Part of a weight that its multiplier may lack and be at its bound, and of what weights may fall by beyond a law."""
+QUIET = 0.5 * (1.0 - SLOWEST)
+"""Part of the accuracy: increments below it tell what programs are answered to, and nothing of contraction; what they
+may still add up to is half the accuracy."""
 PATIENCE = 3
 """Programs of a step before the log is told of each."""
 
@@ -149,7 +152,9 @@ class DependentStep:
             state = replace(state, lam=np.where(slides[:, None], along, state.lam))
             return posed.under_own_weights(state, posed.convex(state, stability.margin))
         last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
-        return posed.under_own_weights(state, _estimated(state.certificate, last))
+        accuracy = self.run.accuracy
+        quiet = 0.0 if self.norms.slip_law is None else QUIET * accuracy * state.unit(accuracy)
+        return posed.under_own_weights(state, _estimated(state.certificate, last, quiet))
 
     @property
     def convex(self) -> bool:
@@ -203,7 +208,7 @@ class DependentStep:
                 "a sharper solver (Newton)."
             )
         if self.convex:
-            return "The step has one answer, which is not found if weights rise so steeply: let them rise more slowly."
+            return "The step has one answer, which is not found: let weights change more slowly with slip."
         return (
             "Where friction changes with slip faster than the body gives way, a step may have no or several answers, "
             "however small it is: take a law that changes over a longer slip, a stiffer body, or one that reads the "
@@ -288,8 +293,10 @@ def _hopeless(increments: list[float]) -> bool:
     return slow or idle
 
 
-def _estimated(own: Certificate, increments: list[float]) -> Certificate:
+def _estimated(own: Certificate, increments: list[float], quiet: float) -> Certificate:
     """What further programs may still move an answer, from the certificate of its own program."""
-    rate = _rate(increments, WINDOW)
+    rate, last = _rate(increments, WINDOW), increments[-WINDOW - 1 :]
     error = CAUTION * (rate * increments[-1] + own.error) / (1.0 - rate) if rate < SLOWEST else np.inf
+    if len(last) > WINDOW and max(last) <= quiet:
+        error = min(error, max(last) / (1.0 - SLOWEST) + CAUTION * own.error)
     return own.away(error, estimate=True)

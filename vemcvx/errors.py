@@ -18,11 +18,11 @@ def _made_again(kind: type[VemcvxError], *arguments: object) -> VemcvxError:
 
 
 class MeshError(VemcvxError):
-    """The mesh, or the file it was to come from, is not a valid polygonal mesh."""
+    """The mesh, or the file it was to come from, is not a valid mesh."""
 
 
 class MeshWarning(UserWarning):
-    """The mesh was mended on the way in: cells turned, unused nodes or inner lines dropped."""
+    """The mesh was mended on the way in: cells or faces turned, unused nodes, inner lines or faces dropped."""
 
 
 class SceneError(VemcvxError):

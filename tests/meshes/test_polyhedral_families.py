@@ -206,6 +206,17 @@ def test_relaxed_voronoi_cells_are_rounder():
     assert relaxed.h < raw.h
 
 
+def test_voronoi_cells_of_any_box_are_a_valid_mesh():
+    rng = np.random.default_rng(5)
+    for seed in range(12):
+        low, lengths = rng.normal(size=3) * 10.0 ** rng.integers(-3, 4), 10.0 ** rng.uniform(-1.5, 1.5, size=3)
+        box = tuple(zip(low.tolist(), (low + lengths).tolist(), strict=True))
+        mesh = vx.meshes.voronoi3(cells=int(rng.integers(1, 60)), box=box, seed=seed, relaxations=int(rng.integers(3)))
+        again = vx.PolyhedralMesh(mesh.points, mesh.cells)  # a warning would be an error here
+        assert again.volumes.sum() == pytest.approx(np.prod(np.diff(box)), rel=1e-9)
+        assert len(again.boundaries["boundary"]) == sum(len(mesh.boundaries[name]) for name in SIDES)
+
+
 @pytest.mark.parametrize("cells", [1, 2, 3, 5, 17])
 def test_voronoi_cells_of_a_number(cells):
     mesh = vx.meshes.voronoi3(cells=cells, box=ODD_BOX)

@@ -76,10 +76,10 @@ class History(Results, Outlined):
         return cls(**{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike) -> Floats:
-        """(S, p, 2) displacements at any points (p, 2) of the body: see :mod:`vemcvx.results.probe.places`.
+        """(S, p, dim) displacements at any points (p, dim) of the body: see :mod:`vemcvx.results.probe.places`.
 
-        Exact nodal values at nodes, between two nodes linear on edges, and Pi u inside cells, (3.11); on an interface
-        those of its first body.
+        Exact nodal values at nodes, between two nodes linear on edges, piecewise linear on faces, and Pi u inside
+        cells, (3.11); on an interface those of its first body.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class History(Results, Outlined):
 
         Parameters
         ----------
-        start, end : (2,) points
+        start, end : (dim,) points
             Of the body, as all points between them.
         count : int
             How many points, evenly spaced, the ends among them; at least 2.

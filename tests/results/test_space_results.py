@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hysteresis_in_space import BOUND, BOX, SIZE, curve
 from identical import same
+from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx import plots
 from vemcvx.results.io.archive import read_archive, write_archive
+from vemcvx.results.probe.places import places
 
 AREA = SIZE[0] * SIZE[1]
 ONLY = "exists in the plane only, and this mesh is of polyhedra"
@@ -86,14 +88,56 @@ def path_free(history):
     return (*(effect for effect in history.scene if isinstance(effect, vx.Elasticity)), *held)
 
 
+@pytest.fixture(params=SOLIDS)
+def mesh(request):
+    return solid(request.param, 2, BOX)
+
+
+def test_probes_are_exact_for_linear_fields_and_at_nodes(mesh, history):
+    gradient, shift = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]]), np.array([5.0, -2.0, 1.0])
+    u = mesh.points @ gradient.T + shift
+    inside = np.random.default_rng(1).uniform(size=(100, 3)) * SIZE
+    edges = 0.3 * mesh.points[mesh.face_vertices[:-1]] + 0.7 * mesh.points[mesh.face_vertices[1:]]
+    for x in (inside, mesh.centroids, mesh.face_centroids, edges, SIZE * [[1.0, 0.1 + 0.2, 0.5]]):
+        at = places(mesh, x, "test")
+        assert np.abs(at.at_nodes(u[None])[0] - (x @ gradient.T + shift)).max() < 1e-14 * 20
+    at = places(mesh, mesh.centroids, "test")
+    assert np.array_equal(at.at_cells(np.arange(mesh.n_cells)), np.arange(mesh.n_cells))
+    rough = np.random.default_rng(2).normal(size=(1, mesh.n_nodes, 3))
+    assert np.array_equal(places(mesh, mesh.points, "test").at_nodes(rough), rough)
+    # Between the nodes of an edge a function is linear, whatever it does elsewhere.
+    first, second = mesh.face_vertices[mesh.face_offsets[:-1]], mesh.face_vertices[mesh.face_offsets[:-1] + 1]
+    x = 0.3 * mesh.points[first] + 0.7 * mesh.points[second]
+    found = places(mesh, x, "test").at_nodes(rough)
+    assert np.abs(found - (0.3 * rough[:, first] + 0.7 * rough[:, second])).max() < 1e-13
+
+
+def test_probes_lines_and_tables_of_a_run(history):
+    path = curve()
+    x = np.array([[0.5, 0.6, 0.45], [0.2, 0.1, 0.0]])
+    exact = path.displacement(x)
+    assert np.abs(history.probe(x) - exact).max() < 1e-8
+    arc, values = history.along([0.1, 0.1, 0.0], [0.1, 0.1, 0.9], count=4)
+    assert arc == pytest.approx([0.0, 0.3, 0.6, 0.9])
+    assert np.abs(values - path.displacement(np.column_stack([np.full((4, 2), 0.1), arc]))).max() < 1e-8
+    stress = history.along([0.1, 0.1, 0.1], [0.5, 0.5, 0.5], count=3, field="stress").values
+    assert stress.shape == (len(history.stored), 3, 6)
+    assert list(history.table("probes", x))[3:] == ["x", "y", "z", "displacement_x", "displacement_y", "displacement_z"]
+
+
+@pytest.mark.parametrize("x", [[9.0, 9.0, 9.0], [0.5, 0.5, -1e-6]])
+def test_a_probe_outside_says_so(history, x):
+    with pytest.raises(
+        vx.SceneError, match=r"^probe: point 1 at .* lies outside the body; .* of the polyhedra"
+    ):
+        history.probe([[0.5, 0.5, 0.5], x])
+
+
 PLANE_ONLY = {
     "error_budget": lambda h: vx.error_budget(h),
     "adapt": lambda h: vx.adapt(h.scene, h.mesh, [0.0, 1.0]),
     "energy_distance": lambda h: vx.measures.energy_distance(h, h),
     "history: out_of_plane_stress": lambda h: h.out_of_plane_stress(1),
-    "probe": lambda h: h.probe([[0.5, 0.5, 0.5]]),
-    "along": lambda h: h.along([0.1, 0.1, 0.1], [0.5, 0.5, 0.5]),
-    "table": lambda h: h.table("probes", [[0.5, 0.5, 0.5]]),
     "deformed_mesh": lambda h: plots.deformed_mesh(h),
     "friction_traction": lambda h: plots.friction_traction(h),
     "stick_slip_map": lambda h: plots.stick_slip_map(h),

@@ -16,6 +16,7 @@ from vemcvx.vem.hooke import (
 )
 from vemcvx.vem.isotropic import stabilisation_factor, stiffness
 from vemcvx.vem.loads import cell_load, edge_load, loaded_sides, stress_load
+from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.rows import BoundaryRows, EdgeEnds
 from vemcvx.vem.space import Part, Space
@@ -43,6 +44,7 @@ __all__ = [
     "principal",
     "rigid_modes",
     "softest_shear",
+    "solid_places",
     "split_motion",
     "stabilisation_factor",
     "stiffness",

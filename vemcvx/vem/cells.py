@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 
@@ -57,6 +58,10 @@ class CellGroup:
     def chunks(self, entries: int) -> Iterator[CellGroup]:
         """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
         size = max(1, entries // self.nodes.shape[1] ** 2)
-        own = [field.name for field in fields(self) if field.name != "points"]
         for start in range(0, len(self.cells), size):
-            yield replace(self, **{name: getattr(self, name)[start : start + size] for name in own})
+            yield self.part(slice(start, start + size))
+
+    def part(self, places: Ints | slice) -> Self:
+        """Some of its cells, by their places in the group."""
+        own = [field.name for field in fields(self) if field.name != "points"]
+        return replace(self, **{name: getattr(self, name)[places] for name in own})

@@ -75,14 +75,19 @@ def piercing(start: Floats, end: Floats, height_start: Floats, height_end: Float
 
 
 def solid_angles(places: Floats, triangles: Floats) -> Floats:
-    """Solid angles (m, t) of triangles (t, 3, 3) seen from places (m, 3), positive where normals point away.
+    """Solid angles (m, t) of triangles (t, 3, 3) seen from places (m, 3), positive where normals point away."""
+    return angles_seen(triangles[None] - places[:, None, None])
+
+
+def angles_seen(arms: Floats) -> Floats:
+    """Solid angles (...,) of triangles whose corners are at arms (..., 3, 3) from the eye.
 
     tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a), the letters the arms and their lengths
     (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
     """
-    a, b, c = (triangles[None, :, k] - places[:, None] for k in range(3))
-    la, lb, lc = (np.linalg.norm(x, axis=2) for x in (a, b, c))
-    ab, ac, bc = (np.einsum("mti,mti->mt", x, y) for x, y in ((a, b), (a, c), (b, c)))
-    volume = np.einsum("mti,mti->mt", a, np.cross(b, c))
+    a, b, c = (arms[..., k, :] for k in range(3))
+    la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
+    ab, ac, bc = (np.einsum("...i,...i->...", x, y) for x, y in ((a, b), (a, c), (b, c)))
+    volume = np.einsum("...i,...i->...", a, np.cross(b, c))
     angles: Floats = 2.0 * np.arctan2(volume, la * lb * lc + ab * lc + ac * lb + bc * la)
     return angles

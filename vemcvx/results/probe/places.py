@@ -1,8 +1,8 @@
 """Points of the body as averages over nodes and cells.
 
-On an edge u_h is known: linear between its nodes, whose own values it takes at the ends. Inside a cell it is not, and
-its projection Pi u_h, (3.11), stands for it. What is constant on cells is averaged over all cells that hold the point,
-so that a mirror image gives the mirror image.
+On an edge u_h is known: linear between its nodes, whose own values it takes at the ends; on faces of polyhedra it is
+piecewise linear. Inside a cell it is not known, and its projection Pi u_h, (3.11), stands for it. What is constant on
+cells is averaged over all cells that hold the point, so that a mirror image gives the mirror image.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, Ints, as_real_array, shape_in_words
 from vemcvx.errors import SceneError
-from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
+from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.results.probe.locate import Location, locate
+from vemcvx.vem import Space, solid_places
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,15 +53,19 @@ def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
     SceneError
         They are not points, or one lies outside the body; `subject` asked.
     """
-    mesh = plane_mesh(mesh, subject, "displacements at nodes are history.displacement")
     x = _points(points, mesh.points.shape[1], subject)
+    nodes, cells = solid_places(Space(mesh), mesh, x) if isinstance(mesh, PolyhedralMesh) else _in_plane(mesh, x)
+    out = np.flatnonzero(np.diff(cells.indptr) == 0)
+    if len(out):
+        raise SceneError(_outside(mesh, x, out, subject))
+    return Places(nodes, cells)
+
+
+def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     found = locate(mesh, x)
-    count = np.bincount(found.points, minlength=len(x))
-    if (count == 0).any():
-        raise SceneError(_outside(mesh, x, np.flatnonzero(count == 0), subject))
-    shares = 1.0 / count[found.points]
+    shares = 1.0 / np.bincount(found.points, minlength=len(x))[found.points]
     cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))
-    return Places(_nodes(mesh, x, found), cells)
+    return _nodes(mesh, x, found), cells
 
 
 def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
@@ -88,11 +93,11 @@ def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
     return x
 
 
-def _outside(mesh: PolygonMesh, x: Floats, out: Ints, subject: str) -> str:
-    first = int(out[0])
+def _outside(mesh: AnyMesh, x: Floats, out: Ints, subject: str) -> str:
+    first, cells = int(out[0]), "polyhedra" if isinstance(mesh, PolyhedralMesh) else "polygons"
     node = int(np.argmin(np.linalg.norm(mesh.points - x[first], axis=1)))
     more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""
     return (
         f"{subject}: point {first} at {x[first]} lies outside the body{more}; the nearest node of the mesh is {node} "
-        f"at {mesh.points[node]}. Give points of the polygons that the mesh is made of."
+        f"at {mesh.points[node]}. Give points of the {cells} that the mesh is made of."
     )

@@ -541,11 +541,11 @@ SYSTEMS = {
     ),
     "negative weight": (
         lambda: vx.Norms(np.eye(2), [1.0, -3.0]),
-        r"^Norms: found the weight -3 of norm term 1; weights must be >= 0\.$",
+        r"^Norms: found the weight -3 of norm term 1; it must be >= 0\.$",
     ),
     "negative weight later": (
         lambda: vx.march(vx.System(SYMMETRIC, lambda t: [t, t], vx.Norms(np.eye(2), lambda t: 0.7 - t)), TIMES),
-        r"^Norms: found the weight -0\.3 of norm term 0; weights must be >= 0\.$",
+        r"^Norms: found the weight -0\.3 of norm term 0; it must be >= 0\.$",
     ),
     "weights of wrong number": (
         lambda: vx.Norms(np.eye(2), [1.0, 2.0, 3.0]),

@@ -121,6 +121,7 @@ class _Search:
     max_iterations: int
     iterations: int = 0
     safeguards: int = 0
+    first: Iterate = field(init=False)
     best: Iterate = field(init=False)
     gap: float = np.inf
     stationary: bool = False
@@ -132,14 +133,20 @@ class _Search:
         program = self.program
         d = program.feasible(point.d)
         lam, p = program.admissible(point.lam, point.p, d)
-        gap = program.duality_gap(d, lam, p)
+        gap, offered = program.duality_gap(d, lam, p), Iterate(d, lam, p)
+        if self.iterations == 1:
+            self.first = offered
         if self.iterations == 1 or gap < self.gap:
-            self.best, self.gap = Iterate(d, lam, p), gap
+            self.best, self.gap = offered, gap
 
     @cached_property
     def floor(self) -> float:
-        """The rounding floor, which hardly changes from point to point of a step: it is taken once, if at all."""
-        return self.program.rounding_floor(self.best.d, self.best.lam, self.best.p)
+        """The rounding floor, of the first point or the best, taken once if at all.
+
+        The lower one: a limit that is not met to the last digit may count far more at one point than at another, and
+        what is above the target is worth further steps.
+        """
+        return min(self.program.rounding_floor(x.d, x.lam, x.p) for x in (self.first, self.best))
 
     @property
     def done(self) -> bool:

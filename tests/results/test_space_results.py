@@ -150,3 +150,19 @@ PLANE_ONLY = {
 def test_what_exists_in_the_plane_only_says_so(history, name):
     with pytest.raises(vx.SceneError, match=f"^{name}: {ONLY}"):
         PLANE_ONLY[name](history)
+
+
+def test_pyvista_reads_what_is_written(tmp_path):
+    """Polyhedra of several sizes, in their order, with vectors of friction."""
+    pyvista = pytest.importorskip("pyvista")
+    path, mesh = curve(), solid("voronoi3", 2, BOX)
+    run = vx.simulate(path.scene(), mesh, path.times, store="last")
+    folder = run.write(tmp_path, probes=[[0.5, 0.5, 0.5]])
+    (name,) = pyvista.PVDReader(folder / "history.pvd").datasets
+    grid = pyvista.read(folder / name.path)
+    assert grid.n_cells == mesh.n_cells
+    assert np.abs(grid.compute_cell_sizes().cell_data["Volume"] - mesh.volumes).max() < 1e-6 * mesh.volumes.max()
+    assert np.array_equal(grid.cell_data["stress"], run.stress(-1))
+    assert grid.cell_data["von_mises"] == pytest.approx(run.von_mises(-1))
+    assert np.array_equal(grid.point_data["traction"][run.contact.nodes], run.contact.traction[-1])
+    assert np.array_equal(vx.read_history(folder).displacement, run.displacement)

@@ -33,7 +33,6 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.io.files import write_cells
 from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.io.archive import is_archive, read_archive, write_archive
@@ -112,9 +111,7 @@ def _write_series(history: Results, path: Path) -> None:
     digits = max(4, len(str(history.steps)))
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
-        write_cells(
-            path.with_name(name), plane_mesh(history.mesh, "write"), _at_nodes(history, row), _on_cells(history, row)
-        )
+        write_cells(path.with_name(name), history.mesh, _at_nodes(history, row), _on_cells(history, row))
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

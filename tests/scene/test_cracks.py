@@ -1,0 +1,110 @@
+"""A crack whose lips touch, rub and part: Griffith's, in a plate that is strained uniformly but for it."""
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+YOUNG, POISSON, FRICTION, HALF, WIDTH = 100.0, 0.3, 0.3, 1.0, 4.0
+COURSE = {
+    "free": (0.0, 0.0),
+    "pressed": (-1.0, 0.0),
+    "stuck": (-1.0, 0.2),
+    "slips": (-1.0, 0.5),
+    "slips on": (-1.0, 0.7),
+    "open": (1.0, 0.0),
+    "pressed again": (-0.5, 0.0),
+}
+"""Stresses yy and xy of the plate without its crack, instant by instant."""
+AT = {name: row for row, name in enumerate(COURSE)}
+
+
+def gradient(t):
+    """Of the displacements under these stresses, without stress xx, plane strain."""
+    yy, xy = list(COURSE.values())[round(t)]
+    mu = YOUNG / (2 * (1 + POISSON))
+    return np.array([[-POISSON * yy, xy], [0.0, (1 - POISSON) * yy]]) / [[2 * mu, mu], [1.0, 2 * mu]]
+
+
+def plate(n, width=WIDTH):
+    """Its box has the crack on a line of squares."""
+    mesh = vx.meshes.squares(n, box=((-width, width), (-width, width)))
+    x, y = mesh.centroids.T
+    near = np.abs(x) < HALF
+    return mesh.with_boundary("outside", lambda p: np.full(len(p), True)).cut(
+        "crack", {"below": near & (y < 0), "above": near & (y > 0)}
+    )
+
+
+def history_of(mesh, solver=None):
+    scene = vx.Scene(
+        vx.Elasticity(YOUNG, POISSON),
+        vx.PrescribedDisplacement(lambda x, t: x @ gradient(t).T, on="outside"),
+        vx.UnilateralContact(on="crack"),
+        vx.CoulombFriction(FRICTION, on="crack"),
+    )
+    return vx.simulate(scene, mesh, np.arange(float(len(COURSE))), solver=solver)
+
+
+def linear(history, name):
+    return history.mesh.points @ gradient(AT[name]).T
+
+
+def opening(history, name):
+    """(m,) of the lips, along the normal and along the crack."""
+    contact, u = history.contact, history.displacement[AT[name]]
+    return (u[contact.partners] - u[contact.nodes]).T
+
+
+@pytest.fixture(scope="module")
+def cracked():
+    return history_of(plate(24))
+
+
+@pytest.mark.parametrize("name", ["pressed", "stuck", "pressed again"])
+def test_a_crack_that_sticks_is_none(cracked, name):
+    """Nor does it remember that it was open."""
+    assert np.abs(cracked.displacement[AT[name]] - linear(cracked, name)).max() < 1e-13
+    assert cracked.contact.closed[AT[name]].all()
+    yy, xy = COURSE[name]
+    assert cracked.contact.pressure[AT[name]] == pytest.approx(-yy, rel=1e-10)
+    assert cracked.contact.traction[AT[name]][:, 0] == pytest.approx(xy, abs=1e-10)
+
+
+def test_lips_rub_under_what_friction_leaves_of_the_shear(cracked):
+    """Shear does not press on a straight crack: friction is uniform, and slips are in proportion to xy - mu p."""
+    (slip, part), (farther, _) = opening(cracked, "slips"), opening(cracked, "slips on")
+    assert not cracked.contact.sticking[[AT["slips"], AT["slips on"]]].any()
+    assert np.abs(part).max() < 1e-14
+    assert farther == pytest.approx((0.7 - FRICTION) / (0.5 - FRICTION) * slip, rel=1e-9)
+    lost = FRICTION * farther @ cracked.contact.friction_lengths
+    assert cracked.dissipated[AT["slips on"]] == pytest.approx(lost, rel=1e-9)
+    assert cracked.dissipated[-1] == pytest.approx(lost, rel=1e-9)
+
+
+def test_an_open_crack_bears_nothing(cracked):
+    row = AT["open"]
+    assert not cracked.contact.closed[row].any()
+    assert not cracked.contact.pressure[row].any()
+    assert not cracked.contact.traction[row].any()
+
+
+@pytest.mark.slow
+def test_lips_part_as_griffith_says():
+    """4 (1 - nu^2) sigma a / E in the middle, in an infinite plate; tips are of order h."""
+    exact, found = 4 * (1 - POISSON**2) / YOUNG * HALF, []
+    for n in (32, 64, 128):
+        history = history_of(plate(n, 2 * WIDTH))
+        found.append(opening(history, "open")[1].max() / exact)
+    coarse, fine = np.diff(found)
+    assert 1.7 < coarse / fine < 2.5
+    # The boundary, 8 a away, is held as if there were no crack: that takes off some (a / W)^2, and no more than two.
+    assert found[-1] + fine == pytest.approx(1.0, abs=2 / (2 * WIDTH / HALF) ** 2)
+
+
+@pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=["Clarabel", "OSQP"])
+def test_solvers_agree_on_a_crack(solver):
+    history, other = history_of(plate(8), solver), history_of(plate(8))
+    size = np.sqrt(2 * other.energy.max())
+    distance = vx.measures.energy_distance(history, other).absolute
+    assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size

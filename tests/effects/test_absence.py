@@ -11,13 +11,14 @@ import textwrap
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TIMES, TOUCHING, mesh
+from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TOUCHING
 
 import vemcvx as vx
 from vemcvx.linear import superlu
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import MOST_FIELDS
 from vemcvx.scene.pose import pose_scene
+from vemcvx.testing.effect_samples import TIMES, mesh
 
 
 def bits(thing):

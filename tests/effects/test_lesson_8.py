@@ -7,7 +7,10 @@ import importlib
 from pathlib import Path
 
 import pytest
-from test_conformance_effects import HELD, PULLED, RUBBING, SENTENCES, STEEL, TOUCHING, Sample, stiff
+from test_conformance_effects import HELD, PULLED, RUBBING, STEEL, TOUCHING, stiff
+
+from vemcvx.testing import EffectSample
+from vemcvx.testing.effect_sentences import SENTENCES
 
 LESSONS = Path(__file__).parents[2] / "problems" / "lessons"
 
@@ -18,7 +21,7 @@ def dashpots():
         patch.syspath_prepend(LESSONS)
         # A module, and not only a name space: effects are pickled by the name of theirs.
         Dashpots = importlib.import_module("lesson_8_your_own_effect").Dashpots
-    return Sample(
+    return EffectSample(
         Dashpots(damping=stiff, on="left"),
         (STEEL, HELD, PULLED, TOUCHING, RUBBING),
         data={"damping": 1},

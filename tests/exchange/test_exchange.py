@@ -271,13 +271,30 @@ def coulomb(law, n=4):
     return list(vx.programs(scene, vx.meshes.squares(n), TIMES))[-1]
 
 
-def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path):
+def coulomb_in_space():
+    """A pad that a plate presses, drags and twists."""
+
+    def plate(x, t):
+        y = x[:, 1] - 0.5
+        return np.column_stack([0.02 * t - 0.03 * t * y, 0.03 * t * (x[:, 0] - 0.2), np.full(len(x), -0.01)])
+
+    scene = vx.Scene(
+        STEEL,
+        vx.PrescribedDisplacement(plate, on="top"),
+        vx.UnilateralContact(gap=lambda x, t: 0.02 * x[:, 0] ** 2, on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+    )
+    return list(vx.programs(scene, vx.meshes.cubes(3), TIMES, initial="settled"))[-1]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path, dim):
     """Read by h5py as its C library does; the solution in the file solves the file's problem, and is ours."""
     h5py = pytest.importorskip("h5py")
-    program = coulomb(vx.CoulombFriction(0.3, on="bottom"))
+    program = coulomb(vx.CoulombFriction(0.3, on="bottom")) if dim == 2 else coulomb_in_space()
     with h5py.File(vx.write_program(program, tmp_path / "step.hdf5")) as file:
         local, solution = file["fclib_local"], {name: file["solution"][name][()] for name in ("u", "r")}
-        assert local["spacedim"][0] == 2
+        assert local["spacedim"][0] == dim
         size, kind = (int(local["W"][name][0]) for name in ("m", "nz"))
         assert kind == -2
         W = sp.csr_matrix((local["W"]["x"][()], local["W"]["i"][()], local["W"]["p"][()]), shape=(size, size))
@@ -286,17 +303,17 @@ def test_a_step_with_coulombs_law_as_fclib_has_it(tmp_path):
     r, u = solution["r"], W @ solution["r"] + q
     assert np.abs(u - solution["u"]).max() <= 8 * EPS * (abs(W) @ np.abs(r) + np.abs(q)).max()
     assert mu == pytest.approx(0.3)
-    (r_N, r_T), (u_N, u_T) = r.reshape(-1, 2).T, u.reshape(-1, 2).T
+    r_N, r_T, u_N, u_T = (part for x in (r, u) for part in (x.reshape(-1, dim)[:, 0], x.reshape(-1, dim)[:, 1:]))
     assert np.array_equal(r_N, program.answer.p)
-    assert np.array_equal(r_T, -program.answer.lam[:, 0])
+    assert np.array_equal(r_T, -program.answer.lam)
     assert u_N == pytest.approx(-program.excess(program.answer.d), abs=1e-14)
-    assert u_T == pytest.approx(program.slip(program.answer.d)[:, 0], abs=1e-14)
+    assert u_T == pytest.approx(program.slip(program.answer.d), abs=1e-14)
     assert 0 < (r_N > 0).sum() < len(r_N)
     assert (np.abs(u_T) > 1e-6).any()
     assert (u_N >= -1e-15).all()
     assert np.abs(r_N * u_N).max() < 1e-15
-    assert (np.abs(r_T) <= mu * r_N * (1 + 1e-12)).all()
-    assert np.abs(mu * r_N * np.abs(u_T) + r_T * u_T).max() < 1e-15
+    assert (np.linalg.norm(r_T, axis=1) <= mu * r_N * (1 + 1e-12)).all()
+    assert np.abs(mu * r_N * np.linalg.norm(u_T, axis=1) + (r_T * u_T).sum(axis=1)).max() < 1e-15
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
     u = W r + q,   r_N >= 0,  u_N >= 0,  r_N u_N = 0,   |r_T| <= mu r_N,   r_T = -mu r_N u_T / |u_T| where u_T != 0
 
-(Acary and others, INRIA RT-444, 2014), contact by contact the normal component before the tangential one, spacedim 2.
-From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the limit and the norm term of each contact,
+(Acary and others, INRIA RT-444, 2014), contact by contact the normal component before the tangential one or two;
+spacedim is 2 or 3. From K d = g - B'lam - D'p, with the rows h_N = -D_j and h_T = B_i of the limit and the norm term of
+each contact,
 
     r_N = p,  r_T = -lam,  u_N = e - D d,  u_T = B d - b,    W = h K^{-1} h',   q = h K^{-1} g + (e; -b).
 
@@ -45,17 +46,19 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
     if not isinstance(program, SolvedProgram):
         raise ProgramError("FCLIB's model needs coefficients of friction, which a solved step alone knows.")
     pairs, mu = _contacts(program)
-    operators, order = program.operators, np.arange(2 * len(mu)).reshape(2, -1).T.ravel()
-    rows = sp.csr_matrix(sp.vstack([-operators.D, operators.B[pairs]]))[order]
+    operators, m, dim = program.operators, len(mu), 1 + program.operators.block
+    slips = (pairs[:, None] * operators.block + np.arange(operators.block)).ravel()
+    order = np.column_stack([np.arange(m), m + np.arange(m * (dim - 1)).reshape(m, dim - 1)]).ravel()
+    rows = sp.csr_matrix(sp.vstack([-operators.D, operators.B[slips]]))[order]
     spread: Floats = operators.factor.solve(np.ascontiguousarray(rows.T.toarray()))
     W = rows @ spread
-    q = rows @ operators.factor.solve(program.g) + np.concatenate([program.e, -program.b[pairs]])[order]
+    q = rows @ operators.factor.solve(program.g) + np.concatenate([program.e, -program.b[slips]])[order]
     answer = program.answer
-    r = np.concatenate([answer.p, -answer.lam[pairs, 0]])[order]
+    r = np.concatenate([answer.p, -answer.lam[pairs].ravel()])[order]
     made = io.BytesIO()
     with import_module("h5py").File(made, "w") as file:
         local = file.create_group("fclib_local")
-        local["spacedim"] = np.array([2], dtype=np.int32)
+        local["spacedim"] = np.array([dim], dtype=np.int32)
         _write_rows(local.create_group("W"), sp.csr_matrix(0.5 * (W + W.T)))
         _write(local.create_group("vectors"), {"q": q, "mu": mu})
         words = {"title": f"vemcvx: step {program.step} at t = {program.t:.17g}", "math_info": MODEL}
@@ -72,8 +75,8 @@ def from_fclib(path: Path) -> StepProgram:
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     """The norm term of every limit, (r,), and the coefficient of its friction."""
     operators, slope = program.operators, program.slope
-    words = "FCLIB's model is Coulomb's friction between rigid obstacles in the plane: "
-    if slope is None or operators.block > 1:
+    words = "FCLIB's model is Coulomb's friction between rigid obstacles: "
+    if slope is None or operators.block > 2:
         raise ProgramError(f"{words}here weights do not follow the pressure; write .npz, .mtx, .cbf or .qps.")
     if operators.kernel is not None or (operators.compliance > 0).any():
         raise ProgramError(f"{words}here limits give way, or nothing but them holds the body.")

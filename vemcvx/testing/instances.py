@@ -21,7 +21,7 @@ from vemcvx.effects import (
     TrescaFriction,
     UnilateralContact,
 )
-from vemcvx.meshes import FAMILIES
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
 from vemcvx.program import Limits, Norms, System
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import Scene
@@ -62,6 +62,20 @@ def _block(*below: Effect) -> Callable[[], System]:
     return make
 
 
+def _cube(*below: Effect) -> Callable[[], System]:
+    """A block in space, held on the right, on what is below; what pulls at its top goes round, and presses."""
+
+    def pull(x: Floats, t: float) -> Floats:
+        size = min(1.0, 4 * t)
+        return np.tile(size * np.array([np.cos(6 * t), np.sin(6 * t), -0.6]), (len(x), 1))
+
+    def make() -> System:
+        scene = Scene(Elasticity(2.5, 0.25), Clamp(on="right"), Traction(pull, on="top"), *below)
+        return pose_scene(scene, SPACE_FAMILIES["cubes"](2), TIMES.tolist()).system
+
+    return make
+
+
 def sliders(block: int, n: int = 6) -> System:
     """Unconnected sliders of different stiffness and threshold."""
     rng = np.random.default_rng(0)
@@ -97,6 +111,8 @@ INSTANCES = {
         "compliant contact": _block(NormalCompliance(1e3, on="bottom"), TrescaFriction(1.0, on="bottom")),
         "friction of one component": lambda: sliders(1),
         "friction of two components": lambda: sliders(2),
+        "friction in space": _cube(BilateralContact(on="bottom"), TrescaFriction(0.6, on="bottom")),
+        "contact and friction in space": _cube(UnilateralContact(on="bottom"), TrescaFriction(0.5, on="bottom")),
         "plain matrices": _plain_matrices,
     }.items()
 }

@@ -221,16 +221,19 @@ def knows_no_units(case: Case) -> None:
 
 
 def answers_sliders_in_closed_form(case: Case) -> None:
-    """k u + w sign(u') = f: u_n = clip(u_{n-1}, (f_n - w) / k, (f_n + w) / k), on the instance that is this."""
-    if case.instance.name != "friction of one component":
+    """k u + w u' / |u'| = f: u_n = u_{n-1} + (1 - w / |q|)_+ q / k, q = f_n - k u_{n-1}, on instances that are this."""
+    components = {"friction of one component": 1, "friction of two components": 2}.get(case.instance.name)
+    if components is None:
         return
-    system = sliders(1)
+    system = sliders(components)
     k, norms = system.K.diagonal(), system.norms
     assert norms is not None
-    u, w = np.zeros((len(TIMES), len(k))), norms.weights(0.0)
+    u, held = np.zeros((len(TIMES), len(k))), np.repeat(norms.weights(0.0), components)
     for n, t in enumerate(TIMES[1:], start=1):
         f = system.force(float(t))
-        u[n] = np.clip(u[n - 1], (f - w) / k, (f + w) / k)
+        q = f - k * u[n - 1]
+        size = np.repeat(np.linalg.norm(q.reshape(-1, components), axis=1), components)
+        u[n] = u[n - 1] + (size > held) * (1 - held / np.where(size > 0, size, 1.0)) * q / k
     found = case.marched()
     if found is not None:
         allowed = np.cumsum(np.sqrt(2 * found.gap) + np.sqrt(2 * found.floor))

@@ -58,6 +58,8 @@ def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
     SceneError
         It holds no real numbers, or rows of different lengths.
     """
+    if type(raw) is np.ndarray and raw.dtype == np.float64:
+        return raw.astype(float)  # As nearly all are, in every step.
     array = plain(raw)
     with contextlib.suppress(Exception), np.errstate(over="ignore"):
         if array is not None and (array.dtype.kind in "biuf" or (array.dtype.kind == "O" and _numbers(array))):

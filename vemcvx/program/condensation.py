@@ -92,6 +92,12 @@ class Condensation:
         self._rows = system.K[self.retained]
         self._fields = Fields(n, self._done)
 
+    @cached_property
+    def absolute(self) -> sp.csr_matrix:
+        """|K|, entry by entry, on the pattern of K itself."""
+        K = self.system.K
+        return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+
     def _order(self) -> Ints:
         """The order of elimination of the system; if it has none, one computed from K."""
         order = self.system.elimination_order()

@@ -127,17 +127,12 @@ def full_certificate(
     r = residual(force, system.K, y, held)
     size = np.abs(force) + np.abs(held)
     if y.any():
-        size += _absolute(system.K) @ np.abs(y)
+        size += condensation.absolute @ np.abs(y)
     if system.kernel is not None:
         # Multipliers are in balance there; what rounding leaves on the kernel is no force to answer.
         N = system.kernel.basis
         r = r - N @ (N.T @ r)
     return replace(own, equilibrium=0.5 * condensation.factor.energy(r), floor=rounding(condensation, size))
-
-
-def _absolute(K: sp.csr_matrix) -> sp.csr_matrix:
-    """|K|, entry by entry, on the pattern of K itself."""
-    return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
 
 
 def rounding(condensation: Condensation, size: Floats) -> float:

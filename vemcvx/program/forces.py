@@ -23,6 +23,19 @@ MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
 
+@dataclass(frozen=True)
+class ForceOnPart:
+    """A force that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
+
+    n: int
+    rows: Ints
+    entries: Callable[[float], Floats]
+
+    def __call__(self, t: float) -> Floats:
+        """All forces (n,)."""
+        return spread(self.entries(t), self.rows, self.n)
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
     """A force, its unit taken off, that was solved for.
@@ -154,8 +167,7 @@ class Fields:
     def __init__(self, n: int, solve: Callable[[Floats], tuple[Floats, Floats, Floats]]):
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
-        self._rows: Ints | None = None
-        self._places = self._loaded
+        self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
         self._basis: list[tuple[Floats, float, Field]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
@@ -196,17 +208,20 @@ class Fields:
         return phi[self._loaded]
 
     def _placed(self, values: Floats, rows: Ints) -> Floats:
-        """The same of a force on some rows, as a rule always those."""
-        if rows is not self._rows:
-            self._touch(rows)
-            self._rows, self._places = rows, np.searchsorted(self._loaded, rows)
-        return spread(values, self._places, len(self._loaded))
+        """The same of a force on some rows, which as a rule was there before, on the same."""
+        same, known, places = self._places.get(id(rows), (None, rows, rows))
+        if same is not rows or np.count_nonzero(values) != np.count_nonzero(values[known]):
+            self._touch(rows[values != 0.0])
+            known = np.flatnonzero(np.isin(rows, self._loaded))
+            places = np.searchsorted(self._loaded, rows[known])
+            self._places[id(rows)] = rows, known, places
+        return spread(values[known], places, len(self._loaded))
 
     def _touch(self, rows: Ints) -> None:
         """Count these among the unknowns that some force loads."""
         loaded = np.union1d(self._loaded, rows)
         self._basis = [(self._expand(q)[loaded], square, one) for q, square, one in self._basis]
-        self._loaded, self._rows = loaded, None
+        self._loaded, self._places = loaded, {}
 
     def _expand(self, compressed: Floats) -> Floats:
         """The force (n,) with these entries."""

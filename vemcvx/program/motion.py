@@ -12,6 +12,7 @@ from vemcvx.arguments import called
 from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.program.checks import finite
+from vemcvx.program.forces import ForceOnPart
 
 
 @dataclass(frozen=True)
@@ -64,4 +65,7 @@ class Motion:
 
             return value
 
-        return Motion(**{name: f and checked(name, f) for name, f in vars(self).items()})
+        functions: dict[str, Any] = {
+            name: f if isinstance(f, ForceOnPart) else f and checked(name, f) for name, f in vars(self).items()
+        }
+        return Motion(**functions)

@@ -30,6 +30,7 @@ from vemcvx.program.checks import (
     motions,
     permutation,
 )
+from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel, felt
 from vemcvx.program.limits import Limits
 from vemcvx.program.motion import Motion
@@ -61,21 +62,6 @@ class Damping(ArrayRecord):
             check_semidefinite(C, "Damping: C")
         instance(self.motion, Motion, "Damping: found motion", "a Motion")
         object.__setattr__(self, "C", C)
-
-
-@dataclass(frozen=True)
-class LoadOnPart:
-    """A load that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
-
-    n: int
-    rows: Ints
-    entries: Callable[[float], Floats]
-
-    def __call__(self, t: float) -> Floats:
-        """All forces (n,)."""
-        f = np.zeros(self.n)
-        f[self.rows] = self.entries(t)
-        return f
 
 
 @dataclass(frozen=True, repr=False)
@@ -239,7 +225,7 @@ class System(ArrayRecord):
 
     def push_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""
-        if not isinstance(self.load, LoadOnPart):
+        if not isinstance(self.load, ForceOnPart):
             return self.push(t), None
         return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows
 

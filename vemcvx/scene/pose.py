@@ -24,9 +24,10 @@ from vemcvx.effects import ContactSurface, Friction, Given, Load, Material, Obst
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import AnyMesh
+from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.motion import Motion
-from vemcvx.program.system import Damping, LoadOnPart, System
+from vemcvx.program.system import Damping, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
@@ -213,29 +214,34 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 
 def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
     """The load of a System; loads on a part of the body touch its unknowns alone."""
-    touched = [(load, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
-    others = [load for load in loads if not isinstance(load, Load)]
     n = supports.P.shape[1]
+    touched = [(load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
+    others = [load for load in loads if not isinstance(load, Load)]
+    if not supports.still:
+        touched.append((supports.moves, *_rows_of(-_moving(A, supports))))
     rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
     places = [np.searchsorted(rows, own) for _, own, _ in touched]
 
     def entries(t: float) -> Floats:
         f = np.zeros(len(rows))
-        for (one, _, matrix), place in zip(touched, places, strict=True):
-            f[place] += matrix @ one.values(t)
+        for (values, _, matrix), place in zip(touched, places, strict=True):
+            f[place] += matrix @ values(t)
         return f
 
-    part = LoadOnPart(n, rows, entries)
+    part = ForceOnPart(n, rows, entries)
 
     def load(t: float) -> Floats:
         f = part(t)
         for other in others:
             f += supports.gather(other.vector(t))
-        if not supports.still:
-            f -= supports.gather(A @ supports.motion(t))
         return f
 
-    return load if others or not supports.still else part
+    return load if others else part
+
+
+def _moving(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+    """P'A on the nodal values that supports move."""
+    return sp.csr_matrix(supports.gather(A[:, supports.moved]))
 
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
@@ -256,8 +262,8 @@ def _motion(
     normal: sp.csr_matrix,
     seen: Callable[[Floats], Floats],
 ) -> Motion:
-    def dirichlet_force(t: float) -> Floats:
-        return supports.gather(A @ supports.motion(t))
+    rows, matrix = _rows_of(_moving(A, supports))
+    dirichlet_force = ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t))
 
     def prescribed_slip(t: float) -> Floats:
         return tangential @ supports.motion(t)

@@ -102,14 +102,16 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
     """
 
     @cache
-    def motions() -> sp.csr_matrix:
+    def motions() -> tuple[sp.csr_matrix, sp.csr_matrix]:
         mesh, (cell, node) = space.mesh, space.incidences
         graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
         label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
-        return _motions(label, np.arange(mesh.n_nodes), mesh.points)
+        R = _motions(label, np.arange(mesh.n_nodes), mesh.points)
+        return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
-        strained: Floats = u - motions() @ (motions().T @ u)
+        R, transposed = motions()
+        strained: Floats = u - R @ (transposed @ u)
         return strained
 
     return seen

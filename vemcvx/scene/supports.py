@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -49,6 +50,19 @@ class Supports:
     def still(self) -> bool:
         """Whether every held value is zero at all times."""
         return all(slot.still for slot in self.rows)
+
+    @cached_property
+    def moved(self) -> Ints:
+        """The nodal values that supports move, ascending."""
+        dim = self.points.shape[1]
+        members = [slot.members.ravel() for slot in self.rows if not slot.still]
+        nodes = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *members]))
+        values: Ints = (nodes[:, None] * dim + np.arange(dim)).ravel()
+        return values
+
+    def moves(self, t: float) -> Floats:
+        """Their motion at the instant `t`."""
+        return self.motion(t)[self.moved]
 
     def holding(self, nodes: Ints) -> Holding:
         """What holds the sites of k nodes."""

@@ -30,7 +30,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.forces import Reduced
+from vemcvx.program.forces import ForceOnPart, Reduced
 from vemcvx.program.iterative_refinement import pulled, residual
 from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.step_program import Answer
@@ -67,17 +67,14 @@ class StepData:
     carried: Carried | None = None
     """None if no supports move"""
 
-    @property
-    def _dirichlet_force(self) -> Floats:
-        return np.zeros(0) if self.carried is None else self.carried.dirichlet_force.phi
-
     def still_as(self, other: StepData) -> bool:
         """Whether nothing differs between the two instants."""
+        one, two = self.carried, other.carried
         return (
             self.force.same(other.force)
             and np.array_equal(self.prescribed_slip, other.prescribed_slip)
             and np.array_equal(self.remaining_gap, other.remaining_gap)
-            and np.array_equal(self._dirichlet_force, other._dirichlet_force)
+            and (one is None or two is None or one.dirichlet_force.same(two.dirichlet_force))
         )
 
 
@@ -118,7 +115,9 @@ def drive(system: System, condensation: Condensation, t: float) -> StepData:
     )
     if motion is None:
         return data
-    dirichlet_force = condensation.reduce(motion.dirichlet_force(t))
+    moved = motion.dirichlet_force
+    there = moved.rows if isinstance(moved, ForceOnPart) else None
+    dirichlet_force = condensation.reduce(moved.entries(t) if isinstance(moved, ForceOnPart) else moved(t), rows=there)
     carried = Carried(dirichlet_force, motion.frame(t, -dirichlet_force.x), motion.pair)
     return replace(data, carried=carried)
 

@@ -55,7 +55,7 @@ def run(
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
     ] = None,
     probes: Annotated[
-        list[str], typer.Option("--probe", metavar="X,Y", help="A point to tell the displacements of; may be repeated.")
+        list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
     ] = [],  # noqa: B006 - typer wants a list and never changes it
     settings: Settings = [],  # noqa: B006 - as above
 ) -> None:

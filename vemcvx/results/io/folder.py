@@ -13,7 +13,7 @@ elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips di
 an interface both sides have them, slip and traction of the second body with the other sign. On cells: stress (xx, yy,
 xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density 1/2 eps : C eps, all of
 Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.) In space
-stress is (xx, yy, zz, xy, yz, xz).
+stress is (xx, yy, zz, xy, yz, xz), as VTK has it, and cells are polyhedra.
 
 All files are made in a folder of their own inside the target and moved from there when they are complete, so
 that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.

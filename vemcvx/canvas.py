@@ -181,3 +181,32 @@ def draw_cells(
         # In axes of its own beside these, the bar stays as high as the mesh, whatever its shape.
         ax.figure.colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)))
     return ax
+
+
+def draw_faces(
+    points: Floats,
+    offsets: Ints,
+    vertices: Ints,
+    values: Floats | None,
+    ax: Axes | None,
+    style: Mapping[str, object],
+) -> Axes:
+    """Draw polygons in space (see `PolyhedralMesh.plot`), with a colour bar if there are ``values``, one a polygon."""
+    if ax is None:
+        ax = new_figure(6.4, 5.2).add_subplot(projection="3d")
+    from matplotlib.cbook import normalize_kwargs
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    polygons = np.split(points[vertices], offsets[1:-1])
+    given = {**CELL_STYLE, **normalize_kwargs(dict(style), Poly3DCollection)}
+    colours = {f"{name}s": given.pop(name) for name in ("facecolor", "edgecolor")}
+    # Without values, light from one side tells the faces apart.
+    faces = Poly3DCollection(polygons, **{"shade": values is None, **colours, **given})
+    ax.add_collection(faces)
+    low, high = points.min(axis=0), points.max(axis=0)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), xlabel="x", ylabel="y", zlabel="z")
+    ax.set_box_aspect(high - low)
+    if values is not None:
+        faces.set_array(values)
+        ax.figure.colorbar(faces, ax=ax, shrink=0.6, pad=0.12)
+    return ax

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from numpy.typing import ArrayLike
+
+from vemcvx.arrays import brief
+from vemcvx.canvas import draw_faces
+from vemcvx.errors import MeshError
+from vemcvx.meshes.checks.names import plotted_points, plotted_values
 from vemcvx.meshes.io.files import write
 from vemcvx.meshes.io.objects import to_object
+from vemcvx.meshes.polygons.topology import rows_in_order
 from vemcvx.meshes.space_tessellation import SpaceTessellation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -114,3 +124,55 @@ class PolyhedralMesh(SpaceTessellation):
             scikit-fem keeps no other cell data.
         """
         return to_object(self, library)
+
+    def plot(
+        self,
+        values: str | ArrayLike | None = None,
+        ax: Axes | None = None,
+        *,
+        displacement: ArrayLike | None = None,
+        on: str = "boundary",
+        **style: object,
+    ) -> Axes:
+        """Draw the faces of the boundary, coloured by ``values`` of their cells if given.
+
+        Parameters
+        ----------
+        values : (n_cells,) array_like or str, optional
+            One number a cell, or the name of a cell datum.
+        ax : matplotlib Axes3D, optional
+            Where to draw; by default on a new figure (``ax.figure.savefig(...)`` saves it).
+        displacement : (n_nodes, 3) array_like, optional
+            Added to the points.
+        on : str
+            The part of the boundary to draw.
+        **style
+            Passed to matplotlib's Poly3DCollection (``cmap``, ``edgecolor``, ``linewidth``, ``alpha`` ...).
+
+        Returns
+        -------
+        Axes
+            The axes drawn on.
+
+        Raises
+        ------
+        VemcvxError
+            matplotlib is not installed.
+        MeshError
+            ``values``, ``displacement`` or ``on`` do not fit the mesh, or ``ax`` is plane.
+        """
+        if not isinstance(on, str) or on not in self.boundaries:
+            raise MeshError(f"there is no boundary {on!r}; this mesh has {', '.join(self.boundaries)}.")
+        if ax is not None and getattr(ax, "name", "") != "3d":
+            raise MeshError(f"ax must be axes in space, figure.add_subplot(projection='3d'); got {brief(ax)}.")
+        faces = self.boundaries[on]
+        offsets, vertices = rows_in_order(self.face_offsets, self.face_vertices, faces)
+        on_cells = None if values is None else plotted_values(values, self.cell_data, self.n_cells)
+        return draw_faces(
+            plotted_points(self.points, displacement),
+            offsets,
+            vertices,
+            values=None if on_cells is None else on_cells[self.face_cells[faces, 0]],
+            ax=ax,
+            style=style,
+        )

@@ -394,7 +394,7 @@ def test_the_readme_shows_this_table():
     done = CliRunner().invoke(app, ["compare", str(ROOT / arguments[0]), *arguments[1:]], env={"COLUMNS": "80"})
     assert done.exit_code == 0, done.output
     # The title, the size, and both lines of the head.
-    assert done.output.splitlines()[:6] == block.splitlines()[:6]
+    assert done.stdout.splitlines()[:6] == block.splitlines()[:6]
     shown, found = rows(block), rows(done.output)
     assert set(found) >= set(shown)
     for key, line in shown.items():

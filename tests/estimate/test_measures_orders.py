@@ -52,7 +52,9 @@ def test_first_order_in_the_mesh_size(slip, family):
 def test_first_order_in_the_mesh_size_whatever_lambda(slip, family):
     """The same errors to a few per cent for all lambda: what is left is the approximation, nothing locks.
 
-    Triangles are left out for large lambda: linear elements lock.
+    Triangles are left out for large lambda: linear elements lock. Cells about as wide as high differ by less than 2 %;
+    rectangles twice as wide as high by 3.5 %, on any mesh, and twice as high as wide by 4.4 %: the error of lambda = 1
+    depends on how they lie to this solution. Where cells lock it grows with lambda by 13 % at least.
     """
     sizes, found = (8, 16, 32, 64), []
     for lam in (1.0,) if family == "triangles" else (1.0, 1e2, 1e4, 1e6):
@@ -61,7 +63,7 @@ def test_first_order_in_the_mesh_size_whatever_lambda(slip, family):
         assert orders(h, l2).slope == SECOND, lam
         found.append(energy)
     for energy in found:
-        assert energy == pytest.approx(found[0], rel=0.02)
+        assert energy == pytest.approx(found[0], rel=0.05)
 
 
 def test_nearly_incompressible_in_passing(slip):

@@ -83,10 +83,14 @@ def test_same_seed_same_mesh(make):
     assert differs == (make.__name__ in RANDOM)
 
 
+def cells_per_square(make):
+    """How many cells a family makes of each that was asked for, where there are many: 2 triangles, 1.9 of `hanging`."""
+    return round(make((40, 40)).n_cells / 1600, 1)
+
+
 def test_n_is_cells_across_the_shortest_side(make):
     coarse, fine = make(10), make(20)
-    # n * n cells, twice as many triangles, 1 + 3 * 0.3 as many where three in ten are cut in four; whole rows only.
-    per_square = {"triangles": 2.0, "hanging": 1.9}.get(make.__name__, 1.0)
+    per_square = cells_per_square(make)
     assert coarse.n_cells / per_square == pytest.approx(100, rel=0.1)
     assert fine.n_cells / coarse.n_cells == pytest.approx(4.0, rel=0.1)
     for box, cells in ((((0, 2), (0, 0.5)), 400), (((0, 0.04), (0, 0.01)), 400), (((0, 30), (0, 40)), 130)):
@@ -121,9 +125,17 @@ def test_bad_sizes(make, given, says):
 
 
 def test_pair_of_counts(make):
+    """A row begins and ends with half a cell in some families, and some numbers of cells are rounded."""
     mesh = make((6, 2), ((0.0, 3.0), (0.0, 1.0)))
-    expected = {"triangles": 24, "hexagons": 13, "hanging": 12 + 3 * round(0.3 * 12)}.get(make.__name__, 12)
-    assert mesh.n_cells == expected
+    assert mesh.n_cells == pytest.approx(12 * cells_per_square(make), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"),
+    [("squares", 12), ("triangles", 24), ("hexagons", 13), ("voronoi", 12), ("hanging", 12 + 3 * round(0.3 * 12))],
+)
+def test_pair_of_counts_of_ours(name, cells):
+    assert FAMILIES[name]((6, 2), ((0.0, 3.0), (0.0, 1.0))).n_cells == cells
 
 
 def test_far_from_the_origin(make):

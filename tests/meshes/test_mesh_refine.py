@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -14,16 +15,11 @@ from vemcvx.meshes import PolygonMesh, refinement
 from vemcvx.meshes.local_refinement.sides import splitting_of
 
 # Bounds on diameter^2 / area after any number of passes. Squares have 2, triangles from squares cut in two 4; measured
-# after seven passes, eight seeds: hexagons 4.4, voronoi 5.3, distorted 4.3, nonconvex 22.
-FATTEST = {
-    "squares": 2.01,
-    "triangles": 4.01,
-    "hexagons": 5,
-    "voronoi": 6,
-    "distorted": 5,
-    "nonconvex": 25,
-    "hanging": 2.01,
-}
+# after seven passes, eight seeds: hexagons 4.4, voronoi 5.3, distorted 4.3, nonconvex 22. Others are to stay below 6.
+FATTEST = defaultdict(
+    lambda: 6.0,
+    {"squares": 2.01, "triangles": 4.01, "hexagons": 5, "distorted": 5, "nonconvex": 25, "hanging": 2.01},
+)
 
 
 def corners_of(mesh, cell):

@@ -264,3 +264,46 @@ def test_multipliers_of_rows_that_share_unknowns_are_found_within_their_bounds()
     with pytest.warns(vx.SceneWarning):
         history = vx.simulate(scene, vx.meshes.squares(4), np.linspace(0, 1, 4), solver=Displacements())
     assert history.certificate.max() <= 1e-6
+
+
+class Roughly:
+    """Clarabel's answers, which are about as good as asked for; it counts what it is asked."""
+
+    def __init__(self, **more):
+        self._asked = []
+        vars(self).update(more)
+
+    def solve(self, program, target):
+        self._asked.append(program)
+        start = np.zeros((program.operators.count, program.operators.block))
+        return vx.Clarabel().prepare(program.operators).solve(program, target, start)
+
+
+@pytest.fixture
+def loose():
+    """A block on a rough floor, which alone holds it."""
+    push = vx.Traction(lambda x, t: np.tile([0.1 * t, -1.0], (len(x), 1)), on="top")
+    floor = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(0.2, on="bottom")
+    return vx.Scene(vx.Elasticity(10.0, 0.3), push, *floor)
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds the body")
+@pytest.mark.parametrize("semidefinite", [False, True])
+def test_a_body_that_contact_alone_holds_asks_little_of_a_plain_object(loose, semidefinite):
+    """It is asked for proximal points, and for no more once they are good enough; or for the program itself."""
+    own = Roughly(semidefinite=True) if semidefinite else Roughly()
+    mesh, times = vx.meshes.squares(2), TIMES[:3]
+    history = vx.simulate(loose, mesh, times, solver=own, initial="settled")
+    newton = vx.simulate(loose, mesh, times, initial="settled")
+    assert history.certificate.max() <= 1e-6
+    apart = np.abs(np.sqrt(history.energy) - np.sqrt(newton.energy)) / np.sqrt(newton.energy.max())
+    assert apart.max() < (1 + 1e-9) * (history.certificate_total[-1] + newton.certificate_total[-1])
+    assert all((program.operators.kernel is not None) == semidefinite for program in own._asked)
+    # Each of the three states twice at most: once more if the size of the state shows that too little was asked.
+    assert len(own._asked) <= 6
+
+
+def test_a_plain_object_says_whether_it_takes_a_singular_matrix():
+    assert not as_solver(Mine(tuple)).semidefinite
+    with pytest.raises(vx.SceneError, match=r"^solver Roughly: semidefinite: found 'no'; wanted True or False\.$"):
+        as_solver(Roughly(semidefinite="no"))

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
+import os
 import re
+import shutil
+import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from scenes import paper_scene
+from test_structure import PAGE
 from typer.testing import CliRunner
 
 import vemcvx as vx
@@ -17,16 +23,17 @@ from vemcvx.cli import app
 from vemcvx.scene.pose import pose_scene
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "CONTRIBUTING.md").read_text()
+TEXT, README = (ROOT / "CONTRIBUTING.md").read_text(), (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-FILES = {re.match(r"# (\S+)\n", text).group(1): text for text in BLOCKS[::2]}
-LINES = dict(zip(FILES, BLOCKS[1::2], strict=True))
-"""Each recipe is a file, whose path its first line says, and a line."""
+NAMES = {i: found[1] for i, text in enumerate(BLOCKS) if (found := re.match(r"# (\S+)\n", text))}
+FILES = {name: BLOCKS[i] for i, name in NAMES.items()}
+LINES = {name: BLOCKS[i + 1] for i, name in NAMES.items()}
+ROBIN_SAMPLE, ROBIN_MADE = (block for block in BLOCKS if "vx.Robin" in block)
+"""Each recipe is a file, whose path its first line says, and a line; that of effects has two entries in tests, too."""
 
 
-def test_the_page_names_every_package_and_its_links_lead_somewhere():
-    packages = {path.parent.name for path in (ROOT / "vemcvx").glob("*/__init__.py")}
-    assert set(re.findall(r"^\| `vemcvx/(\w+)` \|", TEXT, re.MULTILINE)) == packages
+def test_the_page_names_every_package_in_its_order_and_its_links_lead_somewhere():
+    assert re.findall(r"^\| `vemcvx/(\w+)(?:\.py)?` \|", TEXT, re.MULTILINE) == list(PAGE)[:-1]
     for target in re.findall(r"\]\(([^)#]+)\)", re.sub(r"```.*?```", "", TEXT, flags=re.DOTALL)):
         assert (ROOT / target).exists(), target
 
@@ -95,18 +102,76 @@ def test_an_effect_of_forty_lines_passes_the_suite_first_time(case):
 
 
 def test_a_family_of_meshes_in_one_file_and_a_line(made, monkeypatch):
-    for name, family in made("vemcvx/meshes/families/trapezoids.py").items():
+    for name, family in made("vemcvx/meshes/families/bricks.py").items():
         monkeypatch.setitem(vx.meshes.FAMILIES, name, family)
-    mesh = vx.meshes.FAMILIES["trapezoids"](4, box=((0.0, 1.5), (-1.0, 0.0)))
+    mesh = vx.meshes.FAMILIES["bricks"](4, box=((0.0, 1.5), (-1.0, 0.0)))
     # Checks that the family skips.
-    assert vx.PolygonMesh(mesh.points, mesh.cells).n_cells == mesh.n_cells == 24
+    assert vx.PolygonMesh(mesh.points, mesh.cells).n_cells == mesh.n_cells == 26
     assert set(mesh.boundaries) == {"left", "right", "bottom", "top", "boundary"}
     assert mesh.areas.sum() == pytest.approx(1.5, rel=1e-14)
-    assert mesh.h > 1.1 * vx.meshes.squares(4).h
     G = np.array([[0.01, -0.02], [0.03, 0.015]])
     scene = vx.Scene(vx.Elasticity(7.0, 0.3), vx.PrescribedDisplacement(lambda x, t: t * x @ G.T, on="boundary"))
     history = vx.simulate(scene, mesh, [0.0, 1.0])
     assert np.abs(history.displacement[-1] - mesh.points @ G.T).max() < 1e-13
+
+
+@pytest.fixture(scope="module")
+def contributed(tmp_path_factory):
+    """A copy of the package and its tests to which the effect and the family were added as the page says."""
+    root = tmp_path_factory.mktemp("contributed")
+    for name in ("vemcvx", "tests", "problems", ".ci"):
+        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for path in [*ROOT.glob("*.md"), ROOT / "pyproject.toml"]:
+        shutil.copy(path, root)
+
+    def insert(path, where, text):
+        before, found, after = (root / path).read_text().partition(where)
+        assert found, (path, where)
+        (root / path).write_text(f"{before}{found}{text}{after}")
+
+    for path in ("vemcvx/effects/robin.py", "vemcvx/meshes/families/bricks.py"):
+        (root / path).write_text(FILES[path])
+    insert("vemcvx/effects/__init__.py", '"""\n\n', LINES["vemcvx/effects/robin.py"])
+    insert("vemcvx/effects/__init__.py", "__all__ = [", '"Robin", ')
+    insert("vemcvx/__init__.py", "from vemcvx.effects import (", "Robin, ")
+    insert("vemcvx/__init__.py", "__all__ = [", '"Robin", ')
+    insert("tests/effects/test_conformance_effects.py", "SAMPLES = {\n", ROBIN_SAMPLE)
+    insert("tests/whole/test_wrong_kinds.py", "MADE = [\n", ROBIN_MADE)
+    insert("vemcvx/meshes/__init__.py", '"""\n\n', "from vemcvx.meshes.families.bricks import bricks\n")
+    insert("vemcvx/meshes/__init__.py", "\nFAMILIES = {", LINES["vemcvx/meshes/families/bricks.py"])
+    insert("vemcvx/meshes/__init__.py", "__all__ = [", '"bricks", ')
+    return root
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "asked",
+    [
+        [
+            "-k",
+            "Robin or missing or permutation or every_parameter",
+            "tests/effects",
+            "tests/whole/test_wrong_kinds.py",
+        ],
+        ["-m", "slow", "-k", "Robin", "tests/whole/test_wrong_kinds.py"],
+        ["-k", "bricks or missing", "tests", "--ignore", "tests/whole"],
+        ["-m", "slow", "-k", "bricks", "tests/estimate", "tests/problems", "tests/meshes"],
+    ],
+    ids=["effect", "wrong kinds", "family", "orders of the family"],
+)
+def test_what_was_contributed_passes_the_tests_of_what_is_there(contributed, asked):
+    command = [sys.executable, "-m", "pytest", "-q", "-x", *asked]
+    run = subprocess.run(
+        command, cwd=contributed, env={**os.environ, "PYTHONPATH": "."}, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stdout[-3000:] + run.stderr[-1000:]
+
+
+def test_the_table_of_effects_has_a_row_for_each():
+    rows = set(re.findall(r"^\| `(\w+)` \| .* \| \[`\w+`\]\(problems/\w+\.py\) \|$", README, re.MULTILINE))
+    exported = {name for name in vx.effects.__all__ if isinstance(getattr(vx.effects, name), type)}
+    concrete = {name for name in exported if not inspect.isabstract(getattr(vx.effects, name))}
+    assert rows == {name for name in concrete if issubclass(getattr(vx.effects, name), vx.Effect)}
 
 
 @pytest.fixture
@@ -131,10 +196,12 @@ def test_a_solver_is_a_class_of_25_lines(fista):
 
 
 def suite(name):
-    """The two lines of tests of the recipe, with its class."""
+    """The lines of tests of the recipe, beside its file."""
     known = {}
-    exec(FILES["mine.py"], known)
+    sys.modules["mine"] = module = ModuleType("mine")
+    exec(FILES["mine.py"], vars(module))
     exec(LINES["mine.py"], known)
+    del sys.modules["mine"]
     (test,) = (thing for key, thing in known.items() if key.startswith("test_"))
     return {case.id: case.values[0] for case in test.pytestmark[0].args[1]}
 
@@ -160,6 +227,9 @@ def test_it_is_compared_first_time(mine):
     assert done.exit_code == 0, done.output
     (line,) = (line.split() for line in done.output.splitlines() if line.startswith("Fista"))
     assert (line[1], line[4], line[7]) == ("own", "yes", "yes")
+    first, second = done.stderr.splitlines()
+    assert re.fullmatch(r"1 of 2: Newton: certified to \S+ in \S+ s", first)
+    assert second.startswith("2 of 2: Fista: certified to")
 
 
 def test_answers_to_the_same_steps_are_as_near_as_certified(fista):

@@ -244,7 +244,8 @@ def test_histories_refuse_wrong_kinds():
 def test_every_parameter_is_asked():
     """What is left out takes anything (progress), writes files, or is asked elsewhere; the list is short.
 
-    Programs and their certificates are made by runs, and answers by solvers, which tests/test_contributing.py asks.
+    Programs and their certificates are made by runs, and answers by solvers, which
+    tests/whole/test_contributing.py asks.
     """
     made_by_runs = {"Adapted", "ErrorBudget", "Operators", "StepProgram", "SolvedProgram", "Answer", "Certificate"}
     asked = {place.partition(".")[0]: set() for place in PLACES}

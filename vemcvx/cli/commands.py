@@ -5,6 +5,7 @@ Results go to standard output; errors, warnings and the progress bar (on a termi
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -150,7 +151,7 @@ def compare(
             tuning=tuning,
             time_limit=time_limit,
         )
-        found = compare_solvers(read_problem(file), asked)
+        found = compare_solvers(read_problem(file), asked, partial(say, err=True))
         for kind, path in paths.items():
             path.write_text(WRITERS[kind](found), encoding="utf-8")
         typer.echo(in_words(found))

@@ -69,8 +69,8 @@ class Compared:
     judged: Judged
 
 
-def compare_solvers(problem: Problem, asked: Comparison) -> Compared:
-    """Simulate the problem by all solvers asked for.
+def compare_solvers(problem: Problem, asked: Comparison, tell: Callable[[str], object] = len) -> Compared:
+    """Simulate the problem by all solvers asked for; `tell` is called with a sentence on each as soon as it is done.
 
     Raises
     ------
@@ -83,7 +83,10 @@ def compare_solvers(problem: Problem, asked: Comparison) -> Compared:
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     with warned_once(), progress_bar("posing", TimeElapsedColumn()) as shown:
         system = pose_scene(scene, mesh, checked_times(problem.times(asked.steps)).tolist()).system
-        attempts = [_attempted(problem, asked, chosen, i, shown) for i in range(len(chosen))]
+        attempts = []
+        for i in range(len(chosen)):
+            attempts.append(_attempted(problem, asked, chosen, i, shown))
+            tell(f"{i + 1} of {len(chosen)}: {attempts[-1].in_words}")
         _raise_what_all_say(attempts)
         found = judged(system, _once(attempts))
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"

@@ -45,6 +45,14 @@ class Attempt:
         """Solver and settings, as messages call them."""
         return self.solver if self.settings == "own" else f"{self.solver} ({self.settings})"
 
+    @property
+    def in_words(self) -> str:
+        """What came of it, before it is held against others."""
+        if self.trajectory is None or self.seconds is None:
+            return f"{self.label}: {self.outcome}"
+        certified, seconds = self.trajectory.certificate.max(), sum(self.seconds.values())
+        return f"{self.label}: certified to {certified:.1e} in {seconds:.2f} s"
+
 
 @dataclass(frozen=True)
 class Apart:

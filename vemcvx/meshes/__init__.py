@@ -1,4 +1,4 @@
-"""Polygonal meshes: the mesh itself, seven families of meshes of a box, an L, refinement, files, other libraries.
+"""Polygonal meshes: the mesh itself, families of meshes of a box, an L, refinement, files, other libraries.
 
 In space: polyhedral meshes, and families of meshes of a box.
 """

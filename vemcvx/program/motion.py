@@ -19,8 +19,9 @@ from vemcvx.program.forces import ForceOnPart
 class Motion:
     """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
 
-    a(u, u) = y'Ky + 2 y'stretch + stored, and the norm terms measure B (y - y_prev) + (drag - drag_prev). Where the
-    supports move far, and strain little, these sums cancel; `frame` and `pair` give the same without.
+    a(u, u) = y'Ky + 2 y'dirichlet_force + stored, and the norm terms measure B (y - y_prev) plus the prescribed slip,
+    less that of the step before. Where the supports move far, and strain little, these sums cancel; `frame` and `pair`
+    give the same without.
     """
 
     dirichlet_force: Callable[[float], Floats]

@@ -139,7 +139,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def norm_flexibility(self) -> Floats:
-        """(m,) largest diagonal entry of B_i K^{-1} B_i': |s_i| <= compliance^{1/2} |d|_K."""
+        """(m,) largest diagonal entry of B_i K^{-1} B_i': |B_i d| <= its root times |d|_K."""
         largest: Floats = self.blocks(self._response(self.B)).max(axis=1)
         return largest
 

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.program.checks import of_shape
@@ -24,7 +25,7 @@ PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
 
 
 class Solves(Protocol):
-    """What a solver of one's own has: `solve`. Attributes `accepts` and `accuracy`, if it has them, are read, too."""
+    """What a solver of one's own has: `solve`. Attributes `accepts`, `accuracy` and `semidefinite` are read, too."""
 
     @property
     def solve(self) -> Callable[..., Any]:
@@ -56,13 +57,14 @@ class Adapted(Solver):
     ----------
     own : object
         `solve(program, target)`; without `accepts` it is taken to accept every feature, without `accuracy` 1e-6 is
-        asked of it.
+        asked of it, without `semidefinite` it is given a positive definite K only.
     """
 
     def __init__(self, own: Solves):
         self._own = own
         self.accuracy = getattr(own, "accuracy", Solver.accuracy)
         self._accepts = _features(getattr(own, "accepts", FEATURES), self.name)
+        self._semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
         """Its name, and those of its public attributes that are plain: they say the same in every process."""
@@ -78,6 +80,10 @@ class Adapted(Solver):
     @property
     def accepts(self) -> frozenset[str]:
         return self._accepts
+
+    @property
+    def semidefinite(self) -> bool:
+        return self._semidefinite
 
     def prepare(self, operators: Operators) -> _PreparedOwn:
         return _PreparedOwn(self._own, self.name)

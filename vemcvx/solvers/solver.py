@@ -60,7 +60,6 @@ class Solver(ABC):
     """
 
     accuracy: float = 1e-6
-    semidefinite: ClassVar[bool] = False
     max_iterations: float = np.inf
     instead: ClassVar[str] = ""
     """How a program with features that it does not accept could be handed to it, in a sentence."""
@@ -83,6 +82,11 @@ class Solver(ABC):
     @abstractmethod
     def accepts(self) -> frozenset[str]:
         """The features of programs that it can solve, out of those in :mod:`vemcvx.program.operators`."""
+
+    @property
+    def semidefinite(self) -> bool:
+        """Whether it takes a K with a kernel; an attribute of subclasses that do."""
+        return False
 
     @property
     def solves_on_sets(self) -> bool:

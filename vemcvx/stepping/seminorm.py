@@ -19,7 +19,9 @@ from vemcvx.program.tolerances import FURTHER_GAP
 
 MOST_POINTS = 200
 PATIENCE = 6
-"""Proximal points in a row that may bring no better gap: solvers stop at their own rounding."""
+"""Proximal points in a row that may fail to halve the gap: solvers stop at their own rounding."""
+IMPATIENCE = 2
+"""The same of solvers that do not count their iterations."""
 FARTHEST = 4.0
 """Times the last, which a centre may move: while a body slides on and on, secants go as far as their rounding says."""
 
@@ -71,8 +73,11 @@ def proximal(
 ) -> Answer:
     """The same where K has a kernel and the solver takes none, in no more than `most` iterations and the last point's.
 
-    Here `ask` answers programs of ``program.operators.regular``; the first centre is `start`, or zero.
+    Here `ask` answers programs of ``program.operators.regular``; the first centre is `start`, or zero. Points go on
+    below the target while each still gains; but not with a solver that does not count its iterations (`most` is
+    infinite): it may take long for each, and it stops at the target itself.
     """
+    enough, patience = (FURTHER_GAP * target, PATIENCE) if most < np.inf else (target, IMPATIENCE)
     operators, d = program.operators, np.zeros(len(program.g)) if start is None else start
     lam, p = program.admissible(lam, p, d)
     best, least, waited = Answer(program.feasible(d), lam, 0, "nothing answered", p=p), np.inf, 0
@@ -87,7 +92,7 @@ def proximal(
         waited = 0 if gap <= 0.5 * least else waited + 1
         if gap < least:
             best, least = replace(answer, d=d, lam=lam, p=p), gap
-        if least <= FURTHER_GAP * target or waited >= PATIENCE or iterations >= most:
+        if least <= enough or waited >= patience or iterations >= most:
             break
         d = centres.next(centre, d)
     return replace(best, iterations=iterations, safeguards=safeguards)

@@ -212,3 +212,23 @@ def test_tractions_of_a_lap_joint_are_of_order_one():
         assert np.abs(smooth).max() < 0.002
         scatter.append(np.sqrt(np.mean((error - smooth) ** 2)))
     assert abs(np.log2(scatter[0] / scatter[2]) / 2 - 1) < 0.2
+
+
+SETTINGS = {fit: (6, 2), lap: (2, 1), blocks: (3, 10), pack: (2, 10), cylinders: (6, 1), joint: (5, 8), brake: (3, 24)}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact holds")
+@pytest.mark.parametrize("solver", [vx.Clarabel(1e-6), vx.OSQP(1e-5)], ids=["Clarabel", "OSQP"])
+@pytest.mark.parametrize("problem", SETTINGS, ids=lambda problem: problem.__name__)
+def test_solvers_agree_on_bodies_within_their_certificates(problem, solver):
+    n, steps = SETTINGS[problem]
+    mesh, times, initial = problem.mesh(n), problem.times(steps), getattr(problem, "initial", None)
+    newton = vx.Newton(getattr(problem, "SMALL", {}).get("accuracy", 1e-8))
+    history, other = (
+        vx.simulate(problem.scene(), mesh, times, initial=initial, solver=one) for one in (solver, newton)
+    )
+    size = np.sqrt(2 * other.energy.max())
+    claimed = [one.certificate_total[-1] + one.certificate_floor[-1] for one in (history, other)]
+    assert vx.measures.energy_distance(history, other).absolute <= sum(claimed) * size
+    assert sum(claimed) < 2e-5 * len(times)

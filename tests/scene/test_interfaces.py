@@ -178,6 +178,14 @@ def test_solvers_agree_where_gaps_close_with_friction(solver):
     assert distance <= (history.certificate_total[-1] + other.certificate_total[-1]) * size
 
 
+def test_a_solver_that_is_too_coarse_for_friction_is_told_so():
+    """What slips and touches is known from its answers, and these come no nearer: that is no lack of contraction."""
+    mesh = two_blocks("squares", "squares", (2, 3))
+    coarse = vx.Clarabel(options=dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-3))
+    with pytest.raises(vx.NotCertified, match=r"step 1 .* Clarabel reached .* asked was 1\.0e-06 .* Ask for accuracy="):
+        vx.simulate(closing(mesh), mesh, [0.0, 0.25], solver=coarse)
+
+
 def test_action_is_reaction():
     mesh = two_blocks("voronoi", "hexagons", (3, 4))
     history = vx.simulate(dragged_over(mesh), mesh, np.linspace(0, 1, 5))

@@ -266,6 +266,8 @@ def resolved(step: DependentStep) -> State:
             return own  # The same program would be answered alike.
         tried.append((w, followed))
         if _hopeless(increments):
+            if near is not None:
+                return own  # The sets have settled: it is the solver that comes no nearer to what they lead to.
             break
         w, before = mixed(tried) if step.convex else followed, state
     raise NotContracting(

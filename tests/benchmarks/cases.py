@@ -1,4 +1,4 @@
-"""The benchmarks: the paper's reference run, assembly, growth to a million unknowns, imports."""
+"""The benchmarks: the paper's reference run, a block in space, assembly, growth to a million unknowns, imports."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ HEAD = """
 import statistics, sys, time
 sys.path.insert(0, {folder!r})
 import numpy as np, vemcvx as vx
-from paper_scene import SCENE
-mesh, marks = vx.meshes.squares({n}), []
+from paper_scene import {scene} as SCENE
+mesh, marks = vx.meshes.{family}({n}), []
 """
 FACTOR = """
 import scipy.sparse as sp
@@ -50,7 +50,8 @@ LINEAR = {"SuperLU": "vx.SuperLU()", "PARDISO": "vx.Pardiso()"}
 
 def program(body: str, n: int, **given: object) -> str:
     """The text of a program of its own."""
-    return (HEAD + body).format(folder=str(Path(__file__).parent), n=n, **given)
+    where = {"scene": "SCENE", "family": "squares", **given}
+    return (HEAD + body).format(folder=str(Path(__file__).parent), n=n, **where)
 
 
 def paper(n: int) -> list[Row]:
@@ -86,6 +87,25 @@ def paper(n: int) -> list[Row]:
     rows += [row(f"simulate, {n} steps, Clarabel 1e-6, {name}", slow[name], "<= 5") for name in LINEAR]
     what = f"{n} full-size steps, scikit-fem + cvxpy + Clarabel (one measured)"
     return [*rows, Row(what, user_step(n) * n, "the same by simulate", slow["SuperLU"]["seconds"], ">= 100")]
+
+
+def space(n: int, steps: int = 16) -> list[Row]:
+    """A block of n cubes across against one factorisation and one solve of the same matrix, which takes longest."""
+    given = {"scene": "BLOCK", "family": "cubes"}
+    solvers = {"PARDISO": "vx.Pardiso()", "Multigrid": "vx.Multigrid()", "SuperLU": "vx.SuperLU()"}
+    newton = {
+        name: program(SIMULATE, n, steps=steps, solver="vx.Newton(accuracy=1e-8)", linear=text, **given)
+        for name, text in solvers.items()
+    }
+    found = in_turn({"T0": program(FACTOR, n, **given), **newton}, repeats=1)
+    t0 = found["T0"]
+    one, rows = f"T0: splu factor and solve, {t0['unknowns']:.0f} unknowns in space", []
+    for name, wanted, step in (("PARDISO", "<= 0.3", "<= 0.01"), ("Multigrid", "<= 2", ""), ("SuperLU", "", "")):
+        run = found[name]
+        whole = f"cubes, {steps} steps, Newton 1e-8, {name}"
+        rows.append(Row(whole, run["seconds"], one, t0["seconds"], wanted, run["cpu"], t0["cpu"]))
+        rows.append(Row(f"cubes, one step after set-up, median, {name}", run["step"], one, t0["seconds"], step))
+    return rows
 
 
 def assembly(n: int) -> list[Row]:

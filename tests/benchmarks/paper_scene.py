@@ -1,4 +1,4 @@
-"""The scene that is measured: the paper's, section 4."""
+"""The scenes that are measured: the paper's, section 4, and a block in space whose load turns."""
 
 from __future__ import annotations
 
@@ -19,4 +19,18 @@ SCENE = vx.Scene(
     vx.Traction(pull, on="left"),
     vx.BilateralContact(on="bottom"),
     vx.TrescaFriction(BOUND, on="bottom"),
+)
+
+
+def turn(x, t):
+    size = 0.5 * min(1.0, 4 * t)
+    return np.tile(size * np.array([np.cos(2 * np.pi * t), np.sin(2 * np.pi * t), -0.2]), (len(x), 1))
+
+
+BLOCK = vx.Scene(
+    vx.Elasticity(2.5, 0.25),
+    vx.Clamp(on="right"),
+    vx.Traction(turn, on="top"),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(0.2, on="bottom"),
 )

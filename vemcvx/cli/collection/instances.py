@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-VERSION = 1
+VERSION = 2
 """Of the list below: other instances, or others under the same names, are another version."""
 
 
@@ -16,8 +16,8 @@ class Instance:
     Parameters
     ----------
     grade : str
-        "easy", "sizes", "bounds", "pressure" (Coulomb), "soft", "viscous", "sticking", "degenerate", "incompressible"
-        or "units".
+        "easy", "sizes", "bounds", "pressure" (Coulomb), "soft", "viscous", "sticking", "degenerate", "incompressible",
+        "units" or "discs" (friction in space).
     problem : str
         The problem file.
     n, of, step : int
@@ -107,6 +107,12 @@ def _all() -> Iterator[Instance]:
         for n in (8, 16):
             yield Instance(grade="units", problem=PAPER, n=n, of=8, step=8, settings=settings)
         yield Instance(grade="units", problem=PAPER, n=8, of=8, step=8, settings=settings, condense=False)
+    for problem, n, steps in (("block_in_space", 4, (4, 8)), ("circular_hysteresis", 2, (4, 8))):
+        for step in steps:
+            yield Instance(grade="discs", problem=problem, n=n, of=8, step=step)
+    yield Instance(grade="discs", problem="block_in_space", n=8, of=8, step=8)
+    yield Instance(grade="discs", problem="block_in_space", n=4, of=8, step=8, condense=False)
+    yield Instance(grade="discs", problem="block_dragged_along_a_curve", n=4, of=8, step=8)
 
 
 INSTANCES = tuple(_all())

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.vem.projection import area_gradients, boundary_weights, values_at_vertices
 
 
@@ -23,7 +24,7 @@ class CellGroup:
     points: Floats
     """(n_nodes, dim) the points of the whole mesh"""
 
-    @property
+    @cached_property
     def corners(self) -> Floats:
         """Vertex coordinates (c, n, dim) relative to the first vertex of each cell.
 
@@ -31,7 +32,7 @@ class CellGroup:
         this origin a body far away from the origin loses nothing more than its points were rounded by.
         """
         corners = self.points[self.nodes]
-        return corners - corners[:, :1]
+        return read_only(corners - corners[:, :1])
 
     @property
     def simplices(self) -> bool:

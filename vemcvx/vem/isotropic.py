@@ -15,6 +15,8 @@ tetrahedra Pi v = v, and the last term is left out.
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -74,7 +76,7 @@ def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floa
     square = [g[:, :, None, a] * g[:, None, :, a] for a in axes]
     blocks = np.empty((*square[0].shape, len(axes), len(axes)))
     for a in axes:
-        others = sum(square[b] for b in axes if b != a)
+        others = reduce(np.add, [square[b] for b in axes if b != a])
         blocks[..., a, a] = (lam + 2.0 * mu) * square[a] + mu * others
         for b in range(a + 1, len(axes)):
             ab = g[:, :, None, a] * g[:, None, :, b]

@@ -7,7 +7,9 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.cells import brief_row
+from vemcvx.meshes.checks.plane_faces import PLANE
 from vemcvx.meshes.checks.surfaces import Contact, Surfaces
+from vemcvx.meshes.polygons.segments import TOLERANCE
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -20,8 +22,6 @@ from vemcvx.meshes.polyhedra.shapes import FaceShapes
 from vemcvx.meshes.polyhedra.topology import Faces, nodes_of_cells, signs_of
 from vemcvx.meshes.polyhedra.touching import beside_faces, solid_angles
 
-# Of the size of a face: a node so little above it leaves a cell convex.
-STRAIGHT = 1e-9
 HEIGHTS_AT_ONCE = 1_000_000
 
 
@@ -62,12 +62,15 @@ def _shortest_edges(points: Floats, faces: Faces) -> Floats:
 
 
 def _dented(points: Floats, faces: Faces, shapes: FaceShapes) -> Ints:
-    """Cells of which some node lies above the plane of one of their faces: all others are convex."""
+    """Cells of which some node lies above the plane of one of their faces: all others are convex.
+
+    A node counts as above where no vertex of the face might be.
+    """
     offsets, nodes = nodes_of_cells(faces, len(points))
     sign = signs_of(faces)
     owner = cell_of_corner(faces.cell_offsets)
     counts = np.diff(offsets)[owner]
-    slack = STRAIGHT * np.sqrt(shapes.areas)
+    slack = PLANE * np.sqrt(shapes.areas) + TOLERANCE * np.abs(points).max()
     found = []
     for part in np.array_split(np.arange(len(owner)), 1 + counts.sum() // HEIGHTS_AT_ONCE):
         face = np.repeat(faces.cell_faces[part], counts[part])

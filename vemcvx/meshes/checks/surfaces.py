@@ -137,8 +137,14 @@ class Surfaces:
         margin = NARROW * (high - low).max(axis=1) + TOLERANCE * np.maximum(np.abs(low), np.abs(high)).max(axis=1)
         return Boxes(low - margin[:, None], high + margin[:, None], self.surface)
 
+    @cached_property
+    def _vertices_of_faces(self) -> Ints:
+        return np.sort(self._face_of_corner * len(self.points) + self.vertices)
+
     def _is_vertex(self, nodes: Ints, faces: Ints) -> Bools:
-        return np.isin(faces * len(self.points) + nodes, self._face_of_corner * len(self.points) + self.vertices)
+        wanted, keys = faces * len(self.points) + nodes, self._vertices_of_faces
+        found: Bools = keys[np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)] == wanted
+        return found
 
     def _heights(self, nodes: Ints, faces: Ints) -> Floats:
         arm = self.points[nodes] - self.shapes.centroids[faces]

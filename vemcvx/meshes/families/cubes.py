@@ -6,11 +6,9 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import UNIT_CUBE, SpaceBox, SpaceCorners, SpaceCount, check_space_box, space_counts, ticks
+from vemcvx.meshes.polyhedra.standard import FACES
 from vemcvx.meshes.polyhedra.topology import joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
-
-# Faces of a hexahedron, outwards: corners run around the bottom counter-clockwise seen from above, then around the top.
-HEXAHEDRON = np.array([[0, 4, 7, 3], [1, 2, 6, 5], [0, 1, 5, 4], [3, 7, 6, 2], [0, 3, 2, 1], [4, 5, 6, 7]])
 
 
 def cubes(
@@ -43,7 +41,7 @@ def cubes(
     """
     whole = check_space_box(box)
     points, corners = cube_grid(space_counts(n, whole, size), whole)
-    return mesh_of_equal_cells(points, corners[:, HEXAHEDRON], whole)
+    return mesh_of_equal_cells(points, corners[:, np.array(FACES["hexahedron"])], whole)
 
 
 def cube_grid(counts: tuple[int, int, int], box: SpaceBox) -> tuple[Floats, Ints]:

@@ -11,11 +11,11 @@ import numpy as np
 
 from vemcvx.meshes.box import UNIT_CUBE, SpaceCorners, SpaceCount, check_space_box, space_counts
 from vemcvx.meshes.families.cubes import cube_grid, mesh_of_equal_cells
+from vemcvx.meshes.polyhedra.standard import FACES
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 # Corners of a hexahedron (see `cubes`); the second to the fourth run counter-clockwise seen from the first.
 SIX = np.array([[0, 6, 1, 2], [0, 6, 2, 3], [0, 6, 3, 7], [0, 6, 7, 4], [0, 6, 4, 5], [0, 6, 5, 1]])
-TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 
 
 def tetrahedra(
@@ -35,4 +35,4 @@ def tetrahedra(
     whole = check_space_box(box)
     points, corners = cube_grid(space_counts(n, whole, size, each=6), whole)
     cells = corners[:, SIX].reshape(-1, 4)
-    return mesh_of_equal_cells(points, cells[:, TETRAHEDRON], whole)
+    return mesh_of_equal_cells(points, cells[:, np.array(FACES["tetra"])], whole)

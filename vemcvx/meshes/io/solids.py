@@ -26,16 +26,9 @@ from vemcvx.meshes.io.blocks import (
 )
 from vemcvx.meshes.polygons.topology import offsets_of, turned
 from vemcvx.meshes.polyhedra.shapes import face_shapes, volumes_and_centroids
+from vemcvx.meshes.polyhedra.standard import FACES
 from vemcvx.meshes.polyhedra.topology import Listed
 from vemcvx.meshes.space_tessellation import SpaceTessellation
-
-FACES = {
-    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
-    "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
-    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
-    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
-}
-"""Faces of cells given by their vertices, outwards: the bottom runs counter-clockwise seen from above."""
 
 
 def space_mesh_of(points: Floats, blocks: Blocks) -> tuple[SpaceTessellation, list[str]]:

@@ -38,7 +38,8 @@ def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
         on cells that another material fills.
     """
     tau = softest_shear(C)
-    return assemble_cells(space, lambda cells: general_blocks(cells, C[cells.cells], tau[cells.cells]))
+    filled = np.abs(C).max(axis=(1, 2)) > 0.0
+    return assemble_cells(space, lambda cells: general_blocks(cells, C[cells.cells], tau[cells.cells]), filled)
 
 
 def softest_shear(C: Floats) -> Floats:

@@ -14,7 +14,7 @@ from math import isqrt
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.vem.cells import CellGroup
 from vemcvx.vem.space import Space
 
@@ -22,19 +22,24 @@ from vemcvx.vem.space import Space
 CHUNK = 2**16
 
 
-def assemble_cells(space: Space, local: Callable[[CellGroup], Floats]) -> sp.csr_matrix:
-    """Sum of local matrices: `local` gives those of a piece of a group, (c, n, n, dim, dim)."""
-    pairs = sum(group.nodes.size * group.nodes.shape[1] for group in space.groups)
+def assemble_cells(space: Space, local: Callable[[CellGroup], Floats], filled: Bools) -> sp.csr_matrix:
+    """Sum of local matrices: `local` gives those of a piece of a group, (c, n, n, dim, dim).
+
+    Cells (n_cells,) that are not `filled` have none, where any are.
+    """
+    some = filled.any() and not filled.all()
+    groups = [group.part(np.flatnonzero(filled[group.cells])) if some else group for group in space.groups]
+    pairs = sum(group.nodes.size * group.nodes.shape[1] for group in groups)
     block = space.mesh.points.shape[1] ** 2
     blocks = np.empty((pairs, block))
     start = 0
-    for group in space.groups:
+    for group in groups:
         for chunk in group.chunks(CHUNK):
             matrices = local(chunk)
             stop = start + matrices.size // block
             blocks[start:stop] = matrices.reshape(-1, block)
             start = stop
-    return assemble([group.nodes for group in space.groups], blocks, space.mesh.n_nodes)
+    return assemble([group.nodes for group in groups], blocks, space.mesh.n_nodes)
 
 
 def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:

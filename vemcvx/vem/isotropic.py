@@ -55,7 +55,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     def local(cells: CellGroup) -> Floats:
         return local_blocks(cells, lam[cells.cells], mu[cells.cells], tau[cells.cells])
 
-    return assemble_cells(space, local)
+    return assemble_cells(space, local, (lam != 0.0) | (mu != 0.0))
 
 
 def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:

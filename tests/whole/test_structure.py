@@ -18,7 +18,7 @@ import vemcvx
 ROOT = Path(vemcvx.__file__).parent
 GROUND = ["errors", "arrays", "tables", "outline", "arguments", "owned_files", "version", "canvas"]
 PAGE = {
-    "meshes": "polygons that tile a domain, families of them, local refinement, mesh files",
+    "meshes": "polygons or polyhedra that tile a domain, families of them, local refinement, mesh files",
     "vem": "the virtual element space, its matrices, loads and strains",
     "effects": "the physics that a scene can name, each turned into arrays",
     "linear": "factorisations behind one seam",

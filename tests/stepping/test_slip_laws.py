@@ -32,6 +32,7 @@ class Law(vx.Effect):
     softening: float | None = None
     pressed: bool = False
     on: str = "bottom"
+    slope: object = None
 
     def contribute(self, space):
         rows = space.part(self.on, "Law", contact=True).node_normals
@@ -41,7 +42,7 @@ class Law(vx.Effect):
             return self.bound(t, forces / lengths if self.pressed else forces, before, slip) * lengths
 
         softening = None if self.softening is None else self.softening * lengths
-        friction = replace(Friction.of(rows, "Law"), slip_law=SlipLaw(weights, softening, self.pressed))
+        friction = replace(Friction.of(rows, "Law"), slip_law=SlipLaw(weights, softening, self.pressed, self.slope))
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self):
@@ -131,6 +132,55 @@ def test_coulomb_with_a_coefficient_that_wears_off():
     assert np.abs(-history.contact.traction[:, :, 0] - q[:, None]).max() < 1e-7
     assert np.abs(history.contact.slip[:, :, 0] - a[:, None]).max() < 1e-7
     assert 0 < q[-1] < 0.6 * q.max()
+
+
+def worn(t, pressure, before, slip):
+    return np.maximum(0.6 - 20.0 * before, 0.2) * np.maximum(pressure, 0.0)
+
+
+def worn_slope(t, forces, before):
+    return np.maximum(0.6 - 20.0 * before, 0.2) * (forces >= 0)
+
+
+PRESSED = {"contact": vx.UnilateralContact(on="bottom"), "load": lambda x, t: to_and_fro(x, t) - [0.0, 9.0 * t]}
+
+
+@pytest.mark.parametrize("solver", [vx.Newton(1e-9), vx.Clarabel(1e-6)], ids=["Newton", "Clarabel"])
+def test_coulomb_with_a_coefficient_of_the_slip_before_has_bounds(solver):
+    """A law of pressure and the slip before the step alone is Coulomb's, with that coefficient in each step."""
+    history = simulate(Law(worn, pressed=True, slope=worn_slope), solver=solver, **PRESSED)
+    assert history.certificate_kind == "bound"
+    contact = history.contact
+    before = np.vstack([0 * contact.bound[:1], contact.accumulated_slip[:-1]])
+    asked = worn(0.0, contact.pressure, before, None)
+    slack = 1e-4 if isinstance(solver, vx.Clarabel) else 1e-9
+    assert np.abs(contact.bound - asked)[1:].max() < slack * asked.max()
+    assert contact.bound[-1].max() < 0.5 * contact.pressure[-1].max()
+    unproven = simulate(Law(worn, pressed=True), **PRESSED)
+    assert unproven.certificate_kind == "estimate"
+    scale = np.abs(history.displacement).max()
+    assert np.abs(unproven.displacement - history.displacement).max() < 10 * max(slack, 1e-7) * scale
+
+
+def test_a_coefficient_that_stays_is_coulombs():
+    kept = simulate(
+        Law(lambda t, p, a, s: 0.3 * np.maximum(p, 0), pressed=True, slope=lambda t, p, a: np.where(p >= 0, 0.3, 0.0)),
+        **PRESSED,
+    )
+    known = simulate(vx.CoulombFriction(0.3, on="bottom"), **PRESSED)
+    assert kept.certificate_kind == known.certificate_kind == "bound"
+    scale = np.abs(known.displacement).max()
+    assert np.abs(kept.displacement - known.displacement).max() < 1e-8 * scale
+
+
+def test_a_slope_of_a_law_that_reads_the_slip_of_the_step_is_told():
+    def reads_it(t, pressure, before, slip):
+        return np.maximum(0.6 - 20.0 * (before + slip), 0.2) * np.maximum(pressure, 0.0)
+
+    with pytest.raises(
+        vx.SceneError, match=r"friction: at node \d+ .* but its law has a slope, which is for laws that"
+    ):
+        simulate(Law(reads_it, pressed=True, slope=worn_slope), **PRESSED)
 
 
 @pytest.mark.parametrize("pressed", [False, True])

@@ -100,7 +100,7 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
     """What the certificate of a step is: see :mod:`vemcvx.stepping.fixed_point`."""
     if norms is None or not norms.dependent:
         return "a bound"
-    if norms.slip_law is not None:
+    if norms.slip_law is not None and norms.slope is None:
         found = stability(operators, norms.softest)
         if found is not None and found.margin > 0:
             return f"a bound, because friction falls slowly with slip: softening over stiffness is {found.rho:.2g} < 1"

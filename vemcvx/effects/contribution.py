@@ -172,6 +172,12 @@ class Friction:
         return self.law is not None or self.slip_law is not None
 
     @property
+    def has_slope(self) -> bool:
+        """Whether the derivatives of all its laws by these forces are known."""
+        law = self.slip_law
+        return (self.law is None or self.slope is not None) and (law is None or law.slope is not None)
+
+    @property
     def reads_forces(self) -> bool:
         """Whether they depend on the forces of contact."""
         return self.law is not None or bool(self.slip_law and self.slip_law.pressed)

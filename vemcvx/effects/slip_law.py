@@ -30,6 +30,9 @@ class SlipLaw:
     pressed: bool = False
     """whether weights depend on normal forces, which one-sided contact on the same boundary tells; without, that
     argument is an empty array"""
+    slope: Callable[[float, Floats, Floats], ArrayLike] | None = None
+    """(t, normal forces, slip before the step) -> (m,), the derivative by the forces of a `pressed` law that is
+    piecewise affine in them, and does not read the slip of the step: steps are certified as those of Coulomb's law"""
 
     def added(self, subject: str, nodes: Ints, t: float, forces: Floats, slips: tuple[Floats, Floats]) -> Floats:
         """The weights (m,) of rows at these nodes, under normal forces (m,), after slips before the step and in it.
@@ -53,6 +56,14 @@ class SlipLaw:
                 f"{slips[0][i]:.6g} before the step and {slips[1][i]:.6g} in it; slip laws give finite weights >= 0."
             )
         return w
+
+    def slope_at(self, subject: str, nodes: Ints, t: float, forces: Floats, before: Floats) -> Floats:
+        """The derivative (m,) of the weights of rows by the normal forces; zero if it is not known."""
+        if self.slope is None:
+            return np.zeros(len(nodes))
+        failed = f"{subject}: slope failed when called as f(t, forces, before) with t = {t:.6g}"
+        raw = called(self.slope, (t, forces, before), failed, "take the values of all rows at once")
+        return _of_rows(raw, f"{subject}: slope", nodes, "derivatives of weights")
 
     def rate(self, subject: str, nodes: Ints) -> Floats:
         """How fast weights (m,) fall at most.

@@ -41,7 +41,8 @@ class Norms(ArrayRecord):
         as a force -B'c, whose work is friction's.
     slope : callable (t, p) -> (m, r), optional
         The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
-        are then solved whole, and their certificates are bounds instead of estimates.
+        are then solved whole, and their certificates are bounds instead of estimates. Of a `slip_law` that does not
+        depend on the slip of the step, it is a function of (t, p, past).
     ground : callable t -> (m * block,), optional
         How far what they rub on has moved: slips are those relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|,
         and it does work.
@@ -59,7 +60,7 @@ class Norms(ArrayRecord):
     places: Callable[[int], str] | None = None
     law: Callable[[float, Floats], ArrayLike] | None = None
     bias: ArrayLike | Callable[[float], ArrayLike] | None = None
-    slope: Callable[[float, Floats], MatrixLike] | None = None
+    slope: Callable[..., MatrixLike] | None = None
     ground: Callable[[float], ArrayLike] | None = None
     slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None
     softening: ArrayLike | None = None
@@ -74,7 +75,7 @@ class Norms(ArrayRecord):
             places: Callable[[int], str] | None = None,
             law: Callable[[float, Floats], ArrayLike] | None = None,
             bias: ArrayLike | Callable[[float], ArrayLike] | None = None,
-            slope: Callable[[float, Floats], MatrixLike] | None = None,
+            slope: Callable[..., MatrixLike] | None = None,
             ground: Callable[[float], ArrayLike] | None = None,
             slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None,
             softening: ArrayLike | None = None,
@@ -131,12 +132,13 @@ class Norms(ArrayRecord):
             return self._checked(self._ask("slip_law", t, p, *slips))
         return self.weights(t) if self.law is None else self._checked(self._ask("law", t, p))
 
-    def slope_under(self, t: float, p: Floats) -> sp.csr_matrix:
+    def slope_under(self, t: float, p: Floats, past: Floats | None = None) -> sp.csr_matrix:
         """The derivative (m, r) of the weights there; `slope` must be given."""
-        return checked_matrix(self._ask("slope", t, p), "Norms: slope", (self.count, len(p)))
+        slips = () if self.slip_law is None else (np.zeros(self.count) if past is None else past,)
+        return checked_matrix(self._ask("slope", t, p, *slips), "Norms: slope", (self.count, len(p)))
 
     def _ask(self, name: str, t: float, *answer: Floats) -> ArrayLike:
-        given = "t, p, past, slip" if len(answer) > 1 else "t, p"
+        given = ", ".join(("t", "p", "past", "slip")[: 1 + len(answer)])
         failed = f"Norms: {name}: its function failed when called as f({given}) with t = {t:.6g}"
         value: ArrayLike = called(getattr(self, name), (t, *answer), failed, "return weights, or their derivative")
         return value

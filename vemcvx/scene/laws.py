@@ -18,8 +18,9 @@ class FrictionLaw:
 
     weights: Callable[[float, Floats, Floats, Floats], Floats]
     """(t, forces (r,), slip (m,) before the step and in it) -> (m,)"""
-    slope: Callable[[float, Floats], sp.csr_matrix] | None
-    """(t, forces (r,)) -> (m, r), the derivative of weights that are piecewise affine; None if they are not"""
+    slope: Callable[[float, Floats, Floats], sp.csr_matrix] | None
+    """(t, forces (r,), slip (m,) before the step) -> (m, r), the derivative of weights that are piecewise affine; None
+    if they are not"""
     remembers: bool
     """whether some see the slip"""
     softening: Floats | None
@@ -66,9 +67,15 @@ class Sums:
         """Values (m,) of terms for the rows of every friction; zero where a row has no term."""
         return np.split(self.gather.T @ values, np.cumsum([len(f.nodes) for f in self.frictions])[:-1])
 
-    def slope(self, t: float, press: sp.csr_matrix, forces: Sequence[Floats]) -> sp.csr_matrix:
+    def slope(self, t: float, press: sp.csr_matrix, forces: Sequence[Floats], past: Floats) -> sp.csr_matrix:
         """Their derivative (m, r) by the forces of limits, which press on all rows as `press` (rows, r) says."""
         each = [np.zeros(len(P)) if f.slope is None else f.slope(t, P) for f, P in self._with(forces)]
+        if any(f.slip_law is not None for f in self.frictions):
+            for k, before in enumerate(self._of_rows(past)):
+                law = self.frictions[k].slip_law
+                if law is not None:
+                    f = self.frictions[k]
+                    each[k] = each[k] + law.slope_at(f.subject, f.nodes, t, forces[k], before)
         steep = np.concatenate(each)
         entries = np.repeat(steep, np.diff(press.indptr)) * press.data
         return sp.csr_matrix(self.gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))

@@ -155,5 +155,5 @@ def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, suppor
         return under(t, forces(p), past, slip)
 
     slope, remembers = terms.slope, any(f.slip_law is not None for f in terms.frictions)
-    followed = None if slope is None else lambda t, p: slope(t, press, forces(p))
+    followed = None if slope is None else lambda t, p, past: slope(t, press, forces(p), past)
     return FrictionLaw(law, followed, remembers, terms.softening)

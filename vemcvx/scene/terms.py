@@ -47,7 +47,7 @@ class Terms:
     directed: Bools
     """(m,) which are along directions that their friction gives"""
     frictions: Sequence[Friction] = ()
-    slope: Callable[[float, sp.csr_matrix, Sequence[Floats]], sp.csr_matrix] | None = None
+    slope: Callable[[float, sp.csr_matrix, Sequence[Floats], Floats], sp.csr_matrix] | None = None
     """(t, which limits press on the rows of all frictions, normal forces of every friction's rows) -> (m, r), the
     derivative of `under`"""
     softening: Floats | None = None
@@ -115,7 +115,7 @@ def friction_terms(
         directed=np.concatenate([np.full(len(f.nodes), f.directions is not None) for f in frictions])[first][kept],
         under=sums.weights_under if laws else None,
         frictions=frictions,
-        slope=sums.slope if laws and all(f.slope is not None for f in laws) else None,
+        slope=sums.slope if laws and all(f.has_slope for f in laws) else None,
         softening=sums.softening() if laws else None,
         bias=sums.bias if any(f.bias is not None for f in frictions) else None,
         acting=len(acting),
@@ -175,6 +175,7 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
     m, none = terms.acting, np.zeros(terms.acting)
     if m == 0:
         return None
+    rest = np.zeros(len(terms.nodes) - m)
     bias, ground, slope = terms.bias, terms.ground, None if law is None else law.slope
     under = None if law is None else weights_of(law, slice(0, m), len(terms.nodes))
     remembers = law is not None and law.remembers
@@ -186,7 +187,7 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
         places=supports.places(terms.nodes),
         law=None if under is None or remembers else lambda t, p: under(t, p, none, none),
         bias=None if bias is None else lambda t: bias(t)[: m * block],
-        slope=None if slope is None else lambda t, p: slope(t, p)[:m],
+        slope=None if slope is None else lambda t, p, *past: slope(t, p, np.append(past or none, rest))[:m],
         ground=None if ground is None else lambda t: ground(t)[: m * block],
         slip_law=under if remembers else None,
         softening=None if law is None or law.softening is None else law.softening[:m],

@@ -131,13 +131,28 @@ class DependentStep:
 
         None if no solution is found, in as many sets as are left of the iterations, or `most` of them.
         """
-        if self.norms.slip_law is not None:
+        if self.norms.slip_law is not None and self.norms.slope is None:
             return None, 0
         # Iteratively, how each place answers to each other one would take as many solves.
         known = self.norms.slope is not None and self.run.operators.factor.cycle is None
         most = int(min(self.run.most - spent, most, sys.maxsize)) if known else 0
         rounds = iter(range(most))
-        return self.pose(state.weights).settled(state, self.norms, rounds), most - length_hint(rounds)
+        found = self.pose(state.weights).settled(state, self.norms, rounds)
+        if found is not None and self.norms.slip_law is not None:
+            self._check_slope(found)
+        return found, most - length_hint(rounds)
+
+    def _check_slope(self, found: State) -> None:
+        """Raise SceneError where weights do depend on the slip of the step, which a slope is not known for."""
+        own = self.law(found)
+        off = np.abs(own - found.weights) - AT_BOUND * np.maximum(own, found.weights)
+        if (off > 0).any():
+            i = int(np.argmax(off))
+            raise SceneError(
+                f"friction: at {self.norms.name(i)} the slip of step {self.n} changes the weight from "
+                f"{found.weights[i]:.6g} to {own[i]:.6g}, but its law has a slope, which is for laws that read the "
+                "slip before the step alone; leave the slope out."
+            )
 
     def certified(self, state: State, increments: list[float]) -> State:
         """The state under the weights of its own pressures and slip, after increments of such states."""

@@ -135,7 +135,9 @@ class PosedStep:
         if alpha == 0.0:
             return replace(state, certificate=state.certificate.away(0.0))
         up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
-        law = WeightLaw(partial(norms.weights_under, t), partial(norms.slope_under, t)).scaled(up, down)
+        past = self.before.ledger.slipped
+        weights, slope = partial(norms.weights_under, t, past=past), partial(norms.slope_under, t, past=past)
+        law = WeightLaw(weights, slope).scaled(up, down)
         start = Iterate(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
         scaled = scales.scale(self.program, alpha)
         found = settled(scaled, law, start, self.run.response, rounds)

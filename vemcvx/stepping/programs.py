@@ -90,7 +90,7 @@ def _solved_program(steps: Steps, before: State, after: State, n: int) -> Solved
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
     if norms is None or norms.slope is None:
         return found
-    return replace(found, slope=norms.slope_under(after.t, after.p))
+    return replace(found, slope=norms.slope_under(after.t, after.p, before.ledger.slipped))
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:
@@ -119,6 +119,7 @@ def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
         lam=lam - now.bias.reshape(lam.shape),
         p=trajectory.pressures[row],
         weights=trajectory.weights[row, norms],
+        ledger=replace(state.ledger, slipped=trajectory.slipped[row, norms]),
         certificate=replace(state.certificate, equilibrium=float(trajectory.gap[n])),
         iterations=int(trajectory.iterations[n]),
     )

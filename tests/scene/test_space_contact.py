@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cvxpy as cp
 import numpy as np
 import pytest
 import skfem
-from hysteresis_in_space import BOUND, BOX, MU, REACH, SIZE, circle, curve
+from hysteresis_in_space import BOUND, BOX, MU, REACH, SIZE, Turn, circle, curve
 from skfem.models.elasticity import linear_elasticity
 from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx.vem import tangents_of
 
-AREA = SIZE[0] * SIZE[1]
+AREA, HEIGHT = SIZE[0] * SIZE[1], SIZE[2]
 SHARP = vx.Newton(accuracy=1e-11)
 
 
@@ -54,6 +56,54 @@ def test_a_turn_of_steady_sliding_dissipates_what_the_closed_form_says(steps):
     assert history.dissipated[-1] == pytest.approx(loss, rel=1e-9)
     # As steps shrink, the foot goes round the circle that lags behind by a right triangle; the difference is O(delta).
     assert loss == pytest.approx(2 * np.pi * BOUND * AREA * np.sqrt(radius**2 - REACH**2), rel=np.pi / steps)
+
+
+def test_ground_that_moves_in_a_curve_drags_the_block_likewise():
+    """The lid stands still, the table moves the other way: shear, slip on the table and loss are those of the block."""
+    mesh, path = block("hanging faces"), curve()
+    still = Turn(np.zeros_like(path.top), -HEIGHT * path.shear)
+
+    def table(x, t):
+        return [*-path.top[round(t)], 0.0]
+
+    history = vx.simulate(
+        still.scene(vx.TrescaFriction(BOUND, on="bottom", ground=table)), mesh, path.times, solver=SHARP
+    )
+    exact = still.displacement(mesh.points)
+    assert np.abs(history.displacement - exact).max() < 1e-9 * np.abs(exact).max()
+    assert np.abs(history.contact.slip[:, :, :2] - path.foot[:, None]).max() < 1e-9 * np.abs(path.foot).max()
+    loss = BOUND * AREA * np.linalg.norm(np.diff(path.foot, axis=0), axis=1).sum()
+    assert history.dissipated[-1] == pytest.approx(loss, rel=1e-9)
+
+
+def test_other_units_change_no_bit():
+    """Lengths by a power of two, forces by another: the same sets, iterations and digits."""
+    mesh, path = block("cubes"), curve()
+    one = vx.simulate(path.scene(), mesh, path.times)
+    faces = mesh.face_offsets, mesh.face_vertices, mesh.cell_offsets, mesh.cell_faces, mesh.face_cells
+    larger = vx.PolyhedralMesh.unchecked(1024.0 * mesh.points, *faces)
+    larger = larger.with_boundaries({name: part for name, part in mesh.boundaries.items() if name != "boundary"})
+
+    changed = {
+        vx.Elasticity: ("young", 8.0),
+        vx.PrescribedDisplacement: ("value", 1024.0),
+        vx.Traction: ("force", 8.0),
+        vx.TrescaFriction: ("bound", 8.0),
+    }
+
+    def scaled(effect):
+        if type(effect) not in changed:
+            return effect
+        name, size = changed[type(effect)]
+        given = getattr(effect, name)
+        new = (lambda x, t: size * np.asarray(given(x / 1024.0, t))) if callable(given) else size * given
+        return dataclasses.replace(effect, **{name: new})
+
+    other = vx.simulate(vx.Scene(*map(scaled, path.scene())), larger, path.times)
+    assert np.array_equal(other.displacement, 1024.0 * one.displacement)
+    assert np.array_equal(other.contact.traction, 8.0 * one.contact.traction)
+    assert np.array_equal(other.stress(-1), 8.0 * one.stress(-1))
+    assert np.array_equal(other.iterations, one.iterations)
 
 
 def test_a_block_that_is_turned_in_space_answers_turned():

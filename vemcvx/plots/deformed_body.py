@@ -98,7 +98,8 @@ def deformed_body(
         frame=extent(history, factor),
         view=_direction(view),
     )
-    ax = axes_or_new(ax, *SIZE)
+    height, width = image.shape[:2]
+    ax = axes_or_new(ax, SIZE[0], 0.5 + 0.8 * SIZE[0] * height / width)
     show_image(ax, image, colours, scale, f"{label} ({unit(units, 'force per area')})")
     ax.set_title(f"{instant(history.times[row], units)}, displacements × {factor:g}", fontsize="small")
     return figure_of(ax)

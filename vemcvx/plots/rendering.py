@@ -72,6 +72,7 @@ def rendered(
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=(width, height))
         plotter.set_background("white")
         plotter.add_mesh(drawn, scalars="values", cmap=colours, clim=limits, show_scalar_bar=False, **LOOK)
+        plotter.add_axes(xlabel="x1", ylabel="x2", zlabel="x3", viewport=(0.0, 0.0, 0.22, 0.22 * width / height))
         plotter.enable_anti_aliasing("ssaa")
         middle = frame.mean(axis=0)
         plotter.camera_position = [middle + 2 * np.linalg.norm(size) * towards, middle, UP]

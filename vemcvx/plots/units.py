@@ -13,6 +13,7 @@ DERIVED = {
     "force per area": "{force}/{length}$^2$",
     "energy": "{force} {length}",
     "energy per length": "{force} {length}/{length}",
+    "energy per area": "{force} {length}/{length}$^2$",
 }
 QUANTITIES = ("length", "force", "time", *DERIVED)
 

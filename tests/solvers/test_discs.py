@@ -213,3 +213,33 @@ def test_osqp_refuses_discs():
     for wrong in (3, 2.5, "x", True):
         with pytest.raises(vx.SceneError, match=r"^OSQP: found polygon = .*at least 4"):
             vx.OSQP(polygon=wrong)
+
+
+def test_refined_forces_turn_with_their_slips():
+    """Nearly incompressible: what sticks and slips is known to the rounding of factors, directions of slip to theirs.
+
+    With directions left as they are, steps are certified to 2e-8 here.
+    """
+
+    def pull(x, t):
+        return np.tile(turning(t) - [0.0, 0.0, 0.4 * t], (len(x), 1))
+
+    effects = vx.Clamp(on="right"), vx.Traction(pull, on="top"), vx.BilateralContact(on="bottom")
+    scene = vx.Scene(vx.Elasticity(2.5, 0.4999999), *effects, vx.TrescaFriction(0.2, on="bottom"))
+    history = vx.simulate(scene, vx.meshes.cubes(4), TIMES, check=False)
+    assert 0.1 < history.contact.sticking.mean() < 0.9
+    assert np.median(history.trajectory.certificate[1:]) < 1e-10
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.6, 1.5])
+def test_coulombs_law_is_solved_on_sets(coefficient):
+    """By Newton's method on the whole law, after one program a step: no fixed point is left to contract."""
+    pull, given = SCENES["Coulomb, turning"]
+    history = vx.march(on_floor(block(4), pull, **{**given, "coefficient": coefficient}), TIMES)
+    assert np.isnan(history.contraction).all()
+    assert history.iterations.max() <= 20
+    size = np.linalg.norm(history.multipliers, axis=2)
+    assert (size <= coefficient * history.pressures * (1 + 1e-12)).all()
+    slips = ~history.sticking[1:] & (history.pressures[1:] > 0)
+    assert slips.any()
+    assert size[1:][slips] == pytest.approx(coefficient * history.pressures[1:][slips], rel=1e-10)

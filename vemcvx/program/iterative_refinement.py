@@ -74,7 +74,15 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
 
 
 def refined(
-    condensation: Condensation, operators: Operators, force: Floats, y: Floats, lam: Floats, p: Floats, stick: Bools
+    condensation: Condensation,
+    operators: Operators,
+    force: Floats,
+    y: Floats,
+    *,
+    lam: Floats,
+    p: Floats,
+    stick: Bools,
+    slip: Floats,
 ) -> tuple[Floats, Floats, Floats]:
     """All unknowns y (n,) and multipliers, corrected until K y = force - B'lam - D'p to rounding.
 
@@ -85,6 +93,8 @@ def refined(
         Bounds with p > 0 act and stay as they are.
     stick : (m,) array of bool
         Terms whose increment stays as it is; needs rows that read one unknown each.
+    slip : (m, block) array
+        Of the others, with whose directions those of their multipliers turn.
     """
     held = np.zeros(len(condensation.retained), dtype=bool)
     # Rows of B, then rows of D: each reads one unknown of its own.
@@ -93,7 +103,9 @@ def refined(
     act = np.concatenate([np.repeat(stick, operators.block), p > 0])
     held[columns[act]] = True
     F = np.flatnonzero(~held)
-    S_FF = operators.factor.within(operators.regular.K[F][:, F], F)
+    turns = _turning(lam, slip, stick)
+    K = operators.regular.K if turns is None else operators.regular.stiffened(turns)
+    S_FF = operators.factor.within(K[F][:, F], F)
     best = np.inf
     for _ in range(ROUNDS):
         r = residual(force, condensation.system.K, y, pulled(condensation.system, lam, p))
@@ -109,7 +121,22 @@ def refined(
         y = y + condensation.recover(step, left)
         change = np.where(act, push[columns] / coefficient, 0.0)
         lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :]
+        if turns is not None:
+            lam = lam + np.einsum("ijk,ik->ij", turns, operators.blocks(operators.rows.read(step)))
     return y, lam, p
+
+
+def _turning(lam: Floats, slip: Floats, stick: Bools) -> Floats | None:
+    """(m, block, block) how multipliers turn with their slips, |lam| / |s| (I - ss'/|s|^2); None where none does."""
+    size = np.linalg.norm(slip, axis=1)
+    turns = ~stick & (size > 0)
+    if lam.shape[1] == 1 or not turns.any():
+        return None
+    size = np.where(turns, size, 1.0)
+    curvature = np.where(turns, np.linalg.norm(lam, axis=1) / size, 0.0)
+    along = slip / size[:, None]
+    turning: Floats = curvature[:, None, None] * (np.eye(lam.shape[1]) - np.einsum("ij,ik->ijk", along, along))
+    return turning
 
 
 def full_certificate(

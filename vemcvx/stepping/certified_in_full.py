@@ -24,7 +24,8 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     force, remaining_gap, retained = state.data.force, state.data.remaining_gap, run.condensation.retained
     stick = np.linalg.norm(state.lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.capped_weights
     y = run.condensation.recover(state.y, force)
-    y, lam, p = refined(run.condensation, operators, force=force.phi, y=y, lam=state.lam, p=state.p, stick=stick)
+    held = {"lam": state.lam, "p": state.p, "stick": stick, "slip": state.slip}
+    y, lam, p = refined(run.condensation, operators, force.phi, y, **held)
     lam, p = replace(attempt.program, w=state.capped_weights).project(lam), np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     y[retained[operators.limits.columns]] -= (

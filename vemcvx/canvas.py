@@ -22,10 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import PolyCollection
+    from matplotlib.colorbar import Colorbar
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
 
+MOST_TICKS = 5
+"""Spaces between ticks of a bar of colours; those of the flattest bodies have room for as many."""
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
@@ -186,9 +189,17 @@ def draw_cells(
     ax.autoscale_view()
     if values is not None:
         cells.set_array(values)
-        # In axes of its own beside these, the bar stays as high as the mesh, whatever its shape.
-        ax.figure.colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)))
+        bar_beside(ax, cells)
     return ax
+
+
+def bar_beside(ax: Axes, cells: PolyCollection) -> Colorbar:
+    """Return the bar of the colours of cells, in axes of its own: as high as the body, whatever its shape."""
+    from matplotlib.ticker import MaxNLocator
+
+    # By default the number of ticks goes with the height of the bar, and the room for their labels with the ticks: on
+    # a page that is laid out for some, others may then be drawn, and cut off.
+    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=MaxNLocator(MOST_TICKS))
 
 
 def draw_faces(

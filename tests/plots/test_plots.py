@@ -216,6 +216,18 @@ def test_nothing_is_cut_off(history, squeezed, draw):
         assert ink.y1 <= page.height + 0.01
 
 
+def test_ticks_of_the_bar_do_not_go_with_the_room_that_is_left_for_them():
+    """Displacements up to 0.18: ticks every 0.025 on a high bar, every 0.05 on one that is lower for their labels."""
+    drag = vx.PrescribedDisplacement(lambda x, t: np.tile([0.18 * t, 0.0], (len(x), 1)), on="top")
+    floor = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
+    mesh = vx.meshes.squares(4, box=((0, 2), (0, 1)))
+    history = vx.simulate(vx.Scene(vx.Elasticity(10.0, 0.45), drag, *floor), mesh, [0.0, 1.0], initial="settled")
+    figure = deformed_mesh(history)
+    for _ in range(3):
+        figure.draw_without_rendering()
+        assert figure.get_tightbbox().x1 <= figure.bbox_inches.width
+
+
 def test_what_there_is_to_show_is_written(history, loose, tmp_path):
     names = {f"{picture.__name__}.png" for picture in PICTURES}
     assert {path.name for path in write_plots(history, tmp_path / "new")} == names

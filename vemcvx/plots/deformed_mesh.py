@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
-from vemcvx.canvas import axes_or_new, draw_arrows, figure_of, legend_below
+from vemcvx.canvas import axes_or_new, bar_beside, draw_arrows, figure_of, legend_below
 from vemcvx.meshes import plane_mesh
 from vemcvx.plots.contact_line import contact_line
 from vemcvx.plots.palette import OUTLINE, SLIP, STICK
@@ -68,8 +68,7 @@ def deformed_mesh(
     cells.set_array(cell_means(history, np.linalg.norm(u, axis=1)))
     cells.set(cmap="viridis", clim=value_range(limits, (0.0, _largest_mean(history))))
     length = unit(units, "length")
-    # In axes of its own beside these, the bar stays as high as the body's frame, whatever its shape.
-    figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.04, 0.0, 0.045, 1.0)), label=f"$|u|$ ({length})")
+    bar_beside(ax, cells).set_label(f"$|u|$ ({length})")
     _outline(ax, history)
     title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
     if len(history.contact.nodes):

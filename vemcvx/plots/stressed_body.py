@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats
-from vemcvx.canvas import draw_arrows
+from vemcvx.canvas import bar_beside, draw_arrows
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.plots.palette import COMPRESSION, PUSH, SIGNED, SIZE, SLIP, STICK, TENSION
@@ -106,7 +106,7 @@ def stressed_body(
     cells.set(cmap=colours, clim=value_range(limits, ends))
     for signs in mirrors:
         _image(ax, history, factor * u, signs)
-    bar = ax.figure.colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.035, 1.0)))
+    bar = bar_beside(ax, cells)
     bar.set_label(f"{label} ({unit(units, 'force per area')})", fontsize="small")
     largest = _arrows(ax, history, row, mesh.points + factor * u, (forces, size, window, stretch))
     words = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""

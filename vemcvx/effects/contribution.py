@@ -145,7 +145,7 @@ class Friction:
     law: Callable[[float, Floats], Floats] | None = None
     """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
     bias: Callable[[float], Floats] | None = None
-    """t -> (m,), by how much slip along the tangent (normal turned by +90 degrees) costs more than half of both ways"""
+    """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
     ends: EdgeEnds | None = None
     """the edges of each row; without, `lengths` are of an edge that no other part has"""
     slope: Callable[[float, Floats], Floats] | None = None

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from vemcvx.arrays import Floats
-from vemcvx.program.certificate import ROUNDED
+from vemcvx.program.certificate import BOUND_ROUNDING
 from vemcvx.program.operators import Operators
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.step_program import StepProgram
@@ -74,7 +74,7 @@ def degenerate(program: SolvedProgram) -> dict[str, int]:
     still = slip <= error * np.sqrt(operators.norm_flexibility)
     meets = excess <= error * np.sqrt(operators.limit_flexibility) + program.excess_blur(d)
     blocks = operators.blocks(_push(operators, operators.B)).max(axis=1, initial=0.0)
-    full = program.w - np.linalg.norm(program.answer.lam, axis=1) <= error * blocks + ROUNDED * program.w
+    full = program.w - np.linalg.norm(program.answer.lam, axis=1) <= error * blocks + BOUND_ROUNDING * program.w
     idle = program.answer.p <= error * _push(operators, operators.D)
     return {"norm_terms": int((still & full).sum()), "limits": int((meets & idle).sum())}
 

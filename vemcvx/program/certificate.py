@@ -23,8 +23,8 @@ of the load, g contains -B'c, and lam is what is left of the multipliers: a hist
 
 Every summand is >= 0 and belongs to one place of the boundary. The norm part is evaluated without
 cancellation, w|s| - lam.s = (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2, that of limits as
-(z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere. A multiplier within rounding of its bound, ROUNDED w, stands
-for the one on it, w lam / |lam|, which is admissible, too, and as few floats are: the gap is that one's. What the step
+(z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere. A multiplier within BOUND_ROUNDING w of its bound stands for
+the one on it, w lam / |lam|, which is admissible, too, and as few floats are: the gap is that one's. What the step
 between them does to r is of the size of what rounding does to B'lam anyway, which the floor counts, of second order.
 """
 
@@ -37,7 +37,7 @@ import numpy as np
 from vemcvx.arrays import EPS, Floats
 from vemcvx.outline import ArrayRecord
 
-ROUNDED = 4 * EPS
+BOUND_ROUNDING = 4 * EPS
 """What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
 
 
@@ -104,7 +104,7 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     direction = np.zeros_like(lam)
     direction[both] = lam[both] / size[both, None] - s[both] / slip[both, None]
     turned = np.einsum("ij,ij->i", direction, direction)
-    short = np.where(size >= (1.0 - ROUNDED) * w, 0.0, w - size)
+    short = np.where(size >= (1.0 - BOUND_ROUNDING) * w, 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * turned
     return gaps
 

@@ -17,7 +17,7 @@ from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
 
 # Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
-ROUNDED = 8 * float(np.finfo(float).eps)
+BIAS_ROUNDING = 8 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, repr=False)
@@ -154,7 +154,7 @@ class Norms(ArrayRecord):
         if self.bias is None:
             return np.zeros(self.B.shape[0])
         c = self._rows(self.bias, t, "Norms: bias", "forces")
-        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + ROUNDED)
+        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + BIAS_ROUNDING)
         if (over > 0).any():
             worst = int(np.argmax(over))
             raise SceneError(

@@ -21,7 +21,7 @@ BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
 FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS})
 """All that a program can have."""
-ROUNDED = 64 * float(np.finfo(float).eps)
+MOTION_ROUNDING = 64 * float(np.finfo(float).eps)
 """Of motions, in parts of their largest entries: they are made orthonormal, in columns of many entries."""
 
 
@@ -88,7 +88,8 @@ class Operators(ArrayRecord):
         kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
         stop = self.D @ kernel
         # A motion along an obstacle does not run into it because of the rounding of its largest entries.
-        rounding = ROUNDED * np.outer(np.asarray(abs(self.D).sum(axis=1)), np.abs(kernel).max(axis=0, initial=0.0))
+        largest = np.abs(kernel).max(axis=0, initial=0.0)
+        rounding = MOTION_ROUNDING * np.outer(np.asarray(abs(self.D).sum(axis=1)), largest)
         stop[np.abs(stop) <= rounding] = 0.0
         return KernelBalance((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
 

@@ -45,9 +45,9 @@ class StepProgram(ArrayRecord):
     w : (m,) array
         Weights >= 0: bounds of friction, as forces.
     b : (m * block,) array
-        What of B d is no slip: the motion of the supports.
+        The slip is B d - b: minus what the motion of the supports adds to it.
     e : (r,) array
-        What the limits leave free when the step begins; negative where they have moved in.
+        Gaps that are left when the step begins; negative where the body overlaps what limits it.
     """
 
     operators: Operators

@@ -24,7 +24,7 @@ from vemcvx.vem import Space, elastic_matrix, stress_load, upper_triangle
 
 # A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a scale on
 # which nothing else happens, and so violate the condition on initial states.
-ROUNDED = 16 * float(np.finfo(float).eps)
+STRESS_ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
@@ -103,7 +103,7 @@ class InitialStresses:
         """Nodal force (n_u,) at the instant `t`; zero where the stresses around a node balance but for rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        force[np.abs(force) <= ROUNDED * (abs(self.matrix) @ np.abs(sigma))] = 0.0
+        force[np.abs(force) <= STRESS_ROUNDING * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
 

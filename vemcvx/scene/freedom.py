@@ -23,7 +23,7 @@ from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.supports import PARALLEL, Supports
 from vemcvx.vem import tangents_of
 
-STILL = 16 * float(np.finfo(float).eps)
+DRAG_ROUNDING = 16 * float(np.finfo(float).eps)
 """Positions that differ by less, relative to the largest, are one: what rounding leaves of a datum drags nothing."""
 
 
@@ -42,7 +42,7 @@ class Freedom:
     dragged: Bools
     """whether it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
     leans: Bools
-    """whether contact holds the normal, once; where the node does not slide, supports hold the rest"""
+    """whether contact, and no support, holds the normal; where the node does not slide, supports hold the tangent"""
     grips: sp.csr_matrix
     """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
 
@@ -101,7 +101,7 @@ def _dragged(
             return ~dragged  # The step that needs the datum says what is wrong with it.
         start = at if start is None else start
         size = max(np.abs(at).max(), np.abs(start).max())
-        dragged |= (np.abs(at - start) > STILL * size).reshape(len(jumps), -1).any(axis=1)
+        dragged |= (np.abs(at - start) > DRAG_ROUNDING * size).reshape(len(jumps), -1).any(axis=1)
         if dragged.all():
             break
     return dragged

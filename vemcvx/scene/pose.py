@@ -74,7 +74,7 @@ class PosedScene:
     inactive: tuple[str, ...] = ()
     """sentences: effects that do nothing in this scene, and so were left out"""
     given: tuple[Given, ...] = ()
-    """data that vary in space, those of what was left out among them: it may be zero where it was looked at only"""
+    """data that vary in space, of inactive effects, too: they may be zero only at the points that were evaluated"""
 
     viscosity: sp.csr_matrix | None = None
     """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""

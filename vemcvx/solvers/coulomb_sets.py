@@ -46,9 +46,9 @@ from vemcvx.arrays import EPS, Floats
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.response import Response
-from vemcvx.solvers.sets import Iterate, Sets, Shifts, said_once, sets_at
+from vemcvx.solvers.sets import Iterate, Sets, Shifts, sets_at, without_redundant_rows
 
-SHIFT = 0.1
+SHIFT_SHARE = 0.1
 """Newton's shifts times this: less of what is nearly at its bound changes sides."""
 MOST_ROUNDS = 25
 """Sets in a row before another start is wanted; those that settle do so in fewer than ten."""
@@ -58,7 +58,7 @@ STEEPER = 10**0.5
 sets did not settle in 4, in 18 of the first 60 where the law was steep at once, in 6 with a factor of 10."""
 SOLVED = 1e-6
 """Corrections larger than this part of the answer say that the system is all but singular: its sets hold nothing."""
-ROUNDED = 64.0
+ROUNDINGS = 64.0
 """Roundings that an inequality may miss."""
 
 
@@ -143,7 +143,7 @@ def _settled(
     w: Floats | None = None,
 ) -> Settled | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
-    shift, point = Shifts.of(program.operators) * SHIFT, start
+    shift, point = Shifts.of(program.operators) * SHIFT_SHARE, start
     met: set[bytes] = set()
     for _ in islice(rounds, MOST_ROUNDS):
         sets, piece = _sets(program, law, point, shift, None if met else w)
@@ -158,7 +158,7 @@ def _settled(
             return None
         point = found.point
         if found.holds(program, law, sets):
-            d = program.feasible(_at_rest(program, sets, point.d))
+            d = program.feasible(_stuck_in_place(program, sets, point.d))
             p = np.maximum(point.p, 0.0)
             w = law.weights(p)
             lam = replace(program, w=w).project(point.lam)
@@ -171,12 +171,12 @@ def _tried(program: StepProgram, law: Piece, sets: Sets, response: Response, lam
     with suppress(LinAlgError):
         return _on_sets(program, law, sets, response)
     with suppress(LinAlgError):
-        once = said_once(program.operators, sets, lam, law.weights)
+        once = without_redundant_rows(program.operators, sets, lam, law.weights)
         return _on_sets(program, law, once, response)
     return None
 
 
-def _at_rest(program: StepProgram, sets: Sets, d: Floats) -> Floats:
+def _stuck_in_place(program: StepProgram, sets: Sets, d: Floats) -> Floats:
     """The increments with those that stick where they are, to the last bit: large weights make work of the rest."""
     still = np.flatnonzero(np.repeat(sets.stick, program.operators.block) & program.operators.rows.single)
     entry = program.operators.B.indptr[still]
@@ -265,10 +265,10 @@ def _on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response) -
     solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
     if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
         raise LinAlgError("singular")
-    forces = 8 * last + ROUNDED * EPS * size.max(initial=0.0)
+    forces = 8 * last + ROUNDINGS * EPS * size.max(initial=0.0)
     reach = response.absolute @ np.abs(d)
     reach[: limits.stop] += np.abs(np.concatenate([program.b, program.e]))
-    motions = 8 * np.abs(response.A @ step) + ROUNDED * EPS * reach
+    motions = 8 * np.abs(response.A @ step) + ROUNDINGS * EPS * reach
     return _Found(Iterate(d, operators.blocks(x[norms]), x[limits]), error, forces, motions[: limits.stop])
 
 

@@ -96,7 +96,7 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     return Sets(stick, direction, curvature, act)
 
 
-def said_once(operators: Operators, sets: Sets, lam: Floats, w: Floats) -> Sets:
+def without_redundant_rows(operators: Operators, sets: Sets, lam: Floats, w: Floats) -> Sets:
     """The sets without equations for those bounds and sticking terms (these last) whose rows follow from others'.
 
     Where bounds or other terms hold a node already, how much of its force a sticking term carries is not determined:

@@ -33,7 +33,7 @@ from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
-ROUNDED = 10.0
+FLOORS = 10.0
 """Rounding floors that the norm of a state at the rounding floor is at most as large as."""
 TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
@@ -56,7 +56,7 @@ def caused_beside(
     Zero, unseen, where states of energy norm `norm` are not zero beside it.
     """
     data = _caused_beside(condensation, now.pushed, norm, accuracy)
-    return data, _caused_beside(condensation, now.force, norm, accuracy) if norm <= ROUNDED * floor else 0.0
+    return data, _caused_beside(condensation, now.force, norm, accuracy) if norm <= FLOORS * floor else 0.0
 
 
 def drawn(operators: Operators, ground: Floats | None, w: Floats) -> float:

@@ -18,11 +18,11 @@ from vemcvx.arrays import Floats
 from vemcvx.program.system import System
 from vemcvx.stepping.state import Dragged, State
 
-STILL = 16 * float(np.finfo(float).eps)
+DRAG_ROUNDING = 16 * float(np.finfo(float).eps)
 """Slips below this part of the positions that they are differences of are zero but for rounding."""
 
 
-def at_rest(system: System, t: float, p: Floats) -> Dragged:
+def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
     """Nothing has been dragged yet."""
     terms = system.dragged
     if terms is None:
@@ -40,7 +40,7 @@ def drag(system: System, before: State, state: State) -> State:
     slip = (now - last).reshape(terms.count, terms.block)
     size = np.linalg.norm(slip, axis=1)
     reach = np.maximum(np.abs(last), np.abs(now)).reshape(slip.shape).max(axis=1)
-    still = size <= STILL * reach
+    still = size <= DRAG_ROUNDING * reach
     past, size = before.dragged.slipped, np.where(still, 0.0, size)
     weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
     lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]

@@ -40,7 +40,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
         settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
         if run.check:
             require_certified(run, settled, 0)
-        return _at_rest(run, settled)
+        return _beginning(run, settled)
     y = _given(run, now, initial)
     state = state_given(run, now, y)
     if run.system.damping is not None:
@@ -52,7 +52,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     scale = max(state.ledger.norm, _norm(run, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
-    return _at_rest(
+    return _beginning(
         run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=_off(settled, jump))
     )
 
@@ -64,7 +64,7 @@ def _off(settled: State, jump: float) -> Certificate:
 
 def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
     """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
-    return _at_rest(run, _settle(run, state_given(run, drive(run.system, run.condensation, t), y)))
+    return _beginning(run, _settle(run, state_given(run, drive(run.system, run.condensation, t), y)))
 
 
 def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:
@@ -129,7 +129,7 @@ def _settle(run: PreparedRun, state: State) -> State:
     return certified_in_full(run, settled)
 
 
-def _at_rest(run: PreparedRun, state: State) -> State:
+def _beginning(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.data, state.p)
     if run.refines:

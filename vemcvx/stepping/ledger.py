@@ -57,13 +57,13 @@ class StepData:
     """load minus Dirichlet force"""
     prescribed_slip: Floats
     remaining_gap: Floats
-    """(r,) what the limits leave free"""
+    """(r,) gaps of the limits at y = 0"""
     bias: Floats
-    """(m * block,) of the norm terms, minus B' of which is part of the force"""
+    """(m * block,) c of one-way friction: `force` includes -B'c"""
     pushed: Reduced
-    """the force without that part: what there is to hold"""
+    """`force` without -B'c"""
     ground: Floats | None = None
-    """(m * block,) how far the ground has moved, which `prescribed_slip` is less by; None if it stands still"""
+    """(m * block,) the motion of the ground, subtracted in `prescribed_slip`; None if it stands still"""
     carried: Carried | None = None
     """None if no supports move"""
 

@@ -27,8 +27,8 @@ from vemcvx.stepping.seminorm import answered, carried, proximal
 from vemcvx.stepping.state import PreparedRun, State
 
 ATTEMPTS = 3
-"""A solver that misses is asked again for a part of it, now that the size of u_n is known, while that helps: one that
-is at the end of its digits gives the same answer again."""
+"""Times that a solver is asked, each time for a smaller gap, until the certificate is good enough relative to the size
+of u_n, which is known then, or the gap no longer decreases."""
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:

@@ -19,7 +19,7 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
 from vemcvx.stepping.certified_in_full import certified_in_full
-from vemcvx.stepping.dragged import at_rest, drag
+from vemcvx.stepping.dragged import drag, nothing_dragged
 from vemcvx.stepping.initial import initial_state, state_given
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.state import PreparedRun, State, prepare
@@ -43,7 +43,7 @@ def programs_of_march(
     run, steps = _prepared(system, instants, solver, flag(condense, "condense"), linear)
     run = replace(run, check=flag(check, "check"))
     first = initial_state(run, float(instants[0]), initial)
-    before = certified_in_full(run, replace(first, dragged=at_rest(system, first.t, first.p)))
+    before = certified_in_full(run, replace(first, dragged=nothing_dragged(system, first.t, first.p)))
     for n, t in enumerate(instants[1:].tolist(), start=1):
         with one_thread(len(run.condensation.retained)):
             state = drag(system, before, steps.step(before, n, t))

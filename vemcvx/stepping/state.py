@@ -125,13 +125,13 @@ class State:
     safeguards: int = 0
     """how many of the iterations stood in for faster ones"""
     rate: float = np.nan
-    """with which the fixed point of weights that follow the answer contracted"""
+    """estimated constant of contraction of the fixed point, where weights depend on the answer"""
     full: Floats | None = None
     """(n,) `unknowns`, once somebody has asked for them"""
     size: float = 0.0
-    """largest energy norm that the data could cause, looked at while the states are nothing beside it"""
+    """largest energy norm that the data could cause; computed only while the states are far smaller"""
     noise: float = 0.0
-    """what friction's own forces could, where this state is but their rounding"""
+    """the same of friction's forces alone, where this state is no more than their rounding"""
     dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))
     """as of the step before while the step is on"""
     velocity: Floats | None = None

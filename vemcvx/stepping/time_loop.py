@@ -21,7 +21,7 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps
 from vemcvx.stepping.certified_in_full import certified_in_full
-from vemcvx.stepping.dragged import at_rest, drag
+from vemcvx.stepping.dragged import drag, nothing_dragged
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import Recorder, stored_steps
 from vemcvx.stepping.state import PreparedRun, prepare
@@ -106,7 +106,7 @@ def _march(
     earlier = recorder.begin()
     if earlier is None:
         first = initial_state(run, instants[0], initial)
-        earlier = 0, replace(first, dragged=at_rest(system, first.t, first.p))
+        earlier = 0, replace(first, dragged=nothing_dragged(system, first.t, first.p))
         recorder.add(*earlier)
     begin, state = earlier
     if system.damping is not None:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, read_only, totals
-from vemcvx.vem.rows import ROUNDED, BoundaryRows, SideEnds
+from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, SideEnds
 
 # Four Gauss points: int g phi_i is exact for g of degree 6 on an edge (7 for the product).
 GAUSS = 4
@@ -114,7 +114,7 @@ class BoundaryPart:
         ends = SideEnds(
             nodes=self.edges.ravel(),
             normals=np.repeat(self.normals, 2, axis=0),
-            noise=ROUNDED * np.abs(self.points).max() / length,
+            noise=NORMAL_ROUNDING * np.abs(self.points).max() / length,
             lengths=0.5 * length,
             beyond=self.edges[:, ::-1].ravel(),
             partners=np.full(2 * m, -1) if self.across is None else self.across.ravel(),

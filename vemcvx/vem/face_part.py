@@ -16,7 +16,7 @@ from vemcvx.arrays import Floats, Ints, read_only, totals
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.boundary import SideRule
 from vemcvx.vem.faces import FaceGroup, face_groups
-from vemcvx.vem.rows import ROUNDED, BoundaryRows, SideEnds
+from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, SideEnds
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class FacePart:
         return SideEnds(
             nodes=np.concatenate([group.nodes.ravel() for group, _, _ in each]),
             normals=self.normals[side],
-            noise=(ROUNDED * np.abs(self.mesh.points).max() * noise)[side],
+            noise=(NORMAL_ROUNDING * np.abs(self.mesh.points).max() * noise)[side],
             lengths=np.concatenate([group.shares.ravel() for group, _, _ in each]),
             beyond=self.sides[side],
             partners=np.full(len(side), -1),

@@ -22,7 +22,7 @@ from vemcvx.vem.space import Space
 
 # A point is on a face within this part of the mesh size, or within a few roundings of the coordinates.
 CLOSE = 1e-12
-ROUNDED = 16 * float(np.finfo(float).eps)
+POINT_ROUNDING = 16 * float(np.finfo(float).eps)
 # Points in one go: each meets some hundred triangles.
 CHUNK = 2**12
 
@@ -40,7 +40,7 @@ def solid_places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_
 def _places(space: Space, mesh: PolyhedralMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     offsets, vertices = mesh.cell_nodes
     low, high = (f.reduceat(mesh.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
-    reach = CLOSE * mesh.h + ROUNDED * np.abs(mesh.points).max()
+    reach = CLOSE * mesh.h + POINT_ROUNDING * np.abs(mesh.points).max()
     point, cell = overlapping_boxes(x - reach, x + reach, low, high)
     if len(point) == 0:
         return sp.csr_matrix((len(x), mesh.n_nodes)), sp.csr_matrix((len(x), mesh.n_cells))

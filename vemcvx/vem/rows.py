@@ -20,7 +20,7 @@ SAME_NORMAL = 1e-9
 # Between bodies sides that turn by less than 45 degrees are a curve, whose nodes have the mean of their normals (by
 # length, as constant pressure pushes them): with both, what slides along a curve would have to climb every corner.
 SMOOTH = 2.0 * float(np.sin(np.pi / 8))
-ROUNDED = 4.0 * float(np.finfo(float).eps)
+NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from vemcvx.simulation import programs
 from vemcvx.version import __version__
 
 MANIFEST, SCRIPT = "manifest.json", "confirm.py"
-STILL = 1e-9
+STICKING = 1e-9
 """Part of the largest slip, below which a term sticks whose weight is lowered."""
 
 
@@ -90,6 +90,6 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, SolvedProgr
 def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
     """The program whose terms that stick have just the weight that they need."""
     size = np.linalg.norm(program.slip(program.answer.d), axis=1)
-    sticks = size <= STILL * size.max(initial=0.0)
+    sticks = size <= STICKING * size.max(initial=0.0)
     lower = np.where(sticks, np.linalg.norm(program.answer.lam, axis=1), program.w)
     return replace(program, w=np.minimum(lower, program.w))

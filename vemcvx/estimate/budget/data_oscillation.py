@@ -37,7 +37,7 @@ AT_BOUND = 0.99
 
 
 @dataclass(frozen=True)
-class Closer:
+class DataOscillation:
     """Data of a posed scene, and the places where they are looked at."""
 
     posed: PosedScene
@@ -206,11 +206,11 @@ class Closer:
 
 
 ON_EDGES = {
-    "bound": Closer._bound,
-    "gap": Closer._gap,
-    "spring": Closer._spring,
-    "foundation": Closer._foundation,
-    "displacement": Closer._displacement,
+    "bound": DataOscillation._bound,
+    "gap": DataOscillation._gap,
+    "spring": DataOscillation._spring,
+    "foundation": DataOscillation._foundation,
+    "displacement": DataOscillation._displacement,
 }
 
 

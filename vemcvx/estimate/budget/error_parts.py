@@ -17,7 +17,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief, plain
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.estimate.budget.data_oscillation import Closer
+from vemcvx.estimate.budget.data_oscillation import DataOscillation
 from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
 from vemcvx.estimate.budget.residual import indicators
 from vemcvx.estimate.budget.skeleton import skeleton
@@ -126,8 +126,8 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
     """The budget of a run whose posed scene is at hand, at rows of its arrays; `finer` if that is known."""
     check_estimable(posed, "error_budget")
     run, edges = history.trajectory, skeleton(posed)
-    closer = Closer(posed, edges)
-    squares = [indicators(posed, edges, closer, instant(history, k)) for k in rows]
+    oscillation = DataOscillation(posed, edges)
+    squares = [indicators(posed, edges, oscillation, instant(history, k)) for k in rows]
     steps = history.stored[np.asarray(rows, dtype=np.int64)]
     finer = in_time(posed, run) if finer is None else finer
     parts = {name: np.sqrt([part[name].sum() for part in squares]) for name in squares[0]}

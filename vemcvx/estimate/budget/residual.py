@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.arrays import Floats, totals
-from vemcvx.estimate.budget.data_oscillation import Closer
+from vemcvx.estimate.budget.data_oscillation import DataOscillation
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, surface_forces
 from vemcvx.scene.composition import InitialStresses
@@ -33,13 +33,13 @@ full slip, on all families and for Poisson's ratios up to .4999995, and 1.4 time
 VOLUME = 0.1
 
 
-def indicators(posed: PosedScene, edges: Skeleton, closer: Closer, now: Instant) -> dict[str, Floats]:
+def indicators(posed: PosedScene, edges: Skeleton, oscillation: DataOscillation, now: Instant) -> dict[str, Floats]:
     """Squares (n_cells,) of the parts "volume", "jumps", "boundary", "stabilisation" and "data" of eta_K."""
     strain = strains(posed.space, now.u)
     sigma = stresses(posed.material.moduli, strain)
     if posed.prestress is not None:
         sigma = sigma + posed.prestress.stress(now.t)
-    unseen, work = closer.squares(now, strain, VOLUME)
+    unseen, work = oscillation.squares(now, strain, VOLUME)
     parts = {
         "volume": VOLUME * _volume(posed, edges, now.t),
         "jumps": _jumps(edges, sigma),

@@ -19,7 +19,7 @@ from vemcvx.meshes.polygons.topology import next_vertex, spans
 # A point counts as on a side within this part of the cell's diameter,
 CLOSE = 1e-12
 # or within a few roundings of the coordinates: points computed as 0.1 + 0.2 are 5e-17 off.
-ROUNDED = 16 * float(np.finfo(float).eps)
+POINT_ROUNDING = 16 * float(np.finfo(float).eps)
 # Points in one go: temporaries of some ten megabytes.
 CHUNK = 2**14
 
@@ -48,7 +48,7 @@ class Location:
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
     """Where the finite points (p, 2) lie; those outside the mesh are in no cell."""
     low, high = (f.reduceat(mesh.points[mesh.vertices], mesh.offsets[:-1]) for f in (np.minimum, np.maximum))
-    rounding = ROUNDED * np.abs(mesh.points).max()
+    rounding = POINT_ROUNDING * np.abs(mesh.points).max()
     reach = CLOSE * mesh.h + rounding
     near = np.flatnonzero(((points >= low.min(axis=0) - reach) & (points <= high.max(axis=0) + reach)).all(axis=1))
     starts, ends, along = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))

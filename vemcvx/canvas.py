@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import PolyCollection
+    from matplotlib.collections import Collection, PolyCollection
     from matplotlib.colorbar import Colorbar
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
@@ -193,7 +193,7 @@ def draw_cells(
     return ax
 
 
-def bar_beside(ax: Axes, cells: PolyCollection) -> Colorbar:
+def bar_beside(ax: Axes, cells: Collection) -> Colorbar:
     """Return the bar of the colours of cells, in axes of its own: as high as the body, whatever its shape."""
     from matplotlib.ticker import MaxNLocator
 

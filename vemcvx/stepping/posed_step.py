@@ -99,9 +99,9 @@ class PosedStep:
 
     @property
     def ordinary(self) -> bool:
-        """Whether something has moved before, and what drives the step has an energy that numbers can hold."""
+        """Whether contact has pressed before, and what drives the step has an energy that numbers can hold."""
         norm = float(np.sqrt(self.run.scaling.kappa)) * self.run.scaling.size(self.program)
-        return self.before.scale > 0.0 and SMALLEST <= norm <= LARGEST
+        return bool(self.before.p.any()) and SMALLEST <= norm <= LARGEST
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""

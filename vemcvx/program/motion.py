@@ -9,10 +9,13 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called
-from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words
+from vemcvx.arrays import EPS, Floats, as_real_array, brief, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.program.checks import finite
 from vemcvx.program.forces import ForceOnPart
+
+DRAG_ROUNDING = 16 * EPS
+"""Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
 
 
 @dataclass(frozen=True)

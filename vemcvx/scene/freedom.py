@@ -19,13 +19,10 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import VemcvxError
+from vemcvx.program.motion import DRAG_ROUNDING
 from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.supports import PARALLEL, Supports
 from vemcvx.vem import tangents_of
-
-DRAG_ROUNDING = 16 * float(np.finfo(float).eps)
-"""Positions that differ by less, relative to the largest, are one: what rounding leaves of a datum drags nothing."""
-
 
 Moving = Callable[[float], Floats]
 """Of t: displacements (k, dim) of what k rows rub on, or their components along the rows."""

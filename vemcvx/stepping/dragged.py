@@ -15,11 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from vemcvx.arrays import Floats
+from vemcvx.program.motion import DRAG_ROUNDING
 from vemcvx.program.system import System
 from vemcvx.stepping.state import Dragged, State
-
-DRAG_ROUNDING = 16 * float(np.finfo(float).eps)
-"""Slips below this part of the positions that they are differences of are zero but for rounding."""
 
 
 def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:

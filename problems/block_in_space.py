@@ -21,7 +21,7 @@ import vemcvx as vx
 from problem_pictures import face_and_graph
 from vemcvx.plots import friction_disc
 
-SMALL = {"n": 6, "steps": 8}
+SMALL = {"n": 8, "steps": 8}
 
 
 def scene(young=200.0, poisson=0.3, bound=4.0, push=8.0, aside=2.0, press=0.01):

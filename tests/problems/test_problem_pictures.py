@@ -16,7 +16,7 @@ from vemcvx import effects
 from vemcvx.effects import Effect, MaterialLaw
 
 ROOT = Path(gallery.__file__).parent.parent
-SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain", "twisted_pad")
+SHOWN = ("cattaneo_mindlin", "plate_with_hole", "janssen_silo", "block_with_grain", "block_in_space")
 """Those that the README shows; the others are drawn by the slow tests, a third of a second each."""
 SLOW = [name for name in gallery.problem_files() if name not in SHOWN]
 LONG = ("bolted_flange", "spherical_indenter", "twisted_pad")

@@ -173,6 +173,10 @@ class Operators(ArrayRecord):
             added = sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D)
         return self.K + added.toarray() if isinstance(self.K, np.ndarray) else sp.csr_matrix(self.K + added)
 
+    def energy_norm(self, d: Floats) -> float:
+        """|d|_K of increments d (n,)."""
+        return float(np.sqrt(max(float(d @ (self.K @ d)), 0.0)))
+
     def blocks(self, x: Floats) -> Floats:
         """View (m * block,) entries as (m, block)."""
         return x.reshape(self.count, self.block)

@@ -56,7 +56,7 @@ class SolvedProgram(StepProgram):
     @cached_property
     def norm(self) -> float:
         """|d|_K, the energy norm of the increments: what errors may be held against."""
-        return float(np.sqrt(max(float(self.answer.d @ (self.operators.K @ self.answer.d)), 0.0)))
+        return self.operators.energy_norm(self.answer.d)
 
     @cached_property
     def bounds(self) -> tuple[float, float]:

@@ -256,7 +256,7 @@ def _on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response) -
         wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
         step, more = solve(program.residual(d, operators.blocks(lam), p), wanted)
         d, x = d + step, x + more
-        error = float(np.sqrt(max(float(step @ (operators.K @ step)), 0.0)))
+        error = operators.energy_norm(step)
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
     force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
     # What anchors answer to a motion is no force of the step: it is as large as any error of that motion.

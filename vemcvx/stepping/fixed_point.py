@@ -232,8 +232,7 @@ class DependentStep:
 
     def distance(self, one: State, other: State) -> float:
         """Energy norm of the difference."""
-        apart = one.y - other.y
-        return float(np.sqrt(max(float(apart @ (self.run.operators.K @ apart)), 0.0)))
+        return self.run.operators.energy_norm(one.y - other.y)
 
     def work_apart(self, one: State, other: State) -> float:
         """The work of the difference of their weights on the larger of their slips, over the norm of states."""

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from vemcvx.cli import app
+from vemcvx.cli import app, problem_file
+from vemcvx.cli.problem_file import read_problem
 
 BLOCK = '''"""A block dragged in space."""
 import numpy as np
@@ -48,11 +49,39 @@ def test_a_problem_in_space_runs_on_its_families(tmp_path, family, size):
     assert "9 nodes slip" in said or "0 nodes stick, 9 slip" in said
 
 
+def test_commands_take_fewer_cells_in_space_when_nobody_says_how_many(tmp_path, monkeypatch):
+    own = tmp_path / "own.py"
+    own.write_text(BLOCK.replace('family="cubes"', 'family="own"').replace("SPACE_FAMILIES[family]", "cubes"))
+    assert read_problem(own).family == "own"
+    assert read_problem(own).usual_n(64) == 8
+    assert read_problem(own).usual_n(4) == 4
+    assert read_problem("feng_han_huang").usual_n(64) == 64
+    monkeypatch.setattr(problem_file, "SPACE_N", 2)
+    for command in (["show"], ["run", "--steps", "1"], ["compare", "--steps", "1", "--solvers", "newton"]):
+        code, said = invoked(tmp_path, *command)
+        assert code == 0
+        assert "8 cells, 27 nodes" in said
+
+
 def test_show_says_discs_and_who_takes_them(tmp_path):
     code, said = invoked(tmp_path, "show", "--n", "2")
     assert code == 0
     assert "9 norms of 2 components, 9 second-order cones" in said
     assert "OSQP (no second-order cones)" in said
+
+
+def test_certificates_of_pressure_in_space_are_said_to_be_estimates(tmp_path, monkeypatch):
+    law = 'vx.UnilateralContact(on="bottom"),\n        vx.CoulombFriction(0.3, on="bottom")'
+    pressed = BLOCK.replace('vx.BilateralContact(on="bottom")', law).replace("0.0], on", "-0.05 * t], on")
+    monkeypatch.setitem(globals(), "BLOCK", pressed.replace('        vx.TrescaFriction(bound, on="bottom"),\n', ""))
+    _, said = invoked(tmp_path, "show", "--n", "2")
+    assert "certificate an estimate, because weights depend on pressures, and slip turns in space solvers" in said
+    code, said = invoked(tmp_path, "run", "--n", "2", "--steps", "2", "--out", str(tmp_path / "out"), "--report")
+    assert code == 0
+    because = "because slip turns in space, so that what sticks, slips and touches proves no bound"
+    assert f"an estimate at 2 of 3 instants, {because}; else a bound" in said
+    page = html.unescape((tmp_path / "out" / "report.html").read_text())
+    assert f"In 2 steps certificates are estimates, {because}." in page
 
 
 def test_pictures_and_report_say_what_they_leave_out(tmp_path, monkeypatch):

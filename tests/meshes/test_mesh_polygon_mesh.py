@@ -104,6 +104,19 @@ def test_bad_boundaries(boundaries, message):
         PolygonMesh(SQUARE, [[0, 1, 2], [0, 2, 3]], boundaries=boundaries)
 
 
+def test_names_of_one_mesh_are_names_of_another():
+    """The whole boundary among them, in any order and direction, repeated or not."""
+    first = vx.meshes.squares(2)
+    names = {name: edges[::-1, ::-1] for name, edges in first.boundaries.items()}
+    names["boundary"] = np.concatenate([names["boundary"], names["boundary"][:1]])
+    second = PolygonMesh(2 * first.points, first.cells, boundaries=names)
+    assert set(second.boundaries) == set(first.boundaries)
+    assert all(np.array_equal(second.boundaries[name], first.boundaries[name]) for name in names)
+    names["boundary"] = names["boundary"][2:-1]
+    with pytest.raises(vx.MeshError, match="here it is given to 6 of its 8 parts. Choose another name, or leave it"):
+        PolygonMesh(first.points, first.cells, boundaries=names)
+
+
 def test_an_edge_to_a_dropped_node_is_no_boundary():
     with pytest.warns(vx.MeshWarning), pytest.raises(vx.MeshError, match=r"\(0, 4\) is not an edge of the boundary"):
         PolygonMesh([*SQUARE, (9, 9)], [[0, 1, 2, 3]], boundaries={"far": [(0, 4)]})

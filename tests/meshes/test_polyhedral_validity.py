@@ -470,6 +470,18 @@ def test_boundaries_by_number_and_by_vertices():
     assert all(not faces.flags.writeable for faces in more.boundaries.values())
 
 
+def test_names_of_one_mesh_are_names_of_another():
+    """The whole boundary among them, in any order."""
+    first = vx.meshes.cubes(2)
+    names = {name: faces[::-1] for name, faces in first.boundaries.items()}
+    second = PolyhedralMesh(2 * first.points, first.cells, boundaries=names)
+    assert set(second.boundaries) == set(first.boundaries)
+    assert all(np.array_equal(second.boundaries[name], first.boundaries[name]) for name in names)
+    names["boundary"] = names["boundary"][1:]
+    with pytest.raises(vx.MeshError, match="here it is given to 23 of its 24 parts. Choose another name, or leave it"):
+        PolyhedralMesh(first.points, first.cells, boundaries=names)
+
+
 @pytest.mark.parametrize(
     ("boundaries", "message"),
     [

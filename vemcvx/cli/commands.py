@@ -32,7 +32,7 @@ def run(
     mesh: Mesh = None,
     n: Annotated[
         int | None,
-        typer.Option("--n", min=1, help="Cells across the shortest side. (default: 64; with --target 8 at first)"),
+        typer.Option("--n", min=1, help="Cells across the shortest side. (default: 64; 8 in space and with --target)"),
     ] = None,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Steps of backward Euler. (default: 64; 8, with --target)")
@@ -69,10 +69,10 @@ def run(
         if resume is not None and out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
         folder, going_on = (out, False) if resume is None else (resume, True)
-        usual = 64 if target is None else 8
+        problem, usual = read_problem(file), 64 if target is None else 8
         asked = RunOptions(
             family=mesh,
-            n=n or usual,
+            n=n or problem.usual_n(usual, mesh),
             steps=steps or usual,
             solver=solver,
             accuracy=accuracy,
@@ -87,24 +87,32 @@ def run(
             probes=tuple(probes),
             report=report,
         )
-        say(simulate_problem(read_problem(file), asked))
+        say(simulate_problem(problem, asked))
 
 
 @app.command()
-def show(file: File, mesh: Mesh = None, n: N = 64, settings: Settings = []) -> None:  # noqa: B006 - as above
+def show(
+    file: File,
+    mesh: Mesh = None,
+    n: Annotated[
+        int | None, typer.Option("--n", min=1, help="Cells across the shortest side. (default: 64; 8 in space)")
+    ] = None,
+    settings: Settings = [],  # noqa: B006 - as above
+) -> None:
     """Say a problem's scene in words: effects, unknowns, the convex program, who can solve it."""
     with reported():
         from vemcvx.cli.problem_file import read_problem
         from vemcvx.cli.show import print_scene
 
-        print_scene(read_problem(file), mesh, n, tuple(settings))
+        problem = read_problem(file)
+        print_scene(problem, mesh, n or problem.usual_n(64, mesh), tuple(settings))
 
 
 @app.command()
 def compare(
     file: File,
     mesh: Mesh = None,
-    n: N = 16,
+    n: N = None,
     steps: Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")] = 8,
     solvers: Annotated[
         str,
@@ -140,9 +148,10 @@ def compare(
         paths = {kind: path for kind, path in (("json", json), ("csv", csv), ("html", html)) if path is not None}
         for kind, path in paths.items():
             check_writable(path, f"--{kind}")
+        problem = read_problem(file)
         asked = Comparison(
             family=mesh,
-            n=n,
+            n=n or problem.usual_n(16, mesh),
             steps=steps,
             solvers=solvers,
             accuracy=accuracy,
@@ -151,7 +160,7 @@ def compare(
             tuning=tuning,
             time_limit=time_limit,
         )
-        found = compare_solvers(read_problem(file), asked, partial(say, err=True))
+        found = compare_solvers(problem, asked, partial(say, err=True))
         for kind, path in paths.items():
             path.write_text(WRITERS[kind](found), encoding="utf-8")
         typer.echo(in_words(found))
@@ -166,7 +175,7 @@ def export(
     form: Annotated[str, typer.Option("--format", help="Of the files: npz, mtx, cbf, qps, mps or hdf5.")] = "npz",
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="(default: results/programs_<problem>)")] = None,
     mesh: Mesh = None,
-    n: N = 16,
+    n: N = None,
     of: Annotated[int, typer.Option(min=1, help="Steps of backward Euler that the run has.")] = 64,
     solver: Solver = "newton",
     accuracy: Accuracy = None,
@@ -180,9 +189,10 @@ def export(
         from vemcvx.cli.problem_file import read_problem
         from vemcvx.cli.run_options import RunOptions
 
+        problem = read_problem(file)
         asked = RunOptions(
             family=mesh,
-            n=n,
+            n=n or problem.usual_n(16, mesh),
             steps=of,
             solver=solver,
             accuracy=accuracy,
@@ -193,7 +203,7 @@ def export(
             settings=tuple(settings),
             linear=linear,
         )
-        say(export_programs(read_problem(file), asked, steps, form))
+        say(export_programs(problem, asked, steps, form))
 
 
 @app.command()

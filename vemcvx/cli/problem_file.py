@@ -18,6 +18,8 @@ from vemcvx.errors import ProblemError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.scene import Scene
 
+SPACE_N = 8
+"""Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes."""
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
 
 
@@ -78,6 +80,12 @@ class Problem:
         """The family of meshes that it takes when none is asked for, if it says so."""
         default = _parameters(self.module.mesh).get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
+
+    def usual_n(self, usual: int, family: str | None = None) -> int:
+        """Cells across the shortest side when nobody says how many: as `usual` in the plane, at most 8 in space."""
+        plane = usual <= SPACE_N or (family is not None and is_file(family)) or (family or self.family) in FAMILIES
+        # A family of the file's own does not say where it is; its mesh does.
+        return usual if plane or isinstance(self.mesh(SPACE_N, family), PolygonMesh) else SPACE_N
 
     def times(self, steps: int) -> Any:
         """The instants; `simulate` checks them."""

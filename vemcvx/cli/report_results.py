@@ -12,6 +12,7 @@ from vemcvx.cli.pages import figure, numbers, short, words
 from vemcvx.errors import VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.history import History
+from vemcvx.results.words import why_estimated
 
 ROWS = 12
 """Steps that the table of steps has at most; steps.csv has all."""
@@ -112,13 +113,10 @@ def certificates(history: History) -> str:
     bound = (
         "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
         "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
-        "Coulomb's law by the solution on the sets that stick, slip and touch. It is relative to the largest energy "
-        "norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
+        "Coulomb's law in the plane by the solution on the sets that stick, slip and touch. It is relative to the "
+        "largest energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
     )
-    estimate = (
-        f"In {run.estimated.sum()} steps what sticks, slips and touches did not settle: there certificates are "
-        "estimates."
-    )
+    estimate = f"In {run.estimated.sum()} steps certificates are estimates, {why_estimated(history)}."
     lines = [
         ("asked for", "-" if run.accuracy is None else short(run.accuracy)),
         ("largest of a step", f"{short(run.certificate.max())}, {MEANING[run.certificate_kind]}"),

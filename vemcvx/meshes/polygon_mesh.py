@@ -34,7 +34,8 @@ class PolygonMesh(Tessellation):
     cells : sequence of index sequences, or (n_cells, k) array of int
         Vertices of each cell, in order around it. Clockwise cells are turned, with a `MeshWarning`.
     boundaries : mapping of str to (m, 2) array_like of int, optional
-        Named sets of boundary edges, in either direction. The name "boundary" (all of it) is always there.
+        Named sets of boundary edges, in either direction. The name "boundary" (all of it) is always
+        there, and means nothing else.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
 

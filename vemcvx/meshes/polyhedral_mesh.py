@@ -37,7 +37,7 @@ class PolyhedralMesh(SpaceTessellation):
         outside are turned, with a `MeshWarning`.
     boundaries : mapping of str to array_like, optional
         Named sets of boundary faces: their numbers, or rows of their vertices. The name "boundary" (all of it) is
-        always there.
+        always there, and means nothing else.
     cell_data : mapping of str to (n_cells, ...) array_like, optional
         Data on cells, such as moduli or material numbers.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from vemcvx.arrays import Bools
 from vemcvx.outline import Lines, Outline
 from vemcvx.results.results import Results
 
@@ -31,7 +30,7 @@ def in_words(history: Results) -> Outline:
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
         ("certified", certified),
-        *_kind(run.estimated),
+        *_kind(history),
         *_errors(history.errors),
         ("iterations", iterations),
         ("energy", energy),
@@ -41,15 +40,20 @@ def in_words(history: Results) -> Outline:
     return Outline(title, lines)
 
 
-def _kind(estimated: Bools) -> Lines:
+def _kind(history: Results) -> Lines:
     """Where the certificates are no bounds."""
+    estimated = history.trajectory.estimated
     if not estimated.any():
         return []
-    words = (
-        f"an estimate at {estimated.sum()} of {len(estimated)} instants, where what sticks, slips and touches did not "
-        "settle; else a bound"
-    )
-    return [("", words)]
+    at = f"an estimate at {estimated.sum()} of {len(estimated)} instants"
+    return [("", f"{at}, {why_estimated(history)}; else a bound")]
+
+
+def why_estimated(history: Results) -> str:
+    """What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
+    if history.trajectory.multipliers.shape[2] > 1:
+        return "because slip turns in space, so that what sticks, slips and touches proves no bound"
+    return "where what sticks, slips and touches did not settle"
 
 
 def _errors(errors: dict[str, float] | None) -> Lines:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import SpaceBox
-from vemcvx.meshes.checks.names import check_name
+from vemcvx.meshes.checks.names import WHOLE, check_name, check_whole
 from vemcvx.meshes.polygons.topology import offsets_of, spans
 from vemcvx.meshes.polyhedra.topology import Faces, same_faces
 
@@ -46,7 +46,11 @@ def check_face_boundaries(
     boundaries = {} if boundaries is None else boundaries
     if not isinstance(boundaries, Mapping):
         raise MeshError(f"boundaries must map names to faces; got {type(boundaries).__name__}.")
-    return {check_name(name): _faces(name, given, mesh, node_map) for name, given in boundaries.items()}
+    if WHOLE in boundaries:
+        whole = _faces(WHOLE, boundaries[WHOLE], mesh, node_map)
+        check_whole(whole, np.flatnonzero(mesh.face_cells[:, 1] < 0))
+    rest = [name for name in boundaries if name != WHOLE]
+    return {check_name(name): _faces(name, boundaries[name], mesh, node_map) for name in rest}
 
 
 def _faces(name: str, given: Any, mesh: Faces, node_map: Ints | None) -> Ints:

@@ -47,6 +47,15 @@ def check_name(name: object) -> str:
     return name
 
 
+def check_whole(given: Ints, boundary: Ints) -> None:
+    """Raise MeshError where what is called the whole boundary, as meshes call it, is less; numbers or keys of parts."""
+    if not np.array_equal(np.unique(given), np.unique(boundary)):
+        raise MeshError(
+            f"the name {WHOLE!r} is taken: it always means the whole boundary, and here it is given to "
+            f"{len(np.unique(given))} of its {len(boundary)} parts. Choose another name, or leave it out."
+        )
+
+
 def choose(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
     """Which parts of the boundary the predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
     name = check_name(name)
@@ -84,7 +93,8 @@ def check_boundaries(
     keys = edge_keys(boundary, n_nodes)
     named = {}
     for name, given in boundaries.items():
-        given = check_edges(check_name(name), given, n_nodes if node_map is None else len(node_map))
+        name = name if name == WHOLE else check_name(name)
+        given = check_edges(name, given, n_nodes if node_map is None else len(node_map))
         edges = given if node_map is None else node_map[given]
         wanted = edge_keys(edges, n_nodes)
         strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
@@ -94,7 +104,10 @@ def check_boundaries(
                 f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
                 f"{len(given)} are not). Name only edges that belong to exactly one cell."
             )
-        named[name] = read_only(boundary[np.isin(keys, wanted)])
+        if name == WHOLE:
+            check_whole(wanted, keys)
+        else:
+            named[name] = read_only(boundary[np.isin(keys, wanted)])
     return named
 
 

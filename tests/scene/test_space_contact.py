@@ -286,6 +286,26 @@ def agree(family, load):
     return newton
 
 
+@pytest.mark.parametrize("size", [1.0, 1000.0])
+def test_a_gap_that_is_negative_by_rounding_alone_is_none(size):
+    """What coordinates are rounded by, size EPS, is nothing to refuse a body for; a hundred times that is."""
+    mesh = vx.meshes.cubes(2, box=((0, size),) * 3)
+
+    def run(gap):
+        scene = vx.Scene(
+            vx.Elasticity(200.0, 0.3),
+            vx.UnilateralContact(on="bottom", gap=lambda x, t: gap + 0 * x[:, 0]),
+            vx.PrescribedDisplacement(lambda x, t: [0.0, 0.0, -0.01 * size * t], on="top"),
+        )
+        return vx.simulate(scene, mesh, [0.0, 1.0])
+
+    eps = np.finfo(float).eps
+    for gap in (-1e-17, -size * eps):
+        assert np.array_equal(run(gap).displacement, run(0.0).displacement)
+    with pytest.raises(vx.SceneError, match="inside its obstacle"):
+        run(-100 * size * eps)
+
+
 def test_newton_and_clarabel_agree_within_their_certificates():
     found = agree("voronoi3", "turning")
     assert found.contact.slip_count[-1] > 0 < found.contact.open_count.max()

@@ -124,8 +124,11 @@ def test_nonsense_is_refused_in_one_sentence(case):
 
 
 def test_what_is_no_number_is_not_certified():
-    with pytest.raises(vx.NotCertified, match="^step 1 .*Mine reached"):
+    with pytest.raises(vx.NotCertified, match="^step 1 .*Mine reached") as caught:
         vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: a.d * np.nan))
+    assert "The largest share" not in str(caught.value), "of what is no number there is no largest share"
+    with pytest.raises(vx.NotCertified, match="The largest share of the gap sits at node "):
+        vx.simulate(paper_scene(), small("squares", 3), [0.0, 1.0], solver=Mine(lambda a: 1.01 * a.d))
 
 
 def test_mistakes_in_python():

@@ -66,6 +66,18 @@ def test_a_uniform_stress_is_in_equilibrium_with_its_tractions(mesh):
     assert np.abs(stress_load(space) @ np.tile(components, mesh.n_cells) - forces).max() < 1e-14
 
 
+def test_the_torque_of_weight_is_that_of_the_means_of_vertices(mesh):
+    """Exact where these are centroids; else it is off by less than h times the force."""
+    points, matrix, _ = cell_load(Space(mesh))
+    weight = np.array([0.3, 0.0, -1.0])
+    nodal = (matrix @ np.tile(weight, len(points))).reshape(-1, 3)
+    means = np.array([mesh.points[np.unique(np.concatenate(cell))].mean(axis=0) for cell in mesh.cells])
+    exact = np.cross(mesh.volumes @ mesh.centroids, weight)
+    off = np.cross(mesh.points, nodal).sum(axis=0) - exact
+    assert off == pytest.approx(np.cross(mesh.volumes @ (means - mesh.centroids), weight), abs=1e-13)
+    assert np.linalg.norm(off) < mesh.h * mesh.volumes.sum() * np.linalg.norm(weight)
+
+
 def test_loads_have_the_forces_and_moments_of_their_data(mesh):
     space = Space(mesh)
     x, matrix, _ = cell_load(space)

@@ -14,7 +14,9 @@ from vemcvx.vem import Space, cell_load
 class BodyForce(Effect):
     """A force per unit area (and unit thickness), in space per volume: <l^h, v> = sum_K int_K Pi_0^0 f_1 . v_hat.
 
-    v_hat is the average of the vertex values of v on K, as in Section 3 of the paper (before (3.14)).
+    v_hat is the average of the vertex values of v on K, as in Section 3 of the paper (before (3.14)). The sum of these
+    forces is exact for constant ones; their torque is so on cells whose centroid is the mean of their vertices, such as
+    boxes and simplices, and else within h times the force.
 
     Parameters
     ----------

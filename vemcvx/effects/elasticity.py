@@ -92,7 +92,7 @@ class Elasticity(MaterialLaw):
         place = "" if self.on is None else f", on {where(self.on)}"
         return (
             f"Elasticity: E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}, "
-            f"{'plane strain or space' if self.plane is None else f'plane {self.plane}'}, "
+            f"{'plane strain in two dimensions' if self.plane is None else f'plane {self.plane}'}, "
             f"{self.stabilisation} stabilisation{place}"
         )
 

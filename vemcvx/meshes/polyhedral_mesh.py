@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from numpy.typing import ArrayLike
 
@@ -74,6 +74,12 @@ class PolyhedralMesh(SpaceTessellation):
     -----
     All arrays are read-only. Node and cell order are those given; faces are numbered as cells first name them.
     """
+
+    def refine(self, cells: ArrayLike | None = None, *, balance: bool = True) -> NoReturn:
+        """Meshes in space are not refined: always raise MeshError, which says so."""
+        raise MeshError(
+            "refine: exists in the plane only, and this mesh is of polyhedra; make a finer one, by the n of its family."
+        )
 
     def write(self, path: str | Path) -> None:
         """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit from .vtu files.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.errors import SceneError
 from vemcvx.program.limits import Limits
@@ -22,6 +22,10 @@ from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.supports import Supports
 from vemcvx.scene.terms import Terms, merged
+
+GAP_ROUNDINGS = 4
+"""Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as much
+again for what lengths are computed from. Gaps that are negative by no more than this are zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +74,13 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
     first, limit = _limits(jumps, normals, compliance)
     rows = normal_rows(jumps[first], normals[first], points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
-    ends = united(ends, limit)
+    ends, rounding = united(ends, limit), GAP_ROUNDINGS * EPS * float(np.abs(points).max())
 
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
             nearest = np.full(len(first), np.inf)
             np.minimum.at(nearest, limit, np.concatenate([o.gap(t) for o in obstacles]))
-            return nearest[chosen]
+            return np.where((-rounding <= nearest) & (nearest < 0), 0.0, nearest)[chosen]
 
         kept = first[chosen]
         return Obstacles(

@@ -84,7 +84,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
         return
     reached, floor = ((part / unit if unit > 0 else np.inf) for part in (certificate.error, certificate.error_floor))
     worst = ""
-    if norms is not None and len(certificate.friction):
+    # Where the gap is no number, or friction has none of it, it sits nowhere.
+    if norms is not None and np.isfinite(certificate.error) and certificate.friction.max(initial=0.0) > 0:
         worst = f" The largest share of the gap sits at {norms.name(int(np.argmax(certificate.friction)))}."
     said = f" The solver said: {state.status}." if state.status else ""
     raise NotCertified(

@@ -286,6 +286,29 @@ def agree(family, load):
     return newton
 
 
+def test_wear_is_traction_times_slip_but_at_edges_times_displacement():
+    """There friction acts in two planes, and slip is but the part across their mean normal."""
+    mesh, sides = vx.meshes.cubes(2), ["bottom", "left"]
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.PrescribedDisplacement(lambda x, t: [0.1 * t, 0.07 * t, 0.12 * t], on="right"),
+        vx.TrescaFriction(1.0, on=sides),
+        vx.UnilateralContact(on=sides),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0], solver=SHARP)
+    contact = history.contact
+    moved = history.displacement[1, contact.nodes]
+    along = [-np.einsum("md,md->m", contact.traction[1], way) for way in (contact.slip[1], moved)]
+    edge = np.abs(contact.normals).max(axis=1) < 0.9
+    assert 0 < edge.sum() < len(edge)
+    assert (contact.wear[1] > 0).all()
+    assert along[1] == pytest.approx(contact.wear[1], rel=1e-9)
+    assert along[0][~edge] == pytest.approx(contact.wear[1, ~edge], rel=1e-9)
+    assert (np.abs(along[0] - contact.wear[1])[edge] > 0.01 * contact.wear[1, edge]).all()
+    out_of_plane = np.einsum("md,md->m", contact.traction[1], contact.normals)
+    assert np.abs(out_of_plane[~edge]).max() < 1e-9
+
+
 @pytest.mark.parametrize("size", [1.0, 1000.0])
 def test_a_gap_that_is_negative_by_rounding_alone_is_none(size):
     """What coordinates are rounded by, size EPS, is nothing to refuse a body for; a hundred times that is."""

@@ -36,7 +36,10 @@ class Contact(ArrayRecord):
     against them is traction; it is taken to be 0 in a step in which the support stands still, when any value up to the
     bound would be admissible.
 
-    In space lengths are areas, and slip and traction are vectors in the tangent plane of the surface.
+    In space lengths are areas. Where a node has one normal, slip and traction are vectors in the tangent plane of the
+    surface, and minus traction times the slip of a step is the wear of it. At edges and corners of contact friction
+    acts in the tangent plane of every normal: traction is the sum, slip lacks what is along the mean of the normals,
+    and the wear of a step is minus traction times its whole displacement, normal parts included.
 
     Attributes
     ----------

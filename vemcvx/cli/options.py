@@ -33,9 +33,7 @@ Linear = Annotated[
         help="superlu, pardiso or multigrid. (default: by size and what is installed)",
     ),
 ]
-N = Annotated[
-    int | None, typer.Option("--n", min=1, help="Cells across the shortest side. (default: 16; 8 in space)")
-]
+N = Annotated[int | None, typer.Option("--n", min=1, help="Cells across the shortest side. (default: 16; 8 in space)")]
 Settings = Annotated[
     list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")
 ]

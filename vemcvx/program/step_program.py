@@ -100,9 +100,7 @@ class StepProgram(ArrayRecord):
             # The projection onto an interval is exact; scaling would leave one rounding error.
             return np.clip(lam, -self.w[:, None], self.w[:, None])
         size = np.linalg.norm(lam, axis=1)
-        over = size > self.w
-        scale = np.ones_like(size)
-        scale[over] = self.w[over] / size[over]
+        scale = np.divide(self.w, size, out=np.ones_like(size), where=size > self.w)
         return np.asarray(lam * scale[:, None])
 
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
@@ -204,7 +202,9 @@ class StepProgram(ArrayRecord):
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
-        return self.operators.hold.imbalance(lam, p, N.T @ self.g, np.abs(N).T @ np.abs(self.g))
+        size = np.abs(self.g)
+        # Entries are sums of larger forces that cancel: none is known better than to EPS times the largest.
+        return self.operators.hold.imbalance(lam, p, N.T @ self.g, np.abs(N).T @ (size + size.max(initial=0.0) / 8))
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats) -> float:
         """What round-off alone may hide in, or add to, the gap at (d, lam, p), which follows that of its parts.

@@ -253,6 +253,8 @@ def _on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response) -
         slip = operators.rows.read(d) - program.b
         wanted = np.zeros_like(x)
         wanted[norms] = np.where(stick, -slip, bound.ravel() - lam)
+        if sets.idle is not None:
+            wanted[norms][sets.idle] = -lam.ravel()[sets.idle]
         wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
         step, more = solve(program.residual(d, operators.blocks(lam), p), wanted)
         d, x = d + step, x + more
@@ -293,7 +295,8 @@ def _factorised(
     M[slip] = _bend(sets, own).reshape(-1, len(M))[slip] if bends else 0.0
     M[slip, slip] += 1.0
     M[slip, limits] -= sets.direction.ravel()[slip, None] * J.toarray()[slip // operators.block]
-    idle = limits.start + np.flatnonzero(~sets.act)
+    still = np.zeros(0, dtype=np.int64) if sets.idle is None else norms.start + np.flatnonzero(sets.idle)
+    idle = np.concatenate([still, limits.start + np.flatnonzero(~sets.act)])
     M[idle] = 0.0
     M[idle, idle] = 1.0
     lu, pivots, info = lapack.dgetrf(M, overwrite_a=1)

@@ -30,6 +30,10 @@ rounding error of s_i: the gap is linear in that slip."""
 INEXACT = 0.03
 """Part of the forces out of balance that iterative linear solvers leave of them at each set: of 12 steps in space .1
 takes a half more sets and a tenth more conjugate gradients, .01 as many sets and as many of these."""
+BLUNT = 1e-8
+"""Least part of a bound by which multipliers of slipping discs are taken to exceed it. Nearer to it their curvature
+would leave nothing of the stiffness of a body where several discs share a node."""
+
 FOLLOWS = 1e-6
 """Part of a row's length that others leave of it, below which it follows from them."""
 
@@ -42,6 +46,8 @@ class Sets:
     direction: Floats
     curvature: Floats
     act: Bools
+    idle: Bools | None = None
+    """(m * block,) the rows of sticking terms that follow from others' rows, if any: they carry nothing"""
 
     def same(self, other: Sets) -> bool:
         """Whether the other sets lead to the same answer."""
@@ -91,7 +97,8 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     direction, curvature = np.zeros_like(q), np.zeros_like(size)
     direction[slip] = q[slip] / size[slip, None]
     if program.operators.block > 1:
-        curvature[slip] = shift.norms[slip] * program.w[slip] / (size[slip] - program.w[slip])
+        over = np.maximum(size[slip] - program.w[slip], BLUNT * program.w[slip])
+        curvature[slip] = shift.norms[slip] * program.w[slip] / over
     act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)
 
@@ -100,24 +107,28 @@ def without_redundant_rows(operators: Operators, sets: Sets, lam: Floats, w: Flo
     """The sets without equations for those bounds and sticking terms (these last) whose rows follow from others'.
 
     Where bounds or other terms hold a node already, how much of its force a sticking term carries is not determined:
-    it keeps its share lam_i / w_i of what it can, as if it slipped that way. Such a bound carries nothing.
+    it keeps its share lam_i / w_i of what it can, as if it slipped that way. Such a bound carries nothing, nor does a
+    single row of a disc, where a node is held along it: by a support, or by a bound on the other side of an edge.
     """
     stops, sticks = np.flatnonzero(sets.act & (operators.compliance == 0)), np.flatnonzero(sets.stick)
     rows = sp.csr_matrix(
         sp.vstack([operators.D[stops], operators.B[np.flatnonzero(np.repeat(sets.stick, operators.block))]])
     )
-    # What reads an unknown of its own follows from no other.
+    # What reads an unknown of its own follows from no other; what reads none, from nothing.
     shared = np.bincount(rows.indices, minlength=rows.shape[1]) > 1
-    some = np.flatnonzero(abs(rows) @ shared)
+    some = np.flatnonzero((abs(rows) @ shared > 0) | (abs(rows) @ np.ones(rows.shape[1]) == 0))
     free = np.ones(rows.shape[0], dtype=bool)
     free[some] = independent(rows[some].toarray())
     act, stick = sets.act.copy(), sets.stick.copy()
     act[stops] = free[: len(stops)]
-    stick[sticks] = free[len(stops) :].reshape(len(sticks), operators.block).any(axis=1)
+    own = free[len(stops) :].reshape(len(sticks), operators.block)
+    stick[sticks] = own.any(axis=1)
+    idle = np.zeros_like(sets.direction, dtype=bool)
+    idle[sticks] = stick[sticks, None] & ~own
     most = np.maximum(w, np.linalg.norm(lam, axis=1))[:, None]
     share = np.divide(lam, most, out=np.zeros_like(lam), where=most > 0)
     direction = np.where((sets.stick & ~stick)[:, None], share, sets.direction)
-    return replace(sets, act=act, stick=stick, direction=direction)
+    return replace(sets, act=act, stick=stick, direction=direction, idle=idle.ravel())
 
 
 def independent(rows: Floats) -> Bools:

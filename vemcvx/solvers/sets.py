@@ -30,9 +30,9 @@ rounding error of s_i: the gap is linear in that slip."""
 INEXACT = 0.03
 """Part of the forces out of balance that iterative linear solvers leave of them at each set: of 12 steps in space .1
 takes a half more sets and a tenth more conjugate gradients, .01 as many sets and as many of these."""
-BLUNT = 1e-8
-"""Least part of a bound by which multipliers of slipping discs are taken to exceed it. Nearer to it their curvature
-would leave nothing of the stiffness of a body where several discs share a node."""
+STIFFEST = 1e8
+"""Largest curvature of slipping discs, in units of one over the flexibilities. Where several discs share a node, more
+would leave too little of the stiffness of the body beside it."""
 
 FOLLOWS = 1e-6
 """Part of a row's length that others leave of it, below which it follows from them."""
@@ -97,8 +97,9 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     direction, curvature = np.zeros_like(q), np.zeros_like(size)
     direction[slip] = q[slip] / size[slip, None]
     if program.operators.block > 1:
-        over = np.maximum(size[slip] - program.w[slip], BLUNT * program.w[slip])
-        curvature[slip] = shift.norms[slip] * program.w[slip] / over
+        stiff = shift.norms[slip] * program.w[slip]
+        least = stiff * program.operators.norm_flexibility[slip] / STIFFEST
+        curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
     act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)
 

@@ -71,7 +71,7 @@ def converged(run, before, now, programs=250):
     It knows nothing of what judges the package's own answers.
     """
     norms, newton = run.system.norms, vx.Newton(accuracy=1e-11, max_iterations=400)
-    run = replace(run, solver=newton, prepared=newton.prepare(run.scaling.operators.regular), check=False)
+    run = replace(run.asking(newton), check=False)
     w, last, damping, before_that = norms.weights_under(now.t, before.p), np.inf, 1.0, None
     if run.operators.kernel is not None:
         w = np.full(len(w), np.abs(pose_step(run, before, now, w).program.g).sum())

@@ -124,6 +124,12 @@ class Solver(ABC):
         """The same solver with at most so many iterations a program, where a step is several; itself if it cannot."""
         return self
 
+    def after(self, iterations: int) -> Solver:
+        """The same solver with what is left of its iterations after so many; itself if it does not count them."""
+        if iterations == 0 or not np.isfinite(self.max_iterations):
+            return self
+        return self.limited(max(int(self.max_iterations) - iterations, 1))
+
     def check_accuracy(self) -> None:
         """Raise SceneError for an accuracy that means nothing."""
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")

@@ -1,4 +1,4 @@
-"""When a step is good enough, and what to say when it is not.
+"""When a step has an answer, when an answer is good enough, and what to say when not.
 
 Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
 completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause then
@@ -23,10 +23,11 @@ import logging
 import numpy as np
 
 from vemcvx.arrays import Floats, power_of_two
-from vemcvx.errors import NotCertified
+from vemcvx.errors import NotCertified, SceneError
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced
 from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import Solver
 from vemcvx.stepping.ledger import StepData
 from vemcvx.stepping.state import PreparedRun, State
@@ -97,6 +98,26 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
         reached=reached,
         asked=accuracy,
         floor=floor,
+    )
+
+
+def refuse_unheld(program: StepProgram, condensation: Condensation, n: int, t: float) -> None:
+    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel."""
+    operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
+    motion = None if N is None else operators.hold.unheld(program.w, N.T @ program.g)
+    if kernel is None or N is None or motion is None:
+        return
+    field = N @ motion
+    parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
+    # Unknowns of a joint that read a jump move by less than the bodies themselves.
+    field /= np.abs(kernel.modes @ parts).max()
+    felt = np.linalg.norm(operators.blocks(operators.rows.read(field)), axis=1)
+    push, holds = float(field @ program.g), float(program.w @ felt)
+    raise SceneError(
+        f"step {n} at t = {t:.6g}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
+        f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
+        f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
+        "support, or move the body by PrescribedDisplacement instead."
     )
 
 

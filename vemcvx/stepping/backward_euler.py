@@ -16,12 +16,11 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.program.step_program import Answer
-from vemcvx.stepping.acceptance import require_certified
+from vemcvx.stepping.acceptance import refuse_unheld, require_certified
 from vemcvx.stepping.certified_in_full import refined_state
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.posed_step import PosedStep, pose_step
-from vemcvx.stepping.seminorm import refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
 
 

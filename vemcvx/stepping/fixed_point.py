@@ -50,9 +50,9 @@ from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
+from vemcvx.stepping.acceptance import refuse_unheld
 from vemcvx.stepping.mixing import mixed
 from vemcvx.stepping.posed_step import PosedStep, pose_step
-from vemcvx.stepping.seminorm import refuse_unheld
 from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")

@@ -1,4 +1,4 @@
-"""One step posed and answered: scaled, asked of the solver, certified on the retained unknowns.
+"""One step posed and answered: scaled, asked of the solver, certified.
 
 With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
@@ -23,7 +23,6 @@ from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting, named_failures
 from vemcvx.stepping.acceptance import caused_beside, drawn
 from vemcvx.stepping.ledger import StepData, advance
-from vemcvx.stepping.seminorm import answered, carried, proximal
 from vemcvx.stepping.state import PreparedRun, State
 
 ATTEMPTS = 3
@@ -81,7 +80,7 @@ class PosedStep:
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
         free, near = alpha, near or self.before
-        best = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near, 0)
+        best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, near, 0)
         spent = best.iterations
         for _ in range(ATTEMPTS - 1):
             if best.accepted(accuracy) or spent >= self.run.most:
@@ -90,7 +89,7 @@ class PosedStep:
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
-            state = self._ask(alpha, free, 0.5 * (accuracy * size) ** 2, near, spent)
+            state = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, near, spent)
             spent += state.iterations
             if state.certificate.gap >= best.certificate.gap:
                 break
@@ -109,24 +108,18 @@ class PosedStep:
         exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
         return self.state_after(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
-    def _ask(self, alpha: float, free: float, target: float, near: State, spent: int) -> State:
-        scales = self.run.scaling
+    def _asked(self, alpha: float, free: float, gap: float, near: State, spent: int) -> State:
+        """The solver's answer within the bounds, certified; its iterations are those left after so many."""
+        scales, name = self.run.scaling, self.run.solver.name
         scaled = scales.scale(self.program, alpha, free)
-
-        def ask(program: StepProgram, target: float, lam: Floats, p: Floats, more: int) -> Answer:
-            with named_failures(self.run.solver.name):
-                answer = self.run.after(spent + more).prepared.solve(program, target, lam, p)
-            return fitting(answer, program, self.run.solver.name)
-
-        asked = scaled, scales.energy(target, alpha), *scales.guess(near.lam, near.p, alpha)
-        step_by_step = scaled.operators.kernel is not None and not self.run.solver.semidefinite
-        if step_by_step:
-            start = None if self.data.ground is None else carried(scaled)
-            answer = proximal(ask, self.run.most - spent, *asked, start=start)
-        else:
-            answer = answered(ask, *asked)
-        certificate = scaled.certify(answer.d, answer.lam, answer.p).times(1.0 / scales.energy(1.0, alpha))
-        return self.state_after(scales.restore(answer, alpha), certificate, scales.weights(scaled, alpha))
+        target, guess = scales.energy(gap, alpha), scales.guess(near.lam, near.p, alpha)
+        with named_failures(name):
+            answer = self.run.after(spent).prepared.solve(scaled, target, *guess)
+        d = scaled.feasible(fitting(answer, scaled, name).d)
+        lam, p = scaled.admissible(answer.lam, answer.p, d)
+        certificate = scaled.certify(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
+        answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)
+        return self.state_after(answer, certificate, scales.weights(scaled, alpha))
 
     def settled(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
         """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""

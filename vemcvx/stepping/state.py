@@ -18,6 +18,7 @@ from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, Solves, choose
 from vemcvx.solvers.response import Response
+from vemcvx.solvers.semidefinite import ProximalPoints
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Ledger, StepData
 from vemcvx.stepping.softening import Stability, stability_of
@@ -51,12 +52,12 @@ class PreparedRun:
 
     def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
-        if iterations == 0 or not np.isfinite(self.most):
-            return self
-        solver = self.solver.limited(max(int(self.most) - iterations, 1))
-        if solver is self.solver:
-            return self
-        return replace(self, solver=solver, prepared=solver.prepare(asked_of(solver, self.scaling)))
+        solver = self.solver.after(iterations)
+        return self if solver is self.solver else self.asking(solver)
+
+    def asking(self, solver: Solver) -> PreparedRun:
+        """The run that asks another solver."""
+        return replace(self, solver=solver, prepared=prepared_solver(solver, self.scaling.operators, self.system))
 
     @cached_property
     def response(self) -> Response:
@@ -169,9 +170,12 @@ def sticking(run: PreparedRun, state: State) -> Bools:
     return sticks
 
 
-def asked_of(solver: Solver, scales: Scaling) -> Operators:
-    """The scaled operators that the solver is asked for: with a kernel only where it takes one."""
-    return scales.operators if solver.semidefinite else scales.operators.regular
+def prepared_solver(solver: Solver, operators: Operators, system: System) -> Prepared:
+    """The solver, prepared for scaled operators; by proximal points where K has a kernel and it takes none."""
+    with named_failures(solver.name):
+        if operators.kernel is None or solver.semidefinite:
+            return solver.prepare(operators)
+        return ProximalPoints(solver, operators, follows=system.norms is not None and system.norms.ground is not None)
 
 
 def prepare(
@@ -182,8 +186,7 @@ def prepare(
     chosen = choose(condensation.operators, solver)
     scales = scaling(condensation.operators)
     plain = condensation.operators.own_columns is not None and not condensation.operators.compliance.any()
-    with named_failures(chosen.name):
-        prepared = chosen.prepare(asked_of(chosen, scales))
+    prepared = prepared_solver(chosen, scales.operators, system)
     refines = plain and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,

@@ -1,0 +1,110 @@
+"""How a solver of positive definite programs solves semidefinite ones: by the proximal point method on the anchors.
+
+The theory stands in :mod:`vemcvx.program.kernel`. Each proximal point is judged by the gap of the program that was
+posed, in the seminorm of K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vemcvx.arrays import Floats, Ints
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.tolerances import FURTHER_GAP
+from vemcvx.solvers.solver import Solver, fitting
+
+MOST_POINTS = 200
+PATIENCE = 6
+"""Proximal points in a row that may fail to halve the gap: solvers stop at their own rounding."""
+IMPATIENCE = 2
+"""The same of solvers that do not count their iterations."""
+FARTHEST = 4.0
+"""Times the last, which a centre may move: while a body slides on and on, secants go as far as their rounding says."""
+
+
+class ProximalPoints:
+    """A solver of positive definite programs, prepared for semidefinite ones.
+
+    Points go on below the target while each still gains; but not with a solver that does not count its iterations: it
+    may take long for each, and it stops at the target itself.
+
+    Parameters
+    ----------
+    solver : Solver
+        It is asked programs of ``operators.regular`` only.
+    operators : Operators
+        With a kernel.
+    follows : bool
+        Whether the first centre is the motion without energy that goes best with b, instead of none.
+    """
+
+    def __init__(self, solver: Solver, operators: Operators, follows: bool):
+        self._solver, self._regular, self._follows = solver, operators.regular, follows
+        self._prepared, self._most = solver.prepare(self._regular), solver.max_iterations
+
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        enough, patience = (FURTHER_GAP * target, PATIENCE) if self._most < np.inf else (target, IMPATIENCE)
+        d = _followed(program) if self._follows else np.zeros(len(program.g))
+        best = Answer(d, lam, 0, "nothing answered", p=np.zeros_like(program.e) if p is None else p)
+        lam, p = program.admissible(lam, best.p, d)
+        least, waited, iterations, safeguards = np.inf, 0, 0, 0
+        anchor = program.operators.anchor
+        centres = _Centres(np.flatnonzero(np.zeros(len(d)) if anchor is None else anchor))
+        for _ in range(MOST_POINTS):
+            answer = self._answer(program.proximal(d), target, lam, p, iterations)
+            iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
+            centre, d = d, program.feasible(answer.d)
+            lam, p = program.admissible(answer.lam, answer.p, d)
+            gap = program.duality_gap(d, lam, p)
+            waited = 0 if gap <= 0.5 * least else waited + 1
+            if gap < least:
+                best, least = answer, gap
+            if least <= enough or waited >= patience or iterations >= self._most:
+                break
+            d = centres.next(centre, d)
+        return replace(best, iterations=iterations, safeguards=safeguards)
+
+    def _answer(self, near: StepProgram, target: float, lam: Floats, p: Floats, spent: int) -> Answer:
+        """The solver's answer to a proximal point's program, after so many of its iterations."""
+        solver = self._solver.after(spent)
+        prepared = self._prepared if solver is self._solver else solver.prepare(self._regular)
+        return fitting(prepared.solve(near, target, lam, p), near, solver.name)
+
+
+def _followed(program: StepProgram) -> Floats:
+    """The motion without energy that goes best with b."""
+    N = program.operators.kernel
+    if N is None:
+        return np.zeros(len(program.g))
+    motion: Floats = N @ np.linalg.lstsq(program.operators.B @ N, program.b, rcond=None)[0]
+    return motion
+
+
+class _Centres:
+    """Where to put the next centre: Anderson's acceleration of the proximal points, in as many unknowns as anchors.
+
+    The map from centre to proximal point is piecewise affine, so that secants through its last k + 1 values find its
+    fixed point as soon as nothing changes sides any more. A centre that does worse than the one before starts anew.
+    """
+
+    def __init__(self, anchored: Ints):
+        self._at = anchored
+        self._centres: list[Floats] = []
+        self._moves: list[Floats] = []
+
+    def next(self, centre: Floats, d: Floats) -> Floats:
+        """The next centre (n,), after the proximal point d of `centre`."""
+        x, move = centre[self._at], (d - centre)[self._at]
+        if self._moves and np.linalg.norm(move) > 2 * np.linalg.norm(self._moves[-1]):
+            self._centres, self._moves = [], []
+        self._centres, self._moves = [*self._centres, x][-len(x) - 1 :], [*self._moves, move][-len(x) - 1 :]
+        ahead = d.copy()
+        if len(self._moves) > 1:
+            dx, df = np.diff(self._centres, axis=0).T, np.diff(self._moves, axis=0).T
+            step = move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
+            size, far = np.linalg.norm(step), FARTHEST * np.linalg.norm(dx[:, -1])
+            ahead[self._at] = x + (step * (far / size) if size > far else step)
+        return ahead

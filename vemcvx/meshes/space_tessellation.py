@@ -24,6 +24,7 @@ from vemcvx.meshes.checks.face_names import box_sides, check_face_boundaries
 from vemcvx.meshes.checks.names import check_cell_data, choose
 from vemcvx.meshes.checks.space_mesh import checked_in_space
 from vemcvx.meshes.mesh import Mesh
+from vemcvx.meshes.polygons.shapes import diameters
 from vemcvx.meshes.polyhedra import shapes, topology
 
 
@@ -150,7 +151,7 @@ class SpaceTessellation(Mesh):
     @cached_property
     def diameters(self) -> Floats:
         """Largest distance of two vertices of each cell, (n_cells,)."""
-        return read_only(shapes.diameters(self.points, *self.cell_nodes))
+        return read_only(diameters(self.points, *self.cell_nodes))
 
     @cached_property
     def _boundary(self) -> Ints:

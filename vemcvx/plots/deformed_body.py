@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import choice
-from vemcvx.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.canvas import axes_or_new, figure_of, show_image
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
+from vemcvx.meshes.polygons.topology import rows_in_order
 from vemcvx.plots.rendering import rendered
 from vemcvx.plots.scale import common_magnification, extent, value_range
 from vemcvx.plots.stressed_body import colours_of
@@ -90,8 +91,9 @@ def deformed_body(
     stresses = [part(history.stress(int(n)))[cells] for n in history.stored]
     colours, ends = colours_of(stresses, stress == UNSIGNED)
     scale = value_range(limits, ends)
+    drawn = rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
     image = rendered(
-        (mesh.points + factor * history.displacement[row], *_polygons(mesh, faces)),
+        (mesh.points + factor * history.displacement[row], *drawn),
         stresses[row],
         colours=colours,
         limits=scale,
@@ -103,14 +105,6 @@ def deformed_body(
     show_image(ax, image, colours, scale, f"{label} ({unit(units, 'force per area')})")
     ax.set_title(f"{instant(history.times[row], units)}, displacements × {factor:g}", fontsize="small")
     return figure_of(ax)
-
-
-def _polygons(mesh: PolyhedralMesh, faces: Ints) -> tuple[Ints, Ints]:
-    """Offsets and vertices of some faces."""
-    counts = np.diff(mesh.face_offsets)[faces]
-    offsets = np.append(0, np.cumsum(counts))
-    corner = np.arange(offsets[-1]) + np.repeat(mesh.face_offsets[faces] - offsets[:-1], counts)
-    return offsets, mesh.face_vertices[corner]
 
 
 def _direction(view: ArrayLike) -> Floats:

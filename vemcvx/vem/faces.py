@@ -20,16 +20,9 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.triangles import clip_ears
+from vemcvx.meshes.polygons.triangles import RADON_POINTS, RADON_WEIGHTS, clip_ears
 from vemcvx.vem.frames import tangents_of
 from vemcvx.vem.projection import boundary_weights
-
-# Barycentric coordinates and weights of Radon's seven-point rule (1948), exact for degree 5 on triangles.
-_NEAR, _FAR = (6.0 - np.sqrt(15.0)) / 21.0, (6.0 + np.sqrt(15.0)) / 21.0
-INNER = np.concatenate(
-    [np.full((1, 3), 1.0 / 3.0), *(np.full((3, 3), s) + (1.0 - 3.0 * s) * np.eye(3) for s in (_NEAR, _FAR))]
-)
-WEIGHTS = np.repeat([0.225, (155.0 - np.sqrt(15.0)) / 1200.0, (155.0 + np.sqrt(15.0)) / 1200.0], [1, 3, 3])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,9 +62,9 @@ class FaceGroup:
     def quadrature(self) -> tuple[Floats, Floats]:
         """Points (f, q, 3) of the faces, and shares (f, n, q): weights times basis functions, exact for degree 5."""
         f, count = self.triangles.shape[:2]
-        within = np.einsum("qk,ftki->ftqi", INNER, self._of_triangles(self.corners))
-        each = np.linalg.norm(self.vectors, axis=2)[:, :, None, None] * (WEIGHTS[:, None] * INNER).T
-        shares = np.zeros((f, self.corners.shape[1], count, len(WEIGHTS)))
+        within = np.einsum("qk,ftki->ftqi", RADON_POINTS, self._of_triangles(self.corners))
+        each = np.linalg.norm(self.vectors, axis=2)[:, :, None, None] * (RADON_WEIGHTS[:, None] * RADON_POINTS).T
+        shares = np.zeros((f, self.corners.shape[1], count, len(RADON_WEIGHTS)))
         rows = np.arange(f)
         for t in range(count):
             for k in range(3):

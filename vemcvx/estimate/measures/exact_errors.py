@@ -6,9 +6,8 @@
 by quadrature of degree 5; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of the paper the first is O(h + k).
 
 Strains of closed forms are no polynomials, and a rule of low degree hides what is to be measured: at the centroids of
-squares the strains of the numerical answer superconverge. Radon's seven points on every triangle of a cell (Monatsh.
-Math. 52 (1948)): the centroid with weight 9/40, and with a = (6 -+ sqrt 15) / 21 the points of barycentric coordinates
-(a, a, 1 - 2a) with weight (155 -+ sqrt 15) / 1200 each.
+squares the strains of the numerical answer superconverge. So Radon's seven points are taken on every triangle of a
+cell.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from vemcvx.effects import data
 from vemcvx.estimate.measures.convex_parts import convex_pieces
 from vemcvx.estimate.measures.field import Field, Measured, field_of, measured
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.triangles import fans, places
+from vemcvx.meshes.polygons.triangles import RADON_POINTS, RADON_WEIGHTS, fans, places
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, stresses
 
@@ -86,18 +85,6 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
     missed = exact - projected_values(field.mesh, owner, x) @ field.displacement
     missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
     return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
-
-
-def _radon() -> tuple[Floats, Floats]:
-    points, weights = [np.full((1, 3), 1.0 / 3.0)], [9.0 / 40.0]
-    for root in (-np.sqrt(15.0), np.sqrt(15.0)):
-        a = (6.0 + root) / 21.0
-        points.append(np.full((3, 3), a) + (1.0 - 3.0 * a) * np.eye(3))
-        weights += 3 * [(155.0 + root) / 1200.0]
-    return np.concatenate(points), np.array(weights)
-
-
-RADON_POINTS, RADON_WEIGHTS = _radon()
 
 
 def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:

@@ -8,8 +8,9 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.cells import brief_row, fault_of
 from vemcvx.meshes.polygons.segments import TOLERANCE
+from vemcvx.meshes.polygons.shapes import diameters
 from vemcvx.meshes.polygons.topology import rows_in_order
-from vemcvx.meshes.polyhedra.shapes import FaceShapes, diameters, face_shapes
+from vemcvx.meshes.polyhedra.shapes import FaceShapes, face_shapes
 
 # Of the diameter of a face: coordinates in single precision, or printed with seven digits, are nearer to its plane.
 PLANE = 1e-6

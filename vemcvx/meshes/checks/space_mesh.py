@@ -24,8 +24,9 @@ from vemcvx.meshes.checks.shared_faces import SharedFaces, shared_faces
 from vemcvx.meshes.checks.space_tiling import check_space_tiling
 from vemcvx.meshes.checks.tiling import check_coincident
 from vemcvx.meshes.polygons.segments import TOLERANCE
+from vemcvx.meshes.polygons.shapes import diameters
 from vemcvx.meshes.polygons.topology import cell_of_corner, rows_in_order, turned
-from vemcvx.meshes.polyhedra.shapes import diameters, volumes_and_centroids
+from vemcvx.meshes.polyhedra.shapes import volumes_and_centroids
 from vemcvx.meshes.polyhedra.topology import Faces, nodes_of_cells
 
 

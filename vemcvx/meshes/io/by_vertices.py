@@ -8,9 +8,8 @@ from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.io.blocks import CELL, Blocks, grouped, vtk_types
-from vemcvx.meshes.io.vtu import listed_faces
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, offsets_of, rows_in_order
-from vemcvx.meshes.polyhedra.topology import Listed
+from vemcvx.meshes.polyhedra.topology import Listed, listed_faces
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 
 # Numbers of nodes, faces and triangles -> VTK's type.
@@ -32,7 +31,7 @@ def solid_blocks(mesh: SpaceTessellation, *, in_order: bool = False, sides: bool
 
 def by_vertices(mesh: SpaceTessellation) -> tuple[Ints, Ints, Ints]:
     """VTK's type of each cell, and offsets and vertices in VTK's order; MeshError if a cell is none of the shapes."""
-    listed = listed_faces(mesh)
+    listed = listed_faces(mesh.faces)
     nodes = np.diff(mesh.cell_nodes[0])
     triangles = np.add.reduceat(np.diff(listed.offsets) == 3, listed.cell_offsets[:-1], dtype=np.int64)
     types = np.zeros(mesh.n_cells, dtype=np.int64)

@@ -13,8 +13,9 @@ from vemcvx.meshes.io.blocks import MARK, SOLIDS, Blocks, grouped, marked_edges,
 from vemcvx.meshes.io.polyhedra import POLYHEDRON, PREFIX, blocks_of_vtk
 from vemcvx.meshes.io.solids import padded
 from vemcvx.meshes.io.unsafe import check_data
-from vemcvx.meshes.io.vtu import face_stream, listed_faces
+from vemcvx.meshes.io.vtu import face_stream
 from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.meshes.polyhedra.topology import listed_faces
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -61,7 +62,7 @@ def to_pyvista(mesh: Tessellation | SpaceTessellation) -> Any:
     import pyvista
 
     if isinstance(mesh, SpaceTessellation):
-        stream, ends = face_stream(listed_faces(mesh))
+        stream, ends = face_stream(listed_faces(mesh.faces))
         cells = np.insert(stream, ends - np.diff(ends, prepend=0), np.diff(ends, prepend=0))
         types = np.full(mesh.n_cells, POLYHEDRON)
         named = {

@@ -20,8 +20,8 @@ from vemcvx.arrays import Ints
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.io.blocks import MARK, vtk_types
 from vemcvx.meshes.io.polyhedra import POLYHEDRON
-from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order, turned
-from vemcvx.meshes.polyhedra.topology import Listed
+from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
+from vemcvx.meshes.polyhedra.topology import Listed, listed_faces
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -49,12 +49,6 @@ def write_polyhedra(path: Path, mesh: SpaceTessellation, point_data: Arrays, cel
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
 
-def listed_faces(mesh: SpaceTessellation) -> Listed:
-    """The faces of each cell, outwards."""
-    offsets, vertices = rows_in_order(mesh.face_offsets, mesh.face_vertices, mesh.cell_faces)
-    return Listed(offsets, turned(offsets, vertices, mesh.face_signs < 0.0), mesh.cell_offsets)
-
-
 def face_stream(listed: Listed) -> tuple[Ints, Ints]:
     """What VTK calls faces: of each cell their number, and of each the number of its nodes and these; and the ends."""
     sizes = np.diff(listed.offsets)
@@ -67,7 +61,7 @@ def face_stream(listed: Listed) -> tuple[Ints, Ints]:
 def _cells(mesh: SpaceTessellation, outer: Ints) -> Arrays:
     own, nodes = mesh.cell_nodes
     rows, corners = rows_in_order(mesh.face_offsets, mesh.face_vertices, outer)
-    stream, ends = face_stream(listed_faces(mesh))
+    stream, ends = face_stream(listed_faces(mesh.faces))
     types = np.concatenate([np.full(mesh.n_cells, POLYHEDRON), vtk_types(np.diff(rows))])
     return {
         "connectivity": np.concatenate([nodes, corners]),

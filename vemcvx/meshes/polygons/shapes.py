@@ -1,4 +1,4 @@
-"""Areas, centroids and diameters of polygons.
+"""Areas and centroids of polygons, and diameters of cells.
 
 Shoelace formula with coordinates taken relative to the first vertex o of each cell (d_i = x_i - o):
 
@@ -16,6 +16,8 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.segments import cross
 from vemcvx.meshes.polygons.topology import next_corner
+
+ENTRIES_AT_ONCE = 2_000_000  # about 50 MB of temporaries
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
@@ -42,15 +44,16 @@ def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Largest distance of two vertices of each cell, (n_cells,)."""
+    """Largest distance of two vertices of each cell, (n_cells,); each cell's vertices as a row, in any order."""
     counts = np.diff(offsets)
     result = np.empty(len(counts))
     for count in np.unique(counts):
-        cells = np.flatnonzero(counts == count)
-        corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-        squared = np.zeros(len(cells))
-        for step in range(1, count // 2 + 1):  # every pair of vertices is at most half a turn apart
-            apart = corner - np.roll(corner, -step, axis=1)
-            np.maximum(squared, np.einsum("cij,cij->ci", apart, apart).max(axis=1), out=squared)
-        result[cells] = np.sqrt(squared)
+        members = np.flatnonzero(counts == count)
+        for cells in np.array_split(members, 1 + len(members) * count // ENTRIES_AT_ONCE):
+            corner = points[vertices[offsets[cells, None] + np.arange(count)]]
+            squared = np.zeros(len(cells))
+            for step in range(1, count // 2 + 1):  # in a ring, every pair is at most half a turn apart
+                apart = corner - np.roll(corner, -step, axis=1)
+                np.maximum(squared, np.einsum("cij,cij->ci", apart, apart).max(axis=1), out=squared)
+            result[cells] = np.sqrt(squared)
     return result

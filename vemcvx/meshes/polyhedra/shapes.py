@@ -1,4 +1,4 @@
-"""Areas, normals and centroids of plane polygons in space; volumes, centroids and diameters of polyhedra.
+"""Areas, normals and centroids of plane polygons in space; volumes and centroids of polyhedra.
 
 A face is summed over the fan of triangles from its first vertex o (d_i = x_i - o), with signed areas along its normal:
 
@@ -20,8 +20,6 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.topology import next_corner
-
-ENTRIES_AT_ONCE = 2_000_000  # about 50 MB of temporaries
 
 
 class FaceShapes(NamedTuple):
@@ -61,22 +59,6 @@ def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, si
     volumes = np.add.reduceat(part, offsets[:-1])
     moments = np.add.reduceat(arm * part[:, None], offsets[:-1], axis=0)
     return volumes / 3.0, apex + 0.75 * _divided(moments, volumes)
-
-
-def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
-    """Largest distance of two vertices of each cell, (n_cells,); each cell's vertices as a row, in any order."""
-    counts = np.diff(offsets)
-    result = np.empty(len(counts))
-    for count in np.unique(counts):
-        members = np.flatnonzero(counts == count)
-        for cells in np.array_split(members, 1 + len(members) * count // ENTRIES_AT_ONCE):
-            corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-            squared = np.zeros(len(cells))
-            for step in range(1, count // 2 + 1):  # in a ring, every pair is at most half a turn apart
-                apart = corner - np.roll(corner, -step, axis=1)
-                np.maximum(squared, np.einsum("cij,cij->ci", apart, apart).max(axis=1), out=squared)
-            result[cells] = np.sqrt(squared)
-    return result
 
 
 def _divided(rows: Floats, by: Floats) -> Floats:

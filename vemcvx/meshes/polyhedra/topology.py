@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import cell_of_corner, offsets_of, rows_in_order
+from vemcvx.meshes.polygons.topology import cell_of_corner, offsets_of, rows_in_order, turned
 
 
 class Listed(NamedTuple):
@@ -69,6 +69,12 @@ def same_faces(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
         leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
     first = np.unique(leader)
     return first, np.searchsorted(first, leader)
+
+
+def listed_faces(faces: Faces) -> Listed:
+    """The faces of each cell, outwards: what `joined_faces` makes them of."""
+    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
+    return Listed(offsets, turned(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
 
 
 def signs_of(faces: Faces) -> Floats:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Ints, sizes_of
+from vemcvx.arrays import sizes_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.polyhedra.topology import Faces, listed_faces
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 from vemcvx.stepping.trajectory import Trajectory
@@ -150,17 +151,10 @@ def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
     }
     data = _under("cell_data.", arrays)
     if "mesh.face_cells" in arrays:
-        return PolyhedralMesh(arrays["mesh.points"], _polyhedra(arrays), boundaries=named, cell_data=data)
+        faces = Faces(*(arrays[f"mesh.{name}"] for name in Faces._fields))
+        return PolyhedralMesh(arrays["mesh.points"], listed_faces(faces), boundaries=named, cell_data=data)
     cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
     return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=data, interfaces=matched)
-
-
-def _polyhedra(arrays: Arrays) -> list[list[Ints]]:
-    """The faces of each cell, outwards."""
-    faces = np.split(arrays["mesh.face_vertices"], arrays["mesh.face_offsets"][1:-1])
-    first = arrays["mesh.face_cells"][:, 0]
-    cells = np.split(arrays["mesh.cell_faces"], arrays["mesh.cell_offsets"][1:-1])
-    return [[faces[f] if first[f] == cell else faces[f][::-1] for f in own] for cell, own in enumerate(cells)]
 
 
 def _under(prefix: str, arrays: Arrays) -> dict[str, Any]:

@@ -174,14 +174,14 @@ def test_traction_is_exact_for_affine_data(family, side):
     for (a, b), length in zip(part.edges, part.lengths, strict=True):
         expected[a] += length * (2 * values[a] + values[b]) / 6
         expected[b] += length * (2 * values[b] + values[a]) / 6
-    x, matrix = edge_load(space, part)
+    x, matrix, _ = edge_load(space, part)
     assert np.abs((matrix @ affine(x).ravel()).reshape(-1, 2) - expected).max() < TOLERANCE
 
 
 def test_traction_has_the_force_and_moment_of_its_data():
     """8 (5/4 - y) pulls on x = 0: force 6 and moment int y 8 (5/4 - y) dy = 5 - 8/3, whatever the mesh."""
     space = Space(vx.meshes.FAMILIES["voronoi"](5))
-    x, matrix = edge_load(space, space.part("left", "test"))
+    x, matrix, _ = edge_load(space, space.part("left", "test"))
     load = (matrix @ np.column_stack([8 * (1.25 - x[:, 1]), 0 * x[:, 1]]).ravel()).reshape(-1, 2)
     assert load.sum(axis=0) == pytest.approx([6.0, 0.0], abs=1e-14)
     assert space.mesh.points[:, 1] @ load[:, 0] == pytest.approx(5 - 8 / 3, rel=1e-14)

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.vem import Space, edge_load, loaded_sides
+from vemcvx.vem import Space, edge_load
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,11 @@ class Pressure(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "Pressure")
-        points, matrix = edge_load(space, part)
-        (q, dim), side = points.shape, loaded_sides(part)
-        normals = part.normals[side]
+        points, matrix, sides = edge_load(space, part)
+        (q, dim), normals = points.shape, part.normals[sides]
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
         subject = f"Pressure on {where(self.on)}"
-        load = Load(subject, points, matrix @ inward, self.value, edges=part.sides[side])
+        load = Load(subject, points, matrix @ inward, self.value, edges=part.sides[sides])
         return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.vem import Space, edge_load, loaded_sides
+from vemcvx.vem import Space, edge_load
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Traction(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "Traction")
-        points, matrix = edge_load(space, part)
-        load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=part.sides[loaded_sides(part)])
+        points, matrix, sides = edge_load(space, part)
+        load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=part.sides[sides])
         return Contribution(loads=(load,), given=load.given)
 
     def describe(self) -> str:

@@ -15,7 +15,7 @@ from vemcvx.vem.hooke import (
     upper_triangle,
 )
 from vemcvx.vem.isotropic import stabilisation_factor, stiffness
-from vemcvx.vem.loads import cell_load, edge_load, loaded_sides, stress_load
+from vemcvx.vem.loads import cell_load, edge_load, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.quadrature import cell_quadrature
 from vemcvx.vem.rows import BoundaryRows, EdgeEnds
@@ -39,7 +39,6 @@ __all__ = [
     "elastic_matrix",
     "equivalent",
     "isotropic_stress",
-    "loaded_sides",
     "mean_shear",
     "principal",
     "rigid_modes",

@@ -23,7 +23,7 @@ GAUSS = 2
 CHUNK = 2**22
 
 
-def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix]:
+def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """The load of a force per length, in space per area, on a part of the boundary.
 
     Returns
@@ -32,20 +32,18 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix]:
         Two Gauss points an edge; seven a triangle of a face.
     matrix : (n_u, dim q) csr_matrix
         ``matrix @ f(points).ravel()`` is the nodal load; exact for f of degree 2 on edges, 4 on faces.
+    sides : (q,) array of int
+        The side of each point, as a place in the part.
     """
     rules = part.rules(GAUSS)
     points = np.concatenate([rule.points.reshape(-1, space.dim) for rule in rules])
+    sides = np.concatenate([np.repeat(rule.sides, rule.points.shape[1]) for rule in rules])
     matrices = []
     for rule in rules:
         m, n, q = rule.shares.shape
         nodes = np.repeat(rule.nodes, q, axis=0)
         matrices.append(_spread(nodes, rule.shares.transpose(0, 2, 1).reshape(m * q, n), space))
-    return points, sp.hstack(matrices, format="csc").tocsr()
-
-
-def loaded_sides(part: Part) -> Ints:
-    """The side (q,), as a place in the part, of each point of `edge_load`."""
-    return np.concatenate([np.repeat(rule.sides, rule.points.shape[1]) for rule in part.rules(GAUSS)])
+    return points, sp.hstack(matrices, format="csc").tocsr(), sides
 
 
 def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:

@@ -175,7 +175,9 @@ def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
 
 def _upper_triangle(K: sp.csr_matrix) -> sp.csr_matrix:
     """The entries on and above the diagonal, columns ascending; SciPy's `triu` sorts all of them anew."""
-    K.sum_duplicates()
+    if not K.has_canonical_format:
+        K = K.copy()
+        K.sum_duplicates()
     kept = K.indices >= np.repeat(np.arange(K.shape[0], dtype=K.indices.dtype), np.diff(K.indptr))
     indptr = np.concatenate([[0], np.cumsum(kept)])[K.indptr]
     return sp.csr_matrix((K.data[kept], K.indices[kept], indptr), shape=K.shape)

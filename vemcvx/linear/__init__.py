@@ -1,6 +1,6 @@
 """Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
 
-from vemcvx.linear.default import choose_linear
+from vemcvx.linear.default import choose_linear, direct_solver
 from vemcvx.linear.factor import SAMPLES, Cycle, DenseCholesky, Factor, LinearSolver, Matrix, Scaled, corrected
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
@@ -19,4 +19,5 @@ __all__ = [
     "SuperLU",
     "choose_linear",
     "corrected",
+    "direct_solver",
 ]

@@ -42,7 +42,7 @@ def choose_linear(
     """
     if asked is not None:
         return asked
-    direct = Pardiso() if unknowns >= SMALLEST_PARDISO and Pardiso.installed() else SuperLU()
+    direct = direct_solver(unknowns)
     if modes < SPACE_MODES:
         fits, takes = unknowns <= LARGEST_FACTOR, ""
     else:
@@ -58,6 +58,11 @@ def choose_linear(
         return direct
     log.info("linear solver: Multigrid, for %d unknowns", unknowns)
     return Multigrid()
+
+
+def direct_solver(unknowns: int) -> Pardiso | SuperLU:
+    """The fastest one that is installed."""
+    return Pardiso() if unknowns >= SMALLEST_PARDISO and Pardiso.installed() else SuperLU()
 
 
 def foreseen_memory(direct: LinearSolver, unknowns: int, retained: int) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arguments import called
 from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words, shaped
 from vemcvx.errors import SceneError
-from vemcvx.linear import SuperLU
+from vemcvx.linear import direct_solver
 from vemcvx.linear.factor import singular
 
 # Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
@@ -70,7 +70,7 @@ def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
         if (diagonal < 0).any() or abs(C).sum() > abs(C[felt][:, felt]).sum():
             raise singular()
         if len(felt):
-            SuperLU().factorise(scaled)
+            direct_solver(len(felt)).factorise(scaled)
     except SceneError as error:
         raise SceneError(
             f"{subject}: found a matrix that is not positive semidefinite: some motion would gain energy from it."

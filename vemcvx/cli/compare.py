@@ -69,7 +69,7 @@ class Compared:
     judged: Judged
 
 
-def compare_solvers(problem: Problem, asked: Comparison, tell: Callable[[str], object] = len) -> Compared:
+def compare_solvers(problem: Problem, asked: Comparison, tell: Callable[[str], object] | None = None) -> Compared:
     """Simulate the problem by all solvers asked for; `tell` is called with a sentence on each as soon as it is done.
 
     Raises
@@ -86,7 +86,8 @@ def compare_solvers(problem: Problem, asked: Comparison, tell: Callable[[str], o
         attempts = []
         for i in range(len(chosen)):
             attempts.append(_attempted(problem, asked, chosen, i, shown))
-            tell(f"{i + 1} of {len(chosen)}: {attempts[-1].in_words}")
+            if tell is not None:
+                tell(f"{i + 1} of {len(chosen)}: {attempts[-1].in_words}")
         _raise_what_all_say(attempts)
         found = judged(system, _once(attempts))
     size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, {system.n} unknowns, {asked.steps} steps"

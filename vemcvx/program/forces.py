@@ -36,6 +36,11 @@ class ForceOnPart:
         return spread(self.entries(t), self.rows, self.n)
 
 
+def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
+    """A force at the instant `t`, and the unknowns that it acts on; None for all of them."""
+    return (force.entries(t), force.rows) if isinstance(force, ForceOnPart) else (force(t), None)
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
     """A force, its unit taken off, that was solved for.

@@ -19,6 +19,7 @@ from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.linear import SAMPLES
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
+from vemcvx.program.norms import transverse
 from vemcvx.program.operators import Operators
 from vemcvx.program.system import System
 from vemcvx.program.tolerances import COARSE_FACTORS
@@ -134,8 +135,7 @@ def _turning(lam: Floats, slip: Floats, stick: Bools) -> Floats | None:
         return None
     size = np.where(turns, size, 1.0)
     curvature = np.where(turns, np.linalg.norm(lam, axis=1) / size, 0.0)
-    along = slip / size[:, None]
-    turning: Floats = curvature[:, None, None] * (np.eye(lam.shape[1]) - np.einsum("ij,ik->ijk", along, along))
+    turning: Floats = curvature[:, None, None] * transverse(slip / size[:, None])
     return turning
 
 

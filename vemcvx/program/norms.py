@@ -123,7 +123,12 @@ class Norms(ArrayRecord):
     @property
     def dependent(self) -> bool:
         """Whether weights depend on the answer of the step."""
-        return self.law is not None or self.slip_law is not None
+        return self.law is not None or self.remembers
+
+    @property
+    def remembers(self) -> bool:
+        """Whether they depend on slips."""
+        return self.slip_law is not None
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
         """Weights (m,) at `t` under forces `p` (r,) of the limits, after slips (m,) before the step and in it."""
@@ -193,3 +198,11 @@ class DraggedTerms:
     block: int = 1
     bias: Callable[[float], Floats] | None = None
     """t -> (q * block,), as of norm terms"""
+    remembers: bool = False
+    """whether weights depend on slips"""
+
+
+def transverse(unit: Floats) -> Floats:
+    """(m, block, block) I - q q', the derivative of v / |v| where |v| = 1, of unit vectors q (m, block)."""
+    across: Floats = np.eye(unit.shape[1]) - np.einsum("ij,ik->ijk", unit, unit)
+    return across

@@ -43,16 +43,8 @@ class Sums:
 
     def weights_under(self, t: float, forces: Sequence[Floats], past: Floats, slip: Floats) -> Floats:
         """Weights (m,) under the normal forces of every friction's rows, after slips (m,) before the step and in it."""
-        each = [f.weights(t) if f.law is None else f.weights(t) + f.law(t, P) for f, P in self._with(forces)]
-        if any(f.slip_law is not None for f in self.frictions):
-            before, now = self._of_rows(past), self._of_rows(slip)
-            for k, (f, P) in enumerate(self._with(forces)):
-                if f.slip_law is not None:
-                    each[k] = each[k] + f.slip_law.added(f.subject, f.nodes, t, P, (before[k], now[k]))
-        return self._added(each)
-
-    def _with(self, forces: Sequence[Floats]) -> list[tuple[Friction, Floats]]:
-        return list(zip(self.frictions, forces, strict=True))
+        of_rows = zip(forces, self._slips(past), self._slips(slip), strict=True)
+        return self._added([_weights_under(f, t, *under) for f, under in zip(self.frictions, of_rows, strict=True)])
 
     def softening(self) -> Floats | None:
         """How fast weights (m,) fall with the slip of the step at most; None where that is not known."""
@@ -63,20 +55,16 @@ class Sums:
         each = [np.zeros(len(f.nodes)) if law is None else law.rate(f.subject, f.nodes) for f, law in pairs]
         return self._added(each)
 
-    def _of_rows(self, values: Floats) -> list[Floats]:
-        """Values (m,) of terms for the rows of every friction; zero where a row has no term."""
+    def _slips(self, values: Floats) -> list[Floats]:
+        """Slips (m,) of terms for the rows of every friction, zero where there is no term; none if no law sees them."""
+        if not any(f.slip_law for f in self.frictions):
+            return [np.zeros(0)] * len(self.frictions)
         return np.split(self.gather.T @ values, np.cumsum([len(f.nodes) for f in self.frictions])[:-1])
 
     def slope(self, t: float, press: sp.csr_matrix, forces: Sequence[Floats], past: Floats) -> sp.csr_matrix:
         """Their derivative (m, r) by the forces of limits, which press on all rows as `press` (rows, r) says."""
-        each = [np.zeros(len(P)) if f.slope is None else f.slope(t, P) for f, P in self._with(forces)]
-        if any(f.slip_law is not None for f in self.frictions):
-            for k, before in enumerate(self._of_rows(past)):
-                law = self.frictions[k].slip_law
-                if law is not None:
-                    f = self.frictions[k]
-                    each[k] = each[k] + law.slope_at(f.subject, f.nodes, t, forces[k], before)
-        steep = np.concatenate(each)
+        of_rows = zip(forces, self._slips(past), strict=True)
+        steep = np.concatenate([_slope_under(f, t, *under) for f, under in zip(self.frictions, of_rows, strict=True)])
         entries = np.repeat(steep, np.diff(press.indptr)) * press.data
         return sp.csr_matrix(self.gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
 
@@ -88,6 +76,24 @@ class Sums:
     def _added(self, parts: Sequence[Floats]) -> Floats:
         total: Floats = self.gather @ np.concatenate(parts)
         return total
+
+
+def _weights_under(friction: Friction, t: float, forces: Floats, before: Floats, slip: Floats) -> Floats:
+    """Weights (rows,) under their normal forces, after slips, which laws may see, before the step and in it."""
+    w = friction.weights(t)
+    if friction.law is not None:
+        w = w + friction.law(t, forces)
+    if friction.slip_law is not None:
+        w = w + friction.slip_law.added(friction.subject, friction.nodes, t, forces, (before, slip))
+    return w
+
+
+def _slope_under(friction: Friction, t: float, forces: Floats, before: Floats) -> Floats:
+    """Their derivatives (rows,) by these forces; zero if they are not known."""
+    slope = np.zeros(len(forces)) if friction.slope is None else friction.slope(t, forces)
+    if friction.slip_law is not None:
+        slope = slope + friction.slip_law.slope_at(friction.subject, friction.nodes, t, forces, before)
+    return slope
 
 
 def weights_of(law: FrictionLaw, part: slice, count: int) -> Callable[[float, Floats, Floats, Floats], Floats]:

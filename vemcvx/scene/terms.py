@@ -202,11 +202,12 @@ def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> 
     block, bias, ground = terms.rows.shape[0] // len(terms.nodes), terms.bias, terms.ground
     rows, under = terms.rows[m * block :], None if law is None else weights_of(law, slice(m, m + q), m + q)
     return DraggedTerms(
-        lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
-        (lambda t, p, past, slip: terms.weights(t)[m:]) if under is None else under,
-        q,
-        block,
-        None if bias is None else lambda t: bias(t)[m * block :],
+        position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
+        weights=(lambda t, p, past, slip: terms.weights(t)[m:]) if under is None else under,
+        count=q,
+        block=block,
+        bias=None if bias is None else lambda t: bias(t)[m * block :],
+        remembers=law is not None and law.remembers,
     )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.linear import Matrix
+from vemcvx.program.norms import transverse
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts
 
@@ -80,9 +81,8 @@ def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matri
     share[slip] = program.w[slip] / size[slip]
     unit = np.zeros_like(q)
     unit[slip] = q[slip] / size[slip, None]
-    across = np.eye(operators.block) - np.einsum("ij,ik->ijk", unit, unit)
     pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * operators.compliance), 0.0)
-    return operators.stiffened((shift.norms * share)[:, None, None] * across, pressed)
+    return operators.stiffened((shift.norms * share)[:, None, None] * transverse(unit), pressed)
 
 
 def _psi(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> float:

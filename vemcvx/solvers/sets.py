@@ -19,6 +19,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.linear import Cycle, Matrix, corrected
+from vemcvx.program.norms import transverse
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
@@ -157,8 +158,7 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     M, load = operators.K, program.g - program.held(pull, -spring * program.e)
     bends = sets.curvature.any()
     if bends or soft.any():
-        across = np.eye(operators.block) - np.einsum("ij,ik->ijk", sets.direction, sets.direction)
-        H = sets.curvature[:, None, None] * across
+        H = sets.curvature[:, None, None] * transverse(sets.direction)
         M = operators.stiffened(H, spring)
         load = load + operators.rows.pull(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
     stick = np.flatnonzero(np.repeat(sets.stick, operators.block))

@@ -9,7 +9,7 @@ through by its fields, too; and one for every instant of the data there, which i
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from types import MappingProxyType
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
+from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.program.system import System
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.state import PreparedRun, State
@@ -53,13 +54,12 @@ def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike 
 def mark_of_data(system: System, t: float) -> int:
     """A number that stands for all that drives the system at an instant."""
     norms, dragged, damping = system.norms, system.dragged, system.damping
-    pressures = [p * np.ones(system.D.shape[0]) for p in PRESSURES]
     parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
         parts += [norms.tilt(t), norms.weights(t), norms.moved(t)]
-        parts += _at_slips(norms.weights_under, t, pressures, norms.count) if norms.dependent else []
+        parts += _followed(system, norms.weights_under, t, norms) if norms.dependent else []
     if dragged is not None:
-        parts += [dragged.position(t), *_at_slips(dragged.weights, t, pressures, dragged.count)]
+        parts += [dragged.position(t), *_followed(system, dragged.weights, t, dragged)]
         parts += [] if dragged.bias is None else [dragged.bias(t)]
     for motion in (system.motion, None if damping is None else damping.motion):
         if motion is not None:
@@ -71,13 +71,14 @@ def mark_of_data(system: System, t: float) -> int:
     return int(_mark(*parts)[0])
 
 
-def _at_slips(weights: Callable[..., Floats], t: float, pressures: Sequence[Floats], m: int) -> list[Floats]:
+def _followed(system: System, weights: Callable[..., Floats], t: float, terms: Norms | DraggedTerms) -> list[Floats]:
     """Weights (m,) as they follow forces and slips; none where a law refuses what need not come up."""
     found = []
-    for p in pressures:
-        for slip in SLIPS:
+    for size in PRESSURES:
+        for slip in SLIPS if terms.remembers else SLIPS[:1]:
+            slips = np.full(terms.count, slip)
             with suppress(SceneError):
-                found.append(weights(t, p, np.full(m, slip), np.full(m, slip)))
+                found.append(weights(t, np.full(system.D.shape[0], size), slips, slips))
     return found
 
 

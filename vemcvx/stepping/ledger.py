@@ -30,7 +30,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.forces import ForceOnPart, Reduced
+from vemcvx.program.forces import Reduced, on_part
 from vemcvx.program.iterative_refinement import pulled, residual
 from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.step_program import Answer
@@ -115,9 +115,8 @@ def drive(system: System, condensation: Condensation, t: float) -> StepData:
     )
     if motion is None:
         return data
-    moved = motion.dirichlet_force
-    there = moved.rows if isinstance(moved, ForceOnPart) else None
-    dirichlet_force = condensation.reduce(moved.entries(t) if isinstance(moved, ForceOnPart) else moved(t), rows=there)
+    forces, rows = on_part(motion.dirichlet_force, t)
+    dirichlet_force = condensation.reduce(forces, rows=rows)
     carried = Carried(dirichlet_force, motion.frame(t, -dirichlet_force.x), motion.pair)
     return replace(data, carried=carried)
 

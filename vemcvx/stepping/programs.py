@@ -12,7 +12,6 @@ from vemcvx.arguments import flag, is_whole
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError
 from vemcvx.linear import LinearSolver
-from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
@@ -23,7 +22,7 @@ from vemcvx.stepping.dragged import drag, nothing_dragged
 from vemcvx.stepping.initial import initial_state, state_given
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.state import PreparedRun, State, prepare
-from vemcvx.stepping.time_loop import check_kinds, checked_times, steps_of
+from vemcvx.stepping.time_loop import check_kinds, checked_times, steps_of, threads_of_steps
 from vemcvx.stepping.trajectory import Trajectory
 
 
@@ -39,13 +38,13 @@ def programs_of_march(
 ) -> Iterator[SolvedProgram]:
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
-    instants = checked_times(times)
-    run, steps = _prepared(system, instants, solver, flag(condense, "condense"), linear)
+    instants, condense = checked_times(times), flag(condense, "condense")
+    run, steps = _prepared(system, instants, solver, condense, linear)
     run = replace(run, check=flag(check, "check"))
     first = initial_state(run, float(instants[0]), initial)
     before = certified_in_full(run, replace(first, dragged=nothing_dragged(system, first.t, first.p)))
     for n, t in enumerate(instants[1:].tolist(), start=1):
-        with one_thread(len(run.condensation.retained)):
+        with threads_of_steps(system, condense, run.condensation.linear):
             state = drag(system, before, steps.step(before, n, t))
             program = _solved_program(steps, before, state, n)
         yield program
@@ -73,7 +72,7 @@ def _prepared(
     system: System, instants: Floats, solver: Solver | Solves | None, condense: bool, linear: LinearSolver | None
 ) -> tuple[PreparedRun, Steps]:
     linear = system.linear(linear)
-    with one_thread(len(system.retained) if condense and linear.eliminates else system.n):
+    with threads_of_steps(system, condense, linear):
         run = prepare(system, solver, True, condense, linear)
     return run, steps_of(run, instants)
 

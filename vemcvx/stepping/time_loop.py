@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
@@ -84,8 +85,7 @@ def march(
     kept = stored_steps(store, steps)
     start = time.perf_counter()
     linear = system.linear(linear)
-    dense = len(system.retained) if condense else system.n
-    with one_thread(dense if linear.eliminates else 0):
+    with threads_of_steps(system, condense, linear):
         run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)
@@ -117,6 +117,12 @@ def _march(
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)
+
+
+def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:
+    """One thread for BLAS within, unless the steps' own matrices are large and dense."""
+    unknowns = len(system.retained) if condense else system.n
+    return one_thread(unknowns if linear.eliminates else 0)
 
 
 def steps_of(run: PreparedRun, instants: Floats) -> Steps:

@@ -67,7 +67,7 @@ class Elasticity(MaterialLaw):
             self._warn_of_locking(lam, mu, space)
         if cells is not None:
             lam, mu = lam * cells, mu * cells
-        K = stiffness(space, lam, mu, stabilisation=self.stabilisation)
+        A = stiffness(space, lam, mu, stabilisation=self.stabilisation)
         volume, thermal = self._blocked(lam, mu, space.dim)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
         subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
@@ -86,7 +86,7 @@ class Elasticity(MaterialLaw):
             return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu, space.dim)[1]
 
         given = (Given(subject, "moduli", at, cells=cells),) if data.varies(self.young, self.poisson) else ()
-        return Contribution(stiffness=K, material=material, given=given)
+        return Contribution(stiffness=A, material=material, given=given)
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"

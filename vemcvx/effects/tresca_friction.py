@@ -49,22 +49,22 @@ class _Bounds:
     points: Floats
     quadrature: str
 
-    def mean(self, t: float) -> Floats:
-        """Weights (g+ + g-) / 2 of the norm terms."""
-        forward = self._weights(self.forward, t, "bound")
-        return forward if self.backward is None else 0.5 * (forward + self._weights(self.backward, t, BACKWARD))
+    def weights(self, t: float) -> Floats:
+        """Weights of the norm terms: (g+ + g-) / 2 as a force of each node."""
+        forward = self._integrated(self.forward, t, "bound")
+        return forward if self.backward is None else 0.5 * (forward + self._integrated(self.backward, t, BACKWARD))
 
     def bias(self, t: float) -> Floats:
         """(g+ - g-) / 2."""
-        return self._weights(self.forward, t, "bound") - self.mean(t)
+        return self._integrated(self.forward, t, "bound") - self.weights(t)
 
     def ramp(self, t: float, forces: Floats) -> Floats:
         """Weights under normal forces (m,) of contact, for friction that needs touch."""
-        return np.minimum(STEEP * np.maximum(forces, 0.0), self.mean(t))
+        return np.minimum(STEEP * np.maximum(forces, 0.0), self.weights(t))
 
     def slope(self, t: float, forces: Floats) -> Floats:
         """The derivative of the ramp."""
-        return np.where(STEEP * forces < self.mean(t), STEEP, 0.0)
+        return np.where(STEEP * forces < self.weights(t), STEEP, 0.0)
 
     def at(self, x: Floats, t: float, pressure: Floats | None) -> Floats:
         """g+ and g-, (2, k), at points (k, dim); on the ramp if a pressure (k,) is given."""
@@ -73,7 +73,7 @@ class _Bounds:
             forward = np.minimum(STEEP * np.maximum(pressure, 0.0), forward)
         return np.stack([forward, forward if self.backward is None else self._checked(self.backward, x, t, BACKWARD)])
 
-    def _weights(self, value: data.Datum, t: float, name: str) -> Floats:
+    def _integrated(self, value: data.Datum, t: float, name: str) -> Floats:
         if self.quadrature == "nodes":
             return self.rows.lengths * self._checked(value, self.points, t, name)
         return self.rows.matrix @ self._checked(value, self.rows.points, t, name)
@@ -148,12 +148,12 @@ class TrescaFriction(Effect):
             quadrature=self.quadrature,
         )
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        bias = None if self.backward is None else bounds.bias
-        friction = Friction.of(rows, subject, bounds.mean)
-        friction = replace(friction, bias=bias, in_the_air=self.while_closed is None, ground=ground)
+        friction = replace(Friction.of(rows, subject), ground=ground)
         if closed:
-            none = np.zeros(len(rows.nodes))
-            friction = replace(friction, weights=lambda t: none, law=bounds.ramp, slope=bounds.slope, in_the_air=False)
+            friction = replace(friction, law=bounds.ramp, slope=bounds.slope)
+        else:
+            bias = None if self.backward is None else bounds.bias
+            friction = replace(friction, weights=bounds.weights, bias=bias, in_the_air=self.while_closed is None)
 
         def given(x: Floats, t: float, pressure: Floats) -> Floats:
             return bounds.at(x, t, pressure if closed else None)

@@ -220,7 +220,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
     rubs = np.isin(at, at[~terms.directed])
     weights = np.where(terms.directed & rubs, 0.0, weights)
     tilt = np.zeros_like(weights)
-    if terms.bias is not None:
+    if terms.one_way:
         tilt = np.array([terms.bias(float(t)) for t in trajectory.times[trajectory.stored]])
     return _per_length(weights + tilt, at, length), _per_length(weights - tilt, at, length)
 

@@ -81,11 +81,12 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
         )
     first = _forward(modes[:, 0])
     moved = part.moved(first)
-    found = f"{count} rigid motion{'s' * (count > 1)} meet{'s' * (count == 1)} neither a support nor friction"
-    says = f"{part.which} floats: {found}, the first {part.alone(first)}"
+    motions = f"{count} rigid motion{'s' * (count > 1)}"
+    meet = f"meet{'s' * (count == 1)} neither a support nor friction"
+    says = f"{part.which} floats: {motions} {meet}, the first {part.alone(first)}"
     if moved is not None:
         ways = " and ".join(f"{body} moves freely by {_rigid(own)}" for body, own in moved.items())
-        says = ways if count == 1 else f"{ways}, the first of {found.replace(' meet', ' that meet')}"
+        says = ways if count == 1 else f"{ways}, the first of {motions} that {meet}"
     return (
         f"supports: {says}. Add Clamp, PrescribedDisplacement or BilateralContact where they stop it; friction holds "
         "what slides along its boundary only, and loads hold nothing."

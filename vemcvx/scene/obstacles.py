@@ -138,9 +138,8 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
 
 
 def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:
-    """Weights under the forces of the limits, if some depend on them."""
-    under = terms.under
-    if under is None or len(terms.nodes) == 0:
+    """How weights follow the forces of the limits, or the slip, if some do."""
+    if not any(f.dependent for f in terms.frictions) or len(terms.nodes) == 0:
         return None
     starts = np.cumsum([len(f.nodes) for f in terms.frictions])[:-1]
     own = np.split(np.arange(ends.shape[0]), starts)
@@ -150,14 +149,15 @@ def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, suppor
         else pressing(obstacles, f, ends[rows], supports)
         for f, rows in zip(terms.frictions, own, strict=True)
     ]
-    press = sp.csr_matrix(sp.vstack(each))
+    return FrictionLaw(terms.frictions, terms.gather, sp.csr_matrix(sp.vstack(each)))
 
-    def forces(p: Floats) -> list[Floats]:
-        return np.split(press @ p, starts)
 
-    def law(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        return under(t, forces(p), past, slip)
-
-    slope, remembers = terms.slope, any(f.slip_law is not None for f in terms.frictions)
-    followed = None if slope is None else lambda t, p, past: slope(t, press, forces(p), past)
-    return FrictionLaw(law, followed, remembers, terms.softening)
+def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
+    """A sentence for each friction and obstacle none of whose nodes can move, or is moved: it does nothing."""
+    moving = np.arange(len(terms.nodes)) < terms.acting
+    if terms.dragged is not None:
+        moving = moving | terms.dragged
+    held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
+    rows = (normal_rows(Jumps.of([o]), o.normals, supports.points) for o in obstacles)
+    held += [o.subject for o, row in zip(obstacles, rows, strict=True) if on_free(row, supports).nnz == 0]
+    return [f"{subject}: all its nodes are held otherwise" for subject in held]

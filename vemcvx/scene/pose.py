@@ -1,9 +1,13 @@
-"""From a scene on a mesh to a System: the contributions summed, the supports eliminated.
+"""From a scene on a mesh to a System: the contributions of its effects summed, the supports eliminated.
 
 With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
 projections at the contact nodes,
 
     K = P'A P,   load = P'(f - A u_D),   B = B^ P,   prescribed_slip = B^ u_D,   dirichlet_force = P'A u_D.
+
+Effects without influence are dropped and reported: a load that is zero at every instant, friction whose bound is,
+springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and the same
+answer to the last bit. Supports and outputs of contact stay.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import chain
 from typing import TypeVar
@@ -20,20 +24,29 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.effects import ContactSurface, Friction, Given, Load, Material, Obstacle
-from vemcvx.errors import SceneWarning
+from vemcvx.effects import (
+    ContactSurface,
+    Contribution,
+    Effect,
+    Eigenstrain,
+    Friction,
+    Given,
+    InitialStress,
+    Load,
+    Material,
+    Obstacle,
+)
+from vemcvx.errors import SceneWarning, VemcvxError
 from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import AnyMesh
-from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.motion import Motion
 from vemcvx.program.system import Damping, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
+from vemcvx.scene.driving import load_of, motion_of
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
-from vemcvx.scene.inactive import out_of_reach, without_inactive
 from vemcvx.scene.laws import FrictionLaw
-from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits
+from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits, out_of_reach
 from vemcvx.scene.rigid import loose_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
@@ -49,6 +62,9 @@ from vemcvx.scene.terms import (
 from vemcvx.vem import Space, rigid_modes
 
 T = TypeVar("T")
+Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
+# A force of contact under which friction that depends on pressure shows itself, whatever the units.
+PRESSED = 1e100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +109,7 @@ class PosedScene:
 
 
 def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; what is zero at all of `times` is left out (:mod:`vemcvx.scene.inactive`).
+    """Assemble a scene on a mesh; what is zero at all of `times` is left out.
 
     Raises
     ------
@@ -103,7 +119,7 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
     scene.require_material()
     space = Space(mesh)
     inactive: list[str] = []
-    parts = [without_inactive(effect, effect.contribute(space), times, inactive) for effect in scene.canonical]
+    parts = [_without_inactive(effect, effect.contribute(space), times, inactive) for effect in scene.canonical]
     rates = [p.viscosity for p in parts if p.viscosity is not None]
     viscosity = _sum(rates) if rates else None
     A = _sum([p.stiffness for p in parts if p.stiffness is not None])
@@ -120,12 +136,12 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
     each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
     springs = _sum(each) if each else None
     # Springs to the ground feel rigid motions, too.
-    seen = seen_from_bodies(space) if springs is None else _as_it_is
+    seen = seen_from_bodies(space) if springs is None else lambda u: u
     system = System(
         K=_restrict(A, supports),
-        load=_load(loads, A, supports),
+        load=load_of(loads, A, supports),
         norms=norm_terms(terms, contact.law, supports),
-        motion=None if supports.still else _motion(A, supports, acting_rows(terms), obstacles.rows, seen),
+        motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
         order=cache(partial(_order, A, supports, mesh.points)),
         near_kernel=supports.P.T @ rigid_modes(mesh.points),
         kernel=_unsupported(space, supports, contact, springs),
@@ -151,6 +167,69 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
         given=_chain(p.given for p in parts),
         viscosity=viscosity,
     )
+
+
+def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
+    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing dropped.
+
+    Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
+    """
+
+    def alive(
+        data: tuple[Varying, ...], value: Callable[[Varying], Callable[[float], Floats]], what: str
+    ) -> tuple[Varying, ...]:
+        keep = [len(times) == 0 or not _zero(value(datum), times) for datum in data]
+        said.extend(
+            f"{datum.subject}: its {what} is zero at all instants"
+            for datum, kept in zip(data, keep, strict=True)
+            if not kept
+        )
+        return tuple(datum for datum, kept in zip(data, keep, strict=True) if kept)
+
+    def strong(matrix: sp.csr_matrix | None, what: str) -> sp.csr_matrix | None:
+        if matrix is None or part.material is not None or matrix.data.any():
+            return matrix
+        said.append(f"{type(effect).__name__}: its {what} is zero")
+        return None
+
+    return replace(
+        part,
+        stiffness=strong(part.stiffness, "stiffness"),
+        viscosity=strong(part.viscosity, "viscosity"),
+        loads=alive(part.loads, lambda load: load.vector, "force"),
+        frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
+        eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),
+        initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
+    )
+
+
+def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
+    """The friction, its ground left out if it is where it was at all of `times`."""
+    ground = friction.ground
+    if ground is None or len(times) == 0:
+        return friction
+    start = float(times[0])
+    if not _zero(lambda t: ground.vector(t) - ground.vector(start), times):
+        return friction
+    said.append(f"{ground.subject} stands still at all instants")
+    return replace(friction, ground=None)
+
+
+def _bound(friction: Friction) -> Callable[[float], Floats]:
+    law = friction.law
+    if friction.slip_law is not None:
+        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
+    if law is None:
+        return friction.weights
+    pressed = np.full(len(friction.nodes), PRESSED)
+    return lambda t: friction.weights(t) + law(t, pressed)
+
+
+def _zero(value: Callable[[float], Floats], times: Sequence[float]) -> bool:
+    try:
+        return not any(np.any(value(float(t))) for t in times)
+    except VemcvxError:
+        return False  # The step that needs the datum says what is wrong with it.
 
 
 @dataclass(frozen=True)
@@ -181,13 +260,14 @@ def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: s
     sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // dim
     warn_of_loose_normals(contact.terms.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
     if kernel is not None:
+        holds = "holds back" if of_bodies else "holds the body against"
         said = (
-            f"supports: nothing but friction or one-sided contact holds the body against {' and '.join(kernel.names)}. "
+            f"supports: nothing but friction or one-sided contact {holds} {' and '.join(kernel.names)}. "
             "Stresses and contact forces are determined, and certified, in the energy seminorm; the displacement "
             "itself may be determined up to that motion only."
         )
         if of_bodies:
-            logging.getLogger("vemcvx").info("%s", said.replace("holds the body against", "holds back"))
+            logging.getLogger("vemcvx").info("%s", said)
         else:
             warnings.warn(said, SceneWarning, stacklevel=2)
     return kernel
@@ -212,89 +292,11 @@ def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     return sp.csr_matrix(0.5 * (K + K.T))
 
 
-def _load(loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports) -> Callable[[float], Floats]:
-    """The load of a System; loads on a part of the body touch its unknowns alone."""
-    n = supports.P.shape[1]
-    touched = [(load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
-    others = [load for load in loads if not isinstance(load, Load)]
-    if not supports.still:
-        touched.append((supports.moves, *_rows_of(-_moving(A, supports))))
-    rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
-    places = [np.searchsorted(rows, own) for _, own, _ in touched]
-
-    def entries(t: float) -> Floats:
-        f = np.zeros(len(rows))
-        for (values, _, matrix), place in zip(touched, places, strict=True):
-            f[place] += matrix @ values(t)
-        return f
-
-    part = ForceOnPart(n, rows, entries)
-
-    def load(t: float) -> Floats:
-        f = part(t)
-        for other in others:
-            f += supports.gather(other.vector(t))
-        return f
-
-    return load if others else part
-
-
-def _moving(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
-    """P'A on the nodal values that supports move."""
-    return sp.csr_matrix(supports.gather(A[:, supports.moved]))
-
-
-def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
-    """Which rows of a matrix have entries, and these rows."""
-    by_rows = sp.csr_matrix(matrix)
-    rows = np.flatnonzero(np.diff(by_rows.indptr)).astype(np.int64)
-    return rows, by_rows[rows]
-
-
-def _as_it_is(u: Floats) -> Floats:
-    return u
-
-
-def _motion(
-    A: sp.csr_matrix,
-    supports: Supports,
-    tangential: sp.csr_matrix,
-    normal: sp.csr_matrix,
-    seen: Callable[[Floats], Floats],
-) -> Motion:
-    rows, matrix = _rows_of(_moving(A, supports))
-    dirichlet_force = ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t))
-
-    def prescribed_slip(t: float) -> Floats:
-        return tangential @ supports.motion(t)
-
-    def stored(s: float, t: float) -> float:
-        return float(supports.motion(s) @ (A @ supports.motion(t)))
-
-    def remaining_gap(t: float) -> Floats:
-        return normal @ supports.motion(t)
-
-    def frame(t: float, y: Floats) -> Floats:
-        return seen(supports.P @ y + supports.motion(t))
-
-    def pair(v: Floats, w: Floats) -> float:
-        return float(v @ (A @ w))
-
-    return Motion(
-        dirichlet_force=dirichlet_force,
-        prescribed_slip=prescribed_slip,
-        stored=stored,
-        frame=frame,
-        pair=pair,
-        remaining_gap=remaining_gap,
-    )
-
-
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:
     if A is None:
         return None
     nothing = sp.csr_matrix((0, A.shape[0]))
-    return Damping(_restrict(A, supports), None if supports.still else _motion(A, supports, nothing, nothing, seen))
+    return Damping(_restrict(A, supports), None if supports.still else motion_of(A, supports, nothing, nothing, seen))
 
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:

@@ -24,7 +24,7 @@ from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import Moving, along, freedom, normal_rows, on_free
 from vemcvx.scene.jumps import Jumps, summing
-from vemcvx.scene.laws import FrictionLaw, Sums, weights_of
+from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.supports import PARALLEL, Supports
 from vemcvx.vem import tangents_of
 
@@ -40,20 +40,13 @@ class Terms:
     """(m, dim - 1, dim)"""
     lengths: Floats
     """(m,) integrals of the nodal basis functions over the edges with friction: of all parts that meet in a term"""
-    weights: Callable[[float], Floats]
-    under: Callable[[float, Sequence[Floats], Floats, Floats], Floats] | None = None
-    """(t, normal forces of every friction's rows, slip (m,) before the step and in it) -> (m,), the weights where some
-    depend on these"""
     directed: Bools
     """(m,) which are along directions that their friction gives"""
-    frictions: Sequence[Friction] = ()
-    slope: Callable[[float, sp.csr_matrix, Sequence[Floats], Floats], sp.csr_matrix] | None = None
-    """(t, which limits press on the rows of all frictions, normal forces of every friction's rows) -> (m, r), the
-    derivative of `under`"""
-    softening: Floats | None = None
-    """(m,) how fast weights fall with the slip of the step at most; None where some read forces, or it is not known"""
-    bias: Callable[[float], Floats] | None = None
-    """t -> (m,), along the tangent of each row; None if there is none"""
+    frictions: Sequence[Friction]
+    gather: sp.csr_matrix
+    """(m, rows) which rows of all frictions, one after the other, add up to a term"""
+    sign: Floats
+    """(rows,) 1 where the tangent of a row is that of its term, else -1"""
     acting: int = 0
     """how many of the m, the first, some free unknown moves"""
     dragged: Bools | None = None
@@ -69,6 +62,22 @@ class Terms:
     def nodes(self) -> Ints:
         """(m,) the nodes on which friction acts; on their partners it acts the other way."""
         return self.jumps.nodes
+
+    def weights(self, t: float) -> Floats:
+        """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
+        total: Floats = self.gather @ np.concatenate([np.zeros(0), *(f.weights(t) for f in self.frictions)])
+        return total
+
+    @property
+    def one_way(self) -> bool:
+        """Whether some cost more one way than the other."""
+        return any(f.bias is not None for f in self.frictions)
+
+    def bias(self, t: float) -> Floats:
+        """The bias (m,) at the instant `t`, along the tangent of each term."""
+        each = [np.zeros(len(f.nodes)) if f.bias is None else f.bias(t) for f in self.frictions]
+        total: Floats = self.gather @ (self.sign * np.concatenate(each))
+        return total
 
 
 def friction_terms(
@@ -87,8 +96,10 @@ def friction_terms(
             jumps=Jumps.of(()),
             tangents=np.zeros((0, dim - 1, dim)),
             lengths=none,
-            weights=lambda t: none,
             directed=none > 0,
+            frictions=(),
+            gather=sp.csr_matrix((0, 0)),
+            sign=none,
         )
     jumps, normals = Jumps.of(frictions), np.concatenate([f.across for f in frictions])
     first, term = merged(jumps, normals, kinds=_grounds(frictions))
@@ -96,28 +107,21 @@ def friction_terms(
     held = freedom(jumps[first], normals[first], supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.beside | held.dragged) & ~held.slides)])
-    gather = summing(term, len(first))[kept]
     ends = united(owns[0], term)
     if under is not None:
         _refuse_overlap(frictions, owns[0], ends)
     ends = ends[kept]
-
-    sums = Sums(frictions, gather, np.sign(np.einsum("ij,ij->i", normals, normals[first][term])))
     tangents = tangents_of(normals[first][kept])
     moves = under is not None and len(kept) > 0
-    laws = [f for f in frictions if f.dependent]
     return Terms(
         rows=jumps[first][kept].matrix(tangents, points),
         jumps=jumps[first][kept],
         tangents=tangents,
         lengths=lengths_of(ends),
-        weights=sums.weights,
         directed=np.concatenate([np.full(len(f.nodes), f.directions is not None) for f in frictions])[first][kept],
-        under=sums.weights_under if laws else None,
         frictions=frictions,
-        slope=sums.slope if laws and all(f.has_slope for f in laws) else None,
-        softening=sums.softening() if laws else None,
-        bias=sums.bias if any(f.bias is not None for f in frictions) else None,
+        gather=summing(term, len(first))[kept],
+        sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
         acting=len(acting),
         dragged=held.dragged[kept],
         ends=ends,
@@ -176,8 +180,8 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
     if m == 0:
         return None
     rest = np.zeros(len(terms.nodes) - m)
-    bias, ground, slope = terms.bias, terms.ground, None if law is None else law.slope
-    under = None if law is None else weights_of(law, slice(0, m), len(terms.nodes))
+    ground, slope = terms.ground, None if law is None or not law.has_slope else law.slope
+    under, softening = (None, None) if law is None else (law.part(slice(0, m)), law.softening)
     remembers = law is not None and law.remembers
     block = terms.rows.shape[0] // len(terms.nodes)
     return Norms(
@@ -186,11 +190,11 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
         block=block,
         places=supports.places(terms.nodes),
         law=None if under is None or remembers else lambda t, p: under(t, p, none, none),
-        bias=None if bias is None else lambda t: bias(t)[: m * block],
+        bias=(lambda t: terms.bias(t)[: m * block]) if terms.one_way else None,
         slope=None if slope is None else lambda t, p, *past: slope(t, p, np.append(past or none, rest))[:m],
         ground=None if ground is None else lambda t: ground(t)[: m * block],
         slip_law=under if remembers else None,
-        softening=None if law is None or law.softening is None else law.softening[:m],
+        softening=None if softening is None else softening[:m],
     )
 
 
@@ -199,14 +203,14 @@ def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> 
     m, q = terms.acting, len(terms.nodes) - terms.acting
     if q == 0:
         return None
-    block, bias, ground = terms.rows.shape[0] // len(terms.nodes), terms.bias, terms.ground
-    rows, under = terms.rows[m * block :], None if law is None else weights_of(law, slice(m, m + q), m + q)
+    block, ground = terms.rows.shape[0] // len(terms.nodes), terms.ground
+    rows, under = terms.rows[m * block :], None if law is None else law.part(slice(m, m + q))
     return DraggedTerms(
         position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
         weights=(lambda t, p, past, slip: terms.weights(t)[m:]) if under is None else under,
         count=q,
         block=block,
-        bias=None if bias is None else lambda t: bias(t)[m * block :],
+        bias=(lambda t: terms.bias(t)[m * block :]) if terms.one_way else None,
         remembers=law is not None and law.remembers,
     )
 

@@ -62,8 +62,8 @@ from vemcvx.plots.palette import MARKERS, SERIES
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.conic import installed
 from vemcvx.stepping.backward_euler import step
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
+from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}

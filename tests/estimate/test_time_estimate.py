@@ -13,8 +13,8 @@ import vemcvx as vx
 from vemcvx.estimate.budget import beside_finer, error_budget
 from vemcvx.estimate.budget.data_in_time import course
 from vemcvx.scene.pose import pose_scene
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
+from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
 
 MOST = 5.0

@@ -12,6 +12,7 @@ from exact_steps import Steps, Stuck
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
+from vemcvx.results.from_march import displacement
 from vemcvx.scene.pose import pose_scene
 
 EPS = float(np.finfo(float).eps)
@@ -231,7 +232,7 @@ def _ledger(posed, t, inexact, unsolved, verdict):
     """
     system, A, size = posed.system, posed.A, abs(posed.A)
     soft = np.zeros(0) if system.limits is None else system.limits.compliance
-    u = [posed.displacement(y, float(s)) for y, s in zip(t.state, t.times, strict=True)]
+    u = [displacement(posed, y, float(s)) for y, s in zip(t.state, t.times, strict=True)]
     z = [_excess(posed, v, float(s)) for v, s in zip(u, t.times, strict=True)]
     totals = np.abs(t.work) + np.abs(t.energy) + t.dissipated
     for n in range(1, len(u)):

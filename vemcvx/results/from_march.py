@@ -27,7 +27,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
     u, forces = storage.array("displacement", shape), storage.array("forces", shape)
     for row, n in enumerate(trajectory.stored):
         t = float(trajectory.times[n])
-        u[row] = posed.displacement(trajectory.state[row], t).reshape(shape[1:])
+        u[row] = displacement(posed, trajectory.state[row], t).reshape(shape[1:])
         stressed = posed.A @ u[row].ravel() + _damped(posed, trajectory, row)
         forces[row] = (stressed - posed.force(t)).reshape(shape[1:])
     return Results(
@@ -48,6 +48,12 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         inactive=posed.inactive + _untouched(posed, trajectory),
         **_rubbing(posed, trajectory),
     )
+
+
+def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
+    """u (n_u,) from the free unknowns y (n,) at the instant `t`."""
+    u: Floats = posed.supports.P @ y
+    return u if posed.supports.still else u + posed.supports.motion(t)
 
 
 def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> None:

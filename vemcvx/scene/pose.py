@@ -102,11 +102,6 @@ class PosedScene:
             f += load.vector(t)
         return f
 
-    def displacement(self, y: Floats, t: float) -> Floats:
-        """u (n_u,) from the free unknowns y (n,)."""
-        u = self.supports.P @ y
-        return u if self.supports.still else u + self.supports.motion(t)
-
 
 def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
     """Assemble a scene on a mesh; what is zero at all of `times` is left out.

@@ -3,8 +3,9 @@
 pose      :mod:`.posed_step`          the convex program of the step, from the state before it and the data at t_n
 answer    :mod:`.posed_step`          by the solver, in scaled units; asked again where it misses
           :mod:`.fixed_point`         where weights follow pressures (Coulomb), a fixed point of such programs
-certify   :mod:`.certified_in_full`   on all unknowns, where the step is kept or the factors are too coarse
-record    :mod:`.recorder`            energies, forces, certificates: rows of a trajectory
+certify   :mod:`.posed_step`          on the retained unknowns
+          :mod:`.refined_state`       on all, refined against K itself, where the factors are too coarse
+record    :mod:`.recorder`            steps that are kept, certified on all unknowns: rows of a trajectory
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.program.step_program import Answer
 from vemcvx.stepping.acceptance import refuse_unheld, require_certified
-from vemcvx.stepping.certified_in_full import refined_state
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.posed_step import PosedStep, pose_step
+from vemcvx.stepping.refined_state import refined_state
 from vemcvx.stepping.state import PreparedRun, State
 
 

@@ -18,9 +18,10 @@ from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.stepping.acceptance import caused_beside, require_certified
 from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.certified_in_full import certified_in_full, refined_state
 from vemcvx.stepping.ledger import Ledger, StepData, drive, energy, strain_energy
 from vemcvx.stepping.posed_step import pose_step
+from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.refined_state import refined_state
 from vemcvx.stepping.state import PreparedRun, State
 
 JUMP = 1e-6

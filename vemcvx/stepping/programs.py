@@ -17,10 +17,10 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import drag, nothing_dragged
 from vemcvx.stepping.initial import initial_state, state_given
 from vemcvx.stepping.ledger import drive
+from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.time_loop import check_kinds, checked_times, steps_of, threads_of_steps
 from vemcvx.stepping.trajectory import Trajectory

@@ -1,4 +1,4 @@
-"""Which steps are kept, and their rows; at a kept step the certificate is taken on the full system too."""
+"""Steps that are kept: all their unknowns recovered, certified on the full system, and entered as rows."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ import logging
 import time
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import is_whole
 from vemcvx.arrays import Floats, Ints, sizes_of
 from vemcvx.errors import HistoryError, SceneError
+from vemcvx.program.iterative_refinement import full_certificate, pulled, residual
+from vemcvx.program.tolerances import INTERIOR
 from vemcvx.stepping.acceptance import require_certified, say_floor
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
 from vemcvx.stepping.state import PreparedRun, State, sticking
 from vemcvx.stepping.storage import Arrays, Storage
@@ -44,6 +47,26 @@ def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
 
 def _numbers(store: Sequence[int], steps: int) -> bool:
     return all(is_whole(n) and 0 <= n <= steps for n in store)
+
+
+def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:
+    """The state with all its unknowns and the certificate of the full system; `lost` is what rounding took off K."""
+    if state.full is not None:
+        return state
+    y = run.condensation.recover(state.y, state.data.force)
+    force = state.data.force.phi if lost is None else state.data.force.phi - lost @ y
+    own = state.certificate
+    held = pulled(run.system, state.lam, state.p)
+    if run.system.follows_answer:
+        held = np.zeros_like(y)
+        held[run.condensation.retained] = state.unbalanced
+    full = full_certificate(run.condensation, force, y, held, own)
+    if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
+        r = residual(force, run.system.K, y, held)
+        y = run.condensation.refine_interior(y, r)
+        full = full_certificate(run.condensation, force, y, held, own)
+    equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
+    return replace(state, full=y, certificate=replace(own, equilibrium=equilibrium, floor=floor))
 
 
 FIELDS = sizes_of(Trajectory)

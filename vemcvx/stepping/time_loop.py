@@ -21,10 +21,9 @@ from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.dragged import drag, nothing_dragged
 from vemcvx.stepping.initial import initial_state
-from vemcvx.stepping.recorder import Recorder, stored_steps
+from vemcvx.stepping.recorder import Recorder, certified_in_full, stored_steps
 from vemcvx.stepping.state import PreparedRun, prepare
 from vemcvx.stepping.storage import Memory, Storage
 from vemcvx.stepping.trajectory import Trajectory

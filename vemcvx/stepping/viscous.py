@@ -31,9 +31,9 @@ from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.acceptance import caused_beside, require_certified
 from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
 from vemcvx.stepping.posed_step import PosedStep, pose_step
+from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 
 KEPT = 4

@@ -30,8 +30,8 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.certified_in_full import certified_in_full
 from vemcvx.stepping.initial import initial_state
+from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.storage import Memory
 from vemcvx.stepping.time_loop import checked_times, march

@@ -25,6 +25,7 @@ from vemcvx.estimate.budget.surface_forces import instant
 from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
 from vemcvx.outline import Outline, Outlined
+from vemcvx.results.from_march import displacement
 from vemcvx.scene.composition import InitialStresses
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.state import prepare
@@ -158,7 +159,7 @@ def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     whole = pose_scene(posed.scene, posed.space.mesh) if posed.inactive else posed
     start, y = float(run.times[0]), run.initial
     if whole is not posed:
-        y = whole.supports.gather(posed.displacement(y, start) - whole.supports.motion(start))
+        y = whole.supports.gather(displacement(posed, y, start) - whole.supports.motion(start))
     return beside_finer(prepare(whole.system, None, False, True), run.times, y)
 
 

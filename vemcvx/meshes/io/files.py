@@ -23,7 +23,7 @@ from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.io.blocks import Blocks, add_boundaries, cell_blocks
 from vemcvx.meshes.io.by_vertices import solid_blocks
-from vemcvx.meshes.io.meshio_mesh import Arrays, blocks_of, meshio_mesh
+from vemcvx.meshes.io.meshio_mesh import Arrays, blocks_of, meshio_mesh, xml_name
 from vemcvx.meshes.io.messages import finished, named, translated
 from vemcvx.meshes.io.reading import mesh_of
 from vemcvx.meshes.io.unsafe import opened
@@ -104,7 +104,9 @@ def write_cells(
     if isinstance(mesh, SpaceTessellation):
         _save(path, ".vtu", lambda draft, **_: write_polyhedra(draft, mesh, fields, data, sides=False))
     else:
-        _save(path, ".vtu", meshio_mesh(mesh.points, cell_blocks(mesh, data), ".vtu", fields).write)
+        file = meshio_mesh(mesh.points, cell_blocks(mesh, data), ".vtu")
+        file.point_data = {xml_name(name): values for name, values in fields.items()}
+        _save(path, ".vtu", file.write)
 
 
 def _path(path: str | Path) -> Path:

@@ -23,13 +23,11 @@ Arrays = Mapping[str, NDArray[Any]]
 IN_MEMORY = ""
 
 
-def meshio_mesh(
-    points: Floats, blocks: Blocks, suffix: str = IN_MEMORY, point_data: Arrays | None = None
-) -> meshio.Mesh:
+def meshio_mesh(points: Floats, blocks: Blocks, suffix: str = IN_MEMORY) -> meshio.Mesh:
     """What meshio is to write into a file with that suffix; without one, the mesh for whoever asks for it."""
     import meshio
 
-    spellings: dict[str, Callable[[str], str]] = {".vtu": _xml_name, ".vtk": quote}
+    spellings: dict[str, Callable[[str], str]] = {".vtu": xml_name, ".vtk": quote}
     spelled = spellings.get(suffix, str)
     data: Data = {}
     names: Arrays = {}
@@ -43,7 +41,6 @@ def meshio_mesh(
     return meshio.Mesh(
         np.pad(points, ((0, 0), (0, 3 - points.shape[1]))),
         blocks.cells,
-        point_data={spelled(name): values for name, values in (point_data or {}).items()},
         cell_data={spelled(name): parts for name, parts in data.items()},
         field_data=names,
     )
@@ -81,6 +78,6 @@ def _wide(values: NDArray[Any]) -> NDArray[Any]:
     return values.astype(np.int64) if values.dtype.kind in "iu" else values
 
 
-def _xml_name(name: str) -> str:
+def xml_name(name: str) -> str:
     """A name as an XML attribute in ASCII: meshio writes it as it comes, in the encoding of the system."""
     return escape(name, {'"': "&quot;"}).encode("ascii", "xmlcharrefreplace").decode()

@@ -1,21 +1,19 @@
-"""A step certified on all unknowns: those inside recovered, refined where the factors have lost too many digits."""
+"""A step refined against K itself on all unknowns, where its factors have lost too many digits."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
-from vemcvx.program.iterative_refinement import full_certificate, pulled, refined, residual
+from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
 from vemcvx.program.operators import Operators
-from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full
 from vemcvx.stepping.posed_step import PosedStep
-from vemcvx.stepping.state import PreparedRun, State
+from vemcvx.stepping.state import State
 
 
 def refined_state(attempt: PosedStep, state: State) -> State:
@@ -73,23 +71,3 @@ def _lawful(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: B
     cost = 0.5 * np.einsum("ij,ij->i", turned - slip, turned - slip)
     stays = stick | (cost >= operators.norm_flexibility * norm_gaps(w, lam, slip))
     return np.where(stays[:, None], slip, turned)
-
-
-def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:
-    """The state with all its unknowns and the certificate of the full system; `lost` is what rounding took off K."""
-    if state.full is not None:
-        return state
-    y = run.condensation.recover(state.y, state.data.force)
-    force = state.data.force.phi if lost is None else state.data.force.phi - lost @ y
-    own = state.certificate
-    held = pulled(run.system, state.lam, state.p)
-    if run.system.follows_answer:
-        held = np.zeros_like(y)
-        held[run.condensation.retained] = state.unbalanced
-    full = full_certificate(run.condensation, force, y, held, own)
-    if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
-        r = residual(force, run.system.K, y, held)
-        y = run.condensation.refine_interior(y, r)
-        full = full_certificate(run.condensation, force, y, held, own)
-    equilibrium, floor = np.maximum([full.equilibrium, full.floor], [own.equilibrium, own.floor]).tolist()
-    return replace(state, full=y, certificate=replace(own, equilibrium=equilibrium, floor=floor))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.effects import Given
+from vemcvx.effects import GivenDatum
 from vemcvx.estimate.budget import error_budget
 
 MOST = 5.0
@@ -157,7 +157,7 @@ def test_affine_data_on_edges_are_seen_by_nodes():
 
 def test_kinds_are_documented():
     kinds = {given.kind for scene in SCENES.values() for given in posed_data(scene)}
-    assert all(f'"{kind}"' in Given.__doc__ for kind in kinds)
+    assert all(f'"{kind}"' in GivenDatum.__doc__ for kind in kinds)
 
 
 def posed_data(scene):

@@ -108,8 +108,8 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
         return f"an estimate, because weights depend on slip{said}"
     if operators.block > 1:
         return "an estimate, because weights depend on pressures, and slip turns in space"
-    settled = "a bound on the distance to a solution, by its sets; where they do not settle "
-    return (settled if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
+    bound = "a bound on the distance to a solution, by its sets; where they do not settle "
+    return (bound if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
 
 
 def _solvers(seen: Condensation) -> list[tuple[str, str]]:

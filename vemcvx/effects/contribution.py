@@ -41,10 +41,10 @@ class Load:
         return read(self.value, x, t, self.subject)
 
     @property
-    def given(self) -> tuple[Given, ...]:
+    def given(self) -> tuple[GivenDatum, ...]:
         """The datum as a function of place, if it is one."""
         edges = None if self.edges is None else np.unique(self.edges, axis=0)
-        return (Given(self.subject, "force", self.at, edges, self),) if callable(self.value) else ()
+        return (GivenDatum(self.subject, "force", self.at, edges, self),) if callable(self.value) else ()
 
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
@@ -126,9 +126,9 @@ class Ground:
         """The displacements (q, dim) at the instant `t`."""
         return self.at(self.points, t)
 
-    def given(self, edges: Ints) -> Given:
+    def given(self, edges: Ints) -> GivenDatum:
         """The datum as a function of place: where the body sticks to the ground, it is to move like it."""
-        return Given(self.subject, "displacement", self.at, edges)
+        return GivenDatum(self.subject, "displacement", self.at, edges)
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ class InitialStress:
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenDatum:
     """A datum as the scene gives it, of which the assembled problem has read some points: an error estimate reads more.
 
     What `value` takes and gives goes with the kind; x (k, dim) are points of the edges, or of the cells numbered (k,):
@@ -314,5 +314,5 @@ class Contribution:
     initial_stresses: tuple[InitialStress, ...] = ()
     viscosity: sp.csr_matrix | None = None
     """matrix of b^h, stress in proportion to the rate of strain"""
-    given: tuple[Given, ...] = ()
+    given: tuple[GivenDatum, ...] = ()
     """data that vary in space"""

@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given, Ground
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, GivenDatum, Ground
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.vem import Space
@@ -81,7 +81,7 @@ class CoulombFriction(Effect):
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
             given=(
-                *((Given(subject, "bound", under, part.sides),) if varies(self.coefficient, self.cap) else ()),
+                *((GivenDatum(subject, "bound", under, part.sides),) if varies(self.coefficient, self.cap) else ()),
                 *(() if ground is None else (ground.given(part.sides),)),
             ),
         )

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Given
+from vemcvx.effects.contribution import Contribution, GivenDatum
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import SideRule, Space
@@ -54,7 +54,9 @@ class ElasticFoundation(Effect):
             return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])
 
         subject = f"ElasticFoundation on {where(self.on)}"
-        given = (Given(subject, "foundation", at, part.sides),) if data.varies(self.normal, self.tangential) else ()
+        given = (
+            (GivenDatum(subject, "foundation", at, part.sides),) if data.varies(self.normal, self.tangential) else ()
+        )
         return Contribution(stiffness=sp.csr_matrix(sum(springs[1:], start=springs[0])), given=given)
 
     def _of_sides(self, rule: SideRule, n: Floats) -> Floats:

@@ -19,7 +19,7 @@ import numpy as np
 from vemcvx.arguments import choice
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Given, Material
+from vemcvx.effects.contribution import Contribution, GivenDatum, Material
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import PLANES, MaterialLaw, region
 from vemcvx.errors import SceneError, SceneWarning
@@ -85,7 +85,7 @@ class Elasticity(MaterialLaw):
             lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
             return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu, space.dim)[1]
 
-        given = (Given(subject, "moduli", at, cells=cells),) if data.varies(self.young, self.poisson) else ()
+        given = (GivenDatum(subject, "moduli", at, cells=cells),) if data.varies(self.young, self.poisson) else ()
         return Contribution(stiffness=A, material=material, given=given)
 
     def describe(self) -> str:

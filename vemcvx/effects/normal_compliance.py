@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Given
+from vemcvx.effects.contribution import Contribution, GivenDatum
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.effects.unilateral_contact import distance, obstacle
 from vemcvx.errors import SceneError
@@ -63,7 +63,7 @@ class NormalCompliance(Effect):
 
         compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
         made = obstacle(space, rows, subject, self.gap, compliance)
-        given = Given(subject, "spring", spring, part.sides)
+        given = GivenDatum(subject, "spring", spring, part.sides)
         return replace(made, given=(given,) if data.varies(self.stiffness, self.gap) else ())
 
     def describe(self) -> str:

@@ -21,7 +21,7 @@ import numpy as np
 from vemcvx.arguments import choice
 from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Given, Material
+from vemcvx.effects.contribution import Contribution, GivenDatum, Material
 from vemcvx.effects.data import Constant
 from vemcvx.effects.effect import amount, where
 from vemcvx.effects.material_law import PLANES, MaterialLaw, region
@@ -79,7 +79,7 @@ class Orthotropic(MaterialLaw):
             return upper_triangle(C), thermal_stress_moduli
 
         constants = (*self._constants("young", 2), *self._constants("poisson", 1), self.shear, self.angle)
-        given = (Given(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
+        given = (GivenDatum(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
         return Contribution(stiffness=anisotropic_stiffness(space, C), material=material, given=given)
 
     def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Given, Support
+from vemcvx.effects.contribution import Contribution, GivenDatum, Support
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Part, Space
@@ -52,11 +52,11 @@ class PrescribedDisplacement(Effect):
         support = Support(subject, nodes, directions, points, value)
         return Contribution(supports=(support,), given=self._given(part, data.scalar, subject))
 
-    def _given(self, part: Part, read: Callable[..., Floats], subject: str) -> tuple[Given, ...]:
+    def _given(self, part: Part, read: Callable[..., Floats], subject: str) -> tuple[GivenDatum, ...]:
         def at(x: Floats, t: float) -> Floats:
             return read(self.value, x, t, subject)
 
-        return (Given(subject, "displacement", at, part.sides),) if data.varies(self.value) else ()
+        return (GivenDatum(subject, "displacement", at, part.sides),) if data.varies(self.value) else ()
 
     def describe(self) -> str:
         held = "" if self.direction is None else f" along {self.direction}"

@@ -10,7 +10,7 @@ from functools import partial
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Given, InitialStress
+from vemcvx.effects.contribution import Contribution, GivenDatum, InitialStress
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space
 
@@ -38,7 +38,7 @@ class Prestress(Effect):
         def at(x: Floats, t: float) -> Floats:
             return data.tensor(self.stress, x, t, "Prestress")
 
-        given = (Given("Prestress", "stress", at),) if data.varies(self.stress) else ()
+        given = (GivenDatum("Prestress", "stress", at),) if data.varies(self.stress) else ()
         return Contribution(initial_stresses=(InitialStress("Prestress", partial(at, centroids)),), given=given)
 
     def describe(self) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Eigenstrain, Given
+from vemcvx.effects.contribution import Contribution, Eigenstrain, GivenDatum
 from vemcvx.effects.effect import Effect, amount
 from vemcvx.vem import Space
 
@@ -54,7 +54,9 @@ class ThermalStrain(Effect):
             there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
             return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
-        given = (Given("ThermalStrain", "eigenstrain", at),) if data.varies(self.expansion, self.temperature) else ()
+        given = (
+            (GivenDatum("ThermalStrain", "eigenstrain", at),) if data.varies(self.expansion, self.temperature) else ()
+        )
         return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain),), given=given)
 
     def describe(self) -> str:

@@ -26,7 +26,7 @@ import numpy as np
 from vemcvx.arguments import choice, flag
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, Given, Ground
+from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, GivenDatum, Ground
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.errors import SceneError
@@ -162,7 +162,7 @@ class TrescaFriction(Effect):
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),
             given=(
-                *((Given(subject, "bound", given, part.sides),) if varies(self.bound, self.backward) else ()),
+                *((GivenDatum(subject, "bound", given, part.sides),) if varies(self.bound, self.backward) else ()),
                 *(() if ground is None else (ground.given(part.sides),)),
             ),
         )

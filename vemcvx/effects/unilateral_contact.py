@@ -10,7 +10,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Given, Obstacle
+from vemcvx.effects.contribution import ContactSurface, Contribution, GivenDatum, Obstacle
 from vemcvx.effects.effect import Effect, amount, where
 from vemcvx.vem import BoundaryRows, Space
 
@@ -44,7 +44,7 @@ class UnilateralContact(Effect):
         part = space.part(self.on, "UnilateralContact", contact=True)
         rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
         made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
-        given = Given(subject, "gap", partial(distance, self.gap, subject), part.sides)
+        given = GivenDatum(subject, "gap", partial(distance, self.gap, subject), part.sides)
         return replace(made, given=(given,) if data.varies(self.gap) else ())
 
     def describe(self) -> str:

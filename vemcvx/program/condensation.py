@@ -32,7 +32,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.ordering import minimum_degree
-from vemcvx.program.forces import Fields, Reduced, combined, spread
+from vemcvx.program.forces import Reduced, SolvedForces, combined, spread
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.system import System
@@ -90,7 +90,7 @@ class Condensation:
         self._inner = np.ones(n, dtype=bool)
         self._inner[self.retained] = False
         self._rows = system.K[self.retained]
-        self._fields = Fields(n, self._done)
+        self._fields = SolvedForces(n, self._done)
 
     @cached_property
     def absolute(self) -> sp.csr_matrix:

@@ -42,7 +42,7 @@ def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | 
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class SolvedForce:
     """A force, its unit taken off, that was solved for.
 
     Attributes
@@ -62,7 +62,7 @@ class Field:
     number: int | None = None
     _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
 
-    def products(self, other: Field) -> tuple[float, float]:
+    def products(self, other: SolvedForce) -> tuple[float, float]:
         """phi'x and phi'xi, with the responses of another field."""
         if self.number is None or other.number is None:
             return float(self.phi @ other.x), float(self.phi @ other.inside)
@@ -71,7 +71,7 @@ class Field:
         return self._products[other.number]
 
 
-Parts = dict[Field, float]
+Parts = dict[SolvedForce, float]
 
 
 class Reduced:
@@ -80,9 +80,9 @@ class Reduced:
     Parameters
     ----------
     phi : callable () -> (n,)
-    parts : dict of Field to float
+    parts : dict of SolvedForce to float
         The combination that the force is, but for rounding.
-    within : dict of Field to float
+    within : dict of SolvedForce to float
         What of it acts inside, where the retained unknowns do not.
     retained : (m,) array
         tau, the force that it makes there.
@@ -159,7 +159,7 @@ def _merged(parts: Parts, others: Parts, sign: float) -> Parts:
     return {one: parts.get(one, 0.0) + sign * others.get(one, 0.0) for one in {**parts, **others}}
 
 
-class Fields:
+class SolvedForces:
     """Shapes of forces seen so far, on the unknowns that any of them loads.
 
     Parameters
@@ -173,7 +173,7 @@ class Fields:
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
-        self._basis: list[tuple[Floats, float, Field]] = []
+        self._basis: list[tuple[Floats, float, SolvedForce]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
         """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
@@ -203,8 +203,8 @@ class Fields:
         unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
         return {self._solved(phi / unit): unit}
 
-    def _solved(self, phi: Floats, number: int | None = None) -> Field:
-        return Field(phi, *self._solve(phi), number)
+    def _solved(self, phi: Floats, number: int | None = None) -> SolvedForce:
+        return SolvedForce(phi, *self._solve(phi), number)
 
     def _compress(self, phi: Floats) -> Floats:
         """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""

@@ -1,16 +1,17 @@
 """One program in every system of units: scaled by powers of two, so that scaling itself rounds nothing.
 
-With d = alpha D d^ and s_i = alpha sigma_i s^_i the program of :mod:`vemcvx.program.step_program`, divided by
-kappa alpha^2, has
+With d = alpha delta d^, delta a diagonal matrix, and s_i = alpha sigma_i s^_i the program of
+:mod:`vemcvx.program.step_program`, divided by kappa alpha^2, has
 
-    K^ = D K D / kappa,  g^ = D g / (kappa alpha),  B^ = B D / sigma,  b^ = b / (alpha sigma),
+    K^ = delta K delta / kappa,  g^ = delta g / (kappa alpha),  B^ = B delta / sigma,  b^ = b / (alpha sigma),
     w^ = w sigma / (kappa alpha),  and lam = kappa alpha lam^ / sigma;
 
-limits likewise with tau in place of sigma, E the matrix of their rows: E^ = E D / tau, e^ = e / (alpha tau),
-c^ = c kappa / tau^2, p = kappa alpha p^ / tau.
+limits likewise with tau in place of sigma: D^ = D delta / tau, e^ = e / (alpha tau), c^ = c kappa / tau^2,
+p = kappa alpha p^ / tau.
 
-kappa is the size of diag(K), D that of diag(K / kappa)^{-1/2}, sigma and tau those of the rows of B D and E D, all
-fixed for a run; alpha is the energy norm of the frictionless answer, (g'K^{-1}g / kappa)^{1/2}, step by step.
+kappa is the size of diag(K), delta that of diag(K / kappa)^{-1/2}, sigma and tau those of the rows of B delta and
+D delta, all fixed for a run; alpha is the energy norm of the frictionless answer, (g'K^{-1}g / kappa)^{1/2}, step by
+step.
 
 Weights far above every multiplier are lowered (friction that never slips; loads near zero). Where each row of B reads
 one unknown of its own, K^_ii < 2 and coefficients are >= 1/2; with v = K^{-1}g, |v|_K <= 1, and d_b the field that
@@ -71,7 +72,7 @@ class Scaling:
 
     operators: Operators
     kappa: float
-    D: Floats
+    delta: Floats
     sigma: Floats
     tau: Floats
 
@@ -85,7 +86,7 @@ class Scaling:
         b = program.b / (alpha * sigma)
         if self.operators.rows.columns is not None and self.operators.kernel is None and len(self.tau) == 0:
             w = np.minimum(w, CAP * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
-        return StepProgram(self.operators, self.D * program.g / force, w, b, e)
+        return StepProgram(self.operators, self.delta * program.g / force, w, b, e)
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:
         """The weights (m,) of a scaled program in unscaled units."""
@@ -95,11 +96,11 @@ class Scaling:
         """An answer of the scaled program in the units of the unscaled one."""
         lam = self.kappa * alpha * answer.lam / self.sigma[:, None]
         p = self.kappa * alpha * answer.p / self.tau
-        return replace(answer, d=alpha * self.D * answer.d, lam=lam, p=p)
+        return replace(answer, d=alpha * self.delta * answer.d, lam=lam, p=p)
 
     def shrink(self, d: Floats, alpha: float) -> Floats:
         """Increments (n,) in scaled units."""
-        return d / (alpha * self.D)
+        return d / (alpha * self.delta)
 
     def guess(self, lam: Floats, p: Floats, alpha: float) -> tuple[Floats, Floats]:
         """Multipliers (m, block) and (r,) in scaled units."""
@@ -112,7 +113,7 @@ class Scaling:
 
     def size(self, program: StepProgram) -> float:
         """alpha of a step; 0 where nothing moves it."""
-        scaled = self.D * program.g / self.kappa
+        scaled = self.delta * program.g / self.kappa
         top = np.abs(scaled).max(initial=0.0)
         # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
         inward = (np.maximum(-program.e, 0.0) / self.tau).max(initial=0.0)
@@ -132,34 +133,34 @@ def scaling(operators: Operators) -> Scaling:
     diagonal = _diagonal(operators)
     kappa = float(power_of_two(diagonal.max(initial=0.0)))
     exponent = np.frexp(diagonal / kappa)[1]
-    D = np.ldexp(1.0, -(exponent // 2))
-    sigma = power_of_two(operators.blocks(_size(operators.B, D)).max(axis=1)) if operators.count else np.zeros(0)
-    tau = power_of_two(_size(operators.D, D))
-    B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, operators.block)) @ operators.B @ sp.diags_array(D))
-    E = sp.csr_matrix(sp.diags_array(1.0 / tau) @ operators.D @ sp.diags_array(D))
+    delta = np.ldexp(1.0, -(exponent // 2))
+    sigma = power_of_two(operators.blocks(_size(operators.B, delta)).max(axis=1)) if operators.count else np.zeros(0)
+    tau = power_of_two(_size(operators.D, delta))
+    B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, operators.block)) @ operators.B @ sp.diags_array(delta))
+    D = sp.csr_matrix(sp.diags_array(1.0 / tau) @ operators.D @ sp.diags_array(delta))
     kernel, anchor = operators.kernel, operators.anchor
     if kernel is not None and anchor is not None:
-        kernel, anchor = np.linalg.qr(kernel / D[:, None])[0], D * anchor * D / kappa
+        kernel, anchor = np.linalg.qr(kernel / delta[:, None])[0], delta * anchor * delta / kappa
     dense = isinstance(operators.K, np.ndarray)
     scaled = Operators(
-        K=_scaled(operators.K, D, kappa),
+        K=_scaled(operators.K, delta, kappa),
         B=B,
         block=operators.block,
         # A small dense matrix is factorised anew.
-        given_factor=None if dense else Scaled(operators.factor, D, kappa),
+        given_factor=None if dense else Scaled(operators.factor, delta, kappa),
         kernel=kernel,
         anchor=anchor,
-        D=E,
+        D=D,
         compliance=operators.compliance * kappa / tau**2,
     )
-    return Scaling(scaled, kappa, D, sigma, tau)
+    return Scaling(scaled, kappa, delta, sigma, tau)
 
 
-def _scaled(K: Matrix, D: Floats, kappa: float) -> Matrix:
-    """D K D / kappa."""
+def _scaled(K: Matrix, delta: Floats, kappa: float) -> Matrix:
+    """delta K delta / kappa."""
     if isinstance(K, np.ndarray):
-        return D[:, None] * K * (D / kappa)
-    return sp.csr_matrix(sp.diags_array(D) @ K @ sp.diags_array(D / kappa))
+        return delta[:, None] * K * (delta / kappa)
+    return sp.csr_matrix(sp.diags_array(delta) @ K @ sp.diags_array(delta / kappa))
 
 
 def _diagonal(operators: Operators) -> Floats:
@@ -168,8 +169,8 @@ def _diagonal(operators: Operators) -> Floats:
     return np.where(own > NOTHING * anchored, own, anchored)
 
 
-def _size(rows: sp.csr_matrix, D: Floats) -> Floats:
-    """(k,) the largest entry of each row of rows D."""
+def _size(rows: sp.csr_matrix, delta: Floats) -> Floats:
+    """(k,) the largest entry of each row of rows delta."""
     if rows.shape[0] == 0:
         return np.zeros(0)
-    return (abs(rows) @ sp.diags_array(D)).max(axis=1).toarray().ravel()
+    return (abs(rows) @ sp.diags_array(delta)).max(axis=1).toarray().ravel()

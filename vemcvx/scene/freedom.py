@@ -60,12 +60,18 @@ def freedom(
     tangents = jumps.matrix(tangents_of(normals), supports.points)
     B = on_free(tangents, supports)
     slides = np.asarray(np.diff(B.indptr).reshape(k, dim - 1).any(axis=1))
-    opens = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
+    opens = normal_is_free(jumps, normals, supports)
     held = np.flatnonzero(~slides | _lean(B, dim - 1))
     dragged = np.zeros(k, dtype=bool)
     under = None if ground is None else (lambda t: along(tangents_of(normals[held]), ground(t)[held]))
     dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times, under)
     return Freedom(slides, opens, dragged, *_grips(jumps, normals, supports))
+
+
+def normal_is_free(jumps: Jumps, normals: Floats, supports: Supports) -> Bools:
+    """Whether some free unknown moves the node along the normal, (k,)."""
+    free: Bools = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
+    return free
 
 
 def _lean(B: sp.csr_matrix, block: int) -> Bools:

@@ -61,7 +61,8 @@ class FrictionLaw:
         if any(f.law is not None for f in self.frictions) or any(law and law.softening is None for law in laws):
             return None
         pairs = zip(self.frictions, laws, strict=True)
-        return self._added([np.zeros(len(f.nodes)) if law is None else law.rate(f.subject, f.nodes) for f, law in pairs])
+        each = [np.zeros(len(f.nodes)) if law is None else law.rate(f.subject, f.nodes) for f, law in pairs]
+        return self._added(each)
 
     def _slips(self, values: Floats) -> list[Floats]:
         """Slips (m,) of terms for the rows of every friction, zero where there is no term; none if no law sees them."""

@@ -17,7 +17,7 @@ from vemcvx.effects import Friction, Obstacle
 from vemcvx.errors import SceneError
 from vemcvx.program.limits import Limits
 from vemcvx.scene.edges import borne, lengths_of, united
-from vemcvx.scene.freedom import normal_rows, on_free
+from vemcvx.scene.freedom import normal_is_free, normal_rows, on_free
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.supports import Supports
@@ -118,8 +118,7 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
     """
     k, r = len(friction.nodes), len(obstacles.nodes)
     M = borne(ends, obstacles.ends)
-    normal = on_free(normal_rows(Jumps.of([friction]), friction.normals, supports.points), supports)
-    free = np.diff(normal.indptr) > 0
+    free = normal_is_free(Jumps.of([friction]), friction.normals, supports)
     bare = (np.diff(M.indptr) == 0) & (free | (r == 0))
     if bare.any():
         raise SceneError(
@@ -158,6 +157,5 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
     if terms.dragged is not None:
         moving = moving | terms.dragged
     held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
-    rows = (normal_rows(Jumps.of([o]), o.normals, supports.points) for o in obstacles)
-    held += [o.subject for o, row in zip(obstacles, rows, strict=True) if on_free(row, supports).nnz == 0]
+    held += [o.subject for o in obstacles if not normal_is_free(Jumps.of([o]), o.normals, supports).any()]
     return [f"{subject}: all its nodes are held otherwise" for subject in held]

@@ -30,7 +30,7 @@ from vemcvx.effects import (
     Effect,
     Eigenstrain,
     Friction,
-    Given,
+    GivenDatum,
     InitialStress,
     Load,
     Material,
@@ -89,7 +89,7 @@ class PosedScene:
     """stiffness of springs to the ground, also in A; None if there are none"""
     inactive: tuple[str, ...] = ()
     """sentences: effects that do nothing in this scene, and so were left out"""
-    given: tuple[Given, ...] = ()
+    given: tuple[GivenDatum, ...] = ()
     """data that vary in space, of inactive effects, too: they may be zero only at the points that were evaluated"""
 
     viscosity: sp.csr_matrix | None = None

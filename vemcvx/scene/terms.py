@@ -22,7 +22,7 @@ from vemcvx.effects import Friction
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.scene.edges import lengths_of, united
-from vemcvx.scene.freedom import Moving, along, freedom, normal_rows, on_free
+from vemcvx.scene.freedom import Moving, along, freedom, normal_is_free, on_free
 from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.supports import PARALLEL, Supports
@@ -228,8 +228,7 @@ def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, sto
     for friction in frictions:
         if friction.law is not None or friction.directions is not None:
             continue
-        normal = on_free(normal_rows(Jumps.of([friction]), friction.normals, supports.points), supports)
-        free = (np.diff(normal.indptr) > 0) & ~np.isin(friction.nodes, stopped)
+        free = normal_is_free(Jumps.of([friction]), friction.normals, supports) & ~np.isin(friction.nodes, stopped)
         if free.any():
             warnings.warn(
                 f"{friction.subject}: at {free.sum()} of {len(free)} places nothing holds the body in the normal "

@@ -90,7 +90,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Settled:
+class SetsSolution:
     """A point that solves (Q) to rounding."""
 
     point: Iterate
@@ -101,9 +101,9 @@ class Settled:
     """whether that solves (Q) by the theorem above; else it is the limit of Newton's method"""
 
 
-def settled(
+def solution_near(
     program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
-) -> Settled | None:
+) -> SetsSolution | None:
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
     A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope. The softer
@@ -120,28 +120,28 @@ def settled(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    found = _settled(program, law, start, response, rounds)
-    found = found or _settled(program, law, start=start, response=response, rounds=rounds, w=program.w)
+    found = _from_sets(program, law, start, response, rounds)
+    found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     if found is not None:
         return found
     share, point = SOFTER, start
     while share < 1.0:
         softer = law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
-        found = _settled(program, softer, point, response, rounds)
+        found = _from_sets(program, softer, point, response, rounds)
         if found is None:
             return None
         point, share = replace(found.point, p=found.point.p / STEEPER), share * STEEPER
-    return _settled(program, law, point, response, rounds)
+    return _from_sets(program, law, point, response, rounds)
 
 
-def _settled(
+def _from_sets(
     program: StepProgram,
     law: WeightLaw,
     start: Iterate,
     response: Response,
     rounds: Iterator[int],
     w: Floats | None = None,
-) -> Settled | None:
+) -> SetsSolution | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
     shift, point = Shifts.of(program.operators) * SHIFT_SHARE, start
     met: set[bytes] = set()
@@ -162,7 +162,7 @@ def _settled(
             p = np.maximum(point.p, 0.0)
             w = law.weights(p)
             lam = replace(program, w=w).project(point.lam)
-            return Settled(Iterate(d, lam, p), w, found.error, program.operators.block == 1)
+            return SetsSolution(Iterate(d, lam, p), w, found.error, program.operators.block == 1)
     return None
 
 

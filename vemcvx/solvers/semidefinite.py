@@ -22,7 +22,7 @@ PATIENCE = 6
 IMPATIENCE = 2
 """The same of solvers that do not count their iterations."""
 FARTHEST = 4.0
-"""Times the last, which a centre may move: while a body slides on and on, secants go as far as their rounding says."""
+"""Lengths of its last move that a centre may move: of points that go on for ever, secants are rounding."""
 
 
 class ProximalPoints:

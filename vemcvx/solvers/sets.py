@@ -106,17 +106,17 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
 
 
 def without_redundant_rows(operators: Operators, sets: Sets, lam: Floats, w: Floats) -> Sets:
-    """The sets without equations for those bounds and sticking terms (these last) whose rows follow from others'.
+    """The sets with equations for linearly independent rows alone: those of bounds first, then of sticking terms.
 
-    Where bounds or other terms hold a node already, how much of its force a sticking term carries is not determined:
-    it keeps its share lam_i / w_i of what it can, as if it slipped that way. Such a bound carries nothing, nor does a
-    single row of a disc, where a node is held along it: by a support, or by a bound on the other side of an edge.
+    A row that depends on those before it gets no equation, and its multiplier is not determined: a node that bounds
+    hold already sticks whatever a term carries. A term without any equation left is taken to slip: it carries the share
+    lam_i / w_i of its weight. Such a bound carries nothing, and a disc nothing along a row of it that gets no equation.
     """
     stops, sticks = np.flatnonzero(sets.act & (operators.compliance == 0)), np.flatnonzero(sets.stick)
     rows = sp.csr_matrix(
         sp.vstack([operators.D[stops], operators.B[np.flatnonzero(np.repeat(sets.stick, operators.block))]])
     )
-    # What reads an unknown of its own follows from no other; what reads none, from nothing.
+    # Only rows that share unknowns, or read none, can depend on others.
     shared = np.bincount(rows.indices, minlength=rows.shape[1]) > 1
     some = np.flatnonzero((abs(rows) @ shared > 0) | (abs(rows) @ np.ones(rows.shape[1]) == 0))
     free = np.ones(rows.shape[0], dtype=bool)

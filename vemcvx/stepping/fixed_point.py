@@ -125,9 +125,9 @@ class DependentStep:
         """
         if self.run.operators.kernel is None or not (self.replaces and self.attempt.ordinary):
             return None, 0
-        return self.settled(self.attempt.before, 0, FEW_SETS)
+        return self.solution_near(self.attempt.before, 0, FEW_SETS)
 
-    def settled(self, state: State, spent: int, most: float = np.inf) -> tuple[State | None, int]:
+    def solution_near(self, state: State, spent: int, most: float = np.inf) -> tuple[State | None, int]:
         """A solution of the step near the state, with the certificate of its own error, and how many sets it took.
 
         None if no solution is found, in as many sets as are left of the iterations, or `most` of them.
@@ -138,7 +138,7 @@ class DependentStep:
         known = self.norms.slope is not None and self.run.operators.factor.cycle is None
         most = int(min(self.run.most - spent, most, sys.maxsize)) if known else 0
         rounds = iter(range(most))
-        found = self.pose(state.weights).settled(state, self.norms, rounds)
+        found = self.pose(state.weights).solution_near(state, self.norms, rounds)
         if found is not None and self.norms.slip_law is not None:
             self._check_slope(found)
         return found, most - length_hint(rounds)
@@ -205,8 +205,8 @@ class DependentStep:
         """What contracts."""
         return "Coulomb's fixed point" if self.norms.slip_law is None else "the fixed point of friction that sees slip"
 
-    def unsettled(self, last: State, own: State) -> str:
-        """What has not settled, in words: of a program's answer, and of that answer under its own weights."""
+    def still_changing(self, last: State, own: State) -> str:
+        """What still changes, in words: of a program's answer, and of that answer under its own weights."""
         if self.norms.slip_law is None:
             return "what sticks, slips and touches has not settled"
         change = (own.weights - last.weights) * np.sqrt(self.run.operators.norm_flexibility)
@@ -262,7 +262,7 @@ def resolved(step: DependentStep) -> State:
     for count in range(1, MOST_PROGRAMS + 1):
         state = step.solve(w, before, iterations)
         iterations, safeguards = iterations + state.iterations, safeguards + state.safeguards
-        near, rounds = step.settled(state, iterations)
+        near, rounds = step.solution_near(state, iterations)
         iterations += rounds
         if before is not None:
             increments.append(step.distance(state, before) + step.work_apart(state, before))
@@ -287,8 +287,8 @@ def resolved(step: DependentStep) -> State:
         w, before = mixed(tried) if step.convex else followed, state
     raise NotContracting(
         f"step {n} at t = {state.t:.6g}: {step.subject} contracts with the rate {own.rate:.3g} only: after {count} "
-        f"programs {step.unsettled(state, own)}, and the estimated error is {error:.1e}, asked was {accuracy:.1e}. "
-        f"{step.advice}",
+        f"programs {step.still_changing(state, own)}, and the estimated error is {error:.1e}, "
+        f"asked was {accuracy:.1e}. {step.advice}",
         step=n,
         time=state.t,
         rate=float(own.rate),

@@ -18,7 +18,7 @@ from vemcvx.program.norms import Norms
 from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import ASKED_AGAIN
-from vemcvx.solvers.coulomb_sets import WeightLaw, settled
+from vemcvx.solvers.coulomb_sets import WeightLaw, solution_near
 from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting, named_failures
 from vemcvx.stepping.acceptance import caused_beside, drawn
@@ -26,8 +26,8 @@ from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.state import PreparedRun, State
 
 ATTEMPTS = 3
-"""Times that a solver is asked, each time for a smaller gap, until the certificate is good enough relative to the size
-of u_n, which is known then, or the gap no longer decreases."""
+"""Most times that a solver is asked. Errors are relative to |u_n|, which the first answer tells: where too little was
+asked, a smaller gap is, for as long as gaps decrease."""
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
@@ -121,7 +121,7 @@ class PosedStep:
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)
         return self.state_after(answer, certificate, scales.weights(scaled, alpha))
 
-    def settled(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
+    def solution_near(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
         """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
         scales, t = self.run.scaling, self.data.t
         alpha = scales.size(self.program)
@@ -133,7 +133,7 @@ class PosedStep:
         law = WeightLaw(weights, slope).scaled(up, down)
         start = Iterate(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
         scaled = scales.scale(self.program, alpha)
-        found = settled(scaled, law, start, self.run.response, rounds)
+        found = solution_near(scaled, law, start, self.run.response, rounds)
         if found is None:
             return None
         at, w = found.point, found.weights

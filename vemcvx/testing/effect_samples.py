@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.effects import Effect, Given, MaterialLaw
+from vemcvx.effects import Effect, GivenDatum, MaterialLaw
 from vemcvx.history import History
 from vemcvx.meshes import FAMILIES, PolygonMesh
 from vemcvx.scene import Scene
@@ -100,7 +100,7 @@ def answer(*effects: Effect, on: PolygonMesh | None = None) -> History:
 
 def content(thing: Any, rows: int = 1) -> Any:
     """Everything that a contribution says, as comparable plain data; functions by their values, of so many rows."""
-    if isinstance(thing, Given):
+    if isinstance(thing, GivenDatum):
         values = tuple(content(_at_places(thing, t)) for t in TIMES)
         return thing.kind, content(thing.edges), content(thing.cells), values
     if dataclasses.is_dataclass(thing):
@@ -120,7 +120,7 @@ def content(thing: Any, rows: int = 1) -> Any:
     return thing
 
 
-def _at_places(given: Given, t: float) -> Any:
+def _at_places(given: GivenDatum, t: float) -> Any:
     """A datum as a function of place, at points of the first cell."""
     x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, 2)), np.zeros(5, dtype=np.int64)
     more: dict[str, tuple[Any, ...]] = {

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
-from vemcvx.effects import Given, Load
+from vemcvx.effects import GivenDatum, Load
 from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, at_ends, normals_of, pressures_at_ends
@@ -42,7 +42,7 @@ class DataOscillation:
 
     posed: PosedScene
     edges: Skeleton
-    on: tuple[tuple[Given, Places], ...] = field(init=False)
+    on: tuple[tuple[GivenDatum, Places], ...] = field(init=False)
 
     def __post_init__(self) -> None:
         points, given = self.posed.space.mesh.points, self.posed.given
@@ -70,7 +70,7 @@ class DataOscillation:
     def _sum(self, places: Places, values: Floats) -> Floats:
         return totals(places.owner, places.weights * values, len(self.edges.outer))
 
-    def _on_edges(self, given: Given, places: Places, now: Instant) -> Floats:
+    def _on_edges(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
         if given.load is not None and given.load.edges is not None:
             return self._traction(given.load, given.load.edges, places, now.t)
         return ON_EDGES[given.kind](self, given, places, now)
@@ -116,7 +116,7 @@ class DataOscillation:
         edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
         return self.edges.weights * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
 
-    def _bound(self, given: Given, places: Places, now: Instant) -> Floats:
+    def _bound(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
         lam, bound, slipped = self._friction(now)
         pressure = pressures_at_ends(self.posed, self.edges, now)
         ends = self.posed.space.mesh.points[self.edges.outer_edges]
@@ -159,7 +159,7 @@ class DataOscillation:
         jump = now.u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, now.u[across], 0.0)
         return _between(np.einsum("bsd,bd->bs", jump, self.edges.units), places.owner, places.along)
 
-    def _gap(self, given: Given, places: Places, now: Instant) -> Floats:
+    def _gap(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
         points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
         read = np.unique(owner)
         nodal = np.zeros((len(nodes), 2))
@@ -179,14 +179,14 @@ class DataOscillation:
         np.maximum.at(highest, places.owner, apart**2)
         return highest
 
-    def _spring(self, given: Given, places: Places, now: Instant) -> Floats:
+    def _spring(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
         owner = places.owner
         pressure, k = given.value(places.x, now.t, self._outward(places, now))
         apart = pressure - _between(pressures_at_ends(self.posed, self.edges, now), owner, places.along)
         weight = self._of_jumps(self.edges.weights, self.edges.units)[owner]
         return self._sum(places, apart**2 * weight / (1.0 + k * weight))
 
-    def _foundation(self, given: Given, places: Places, now: Instant) -> Floats:
+    def _foundation(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
         owner, nodes = places.owner, self.edges.outer_edges
         k = given.value(places.x)
         count = np.bincount(owner, minlength=len(self.edges.outer))
@@ -197,7 +197,7 @@ class DataOscillation:
         apart = (k - mean[:, owner]) * moved
         return self._sum(places, np.sum(apart**2 / (1.0 / self.edges.weights[owner] + k), axis=0))
 
-    def _displacement(self, given: Given, places: Places, now: Instant) -> Floats:
+    def _displacement(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
         points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
         value = given.value(places.x, now.t).reshape(len(owner), -1)
         start, stop = (given.value(points[nodes[owner, side]], now.t).reshape(value.shape) for side in range(2))

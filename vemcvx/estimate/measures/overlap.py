@@ -76,10 +76,10 @@ def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[Rule]:
     i, j = _meeting(_boxes(a), _boxes(b))
     a_in_b, b_in_a = _contained(a, b, i, j), _contained(b, a, j, i)
     whole_a, whole_b = a_in_b, b_in_a & ~a_in_b
-    settled_a, settled_b = np.zeros(len(a.owner), dtype=bool), np.zeros(len(b.owner), dtype=bool)
-    settled_a[i[a_in_b]] = True
-    settled_b[j[b_in_a]] = True
-    cut = ~(a_in_b | b_in_a | settled_a[i] | settled_b[j])
+    done_a, done_b = np.zeros(len(a.owner), dtype=bool), np.zeros(len(b.owner), dtype=bool)
+    done_a[i[a_in_b]] = True
+    done_b[j[b_in_a]] = True
+    cut = ~(a_in_b | b_in_a | done_a[i] | done_b[j])
     for kind, chosen in (("a", whole_a), ("b", whole_b), ("cut", cut)):
         pairs = np.flatnonzero(chosen)
         for start in range(0, max(len(pairs), 1), CHUNK):

@@ -129,17 +129,19 @@ class KernelBalance:
         ease : pair of (m,) and (r,) arrays
             How little it costs to change each multiplier, > 0.
         """
-        spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
         at = partial(self._at, lam, p, w=w, push=push, ease=ease)
+        c = np.zeros(len(push))
+        here = at(c=c)
+        if here.balanced:
+            return here.lam, here.p, here.left
+        spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
         # Of all second derivatives the largest: nothing is cut and everything pressed.
         most = np.einsum("i,ijk->k", ease[0], self.friction_modes**2) + ease[1] @ self.contact_modes**2
         lift = 1e-6 * most.sum() * np.eye(len(most))
         units = 1 / np.sqrt(most + 1e-12 * most.sum())
-        c = np.zeros(len(push))
-        here = at(c=c)
         for _ in range(MOST_NEWTON):
             left = here.left
-            if (np.abs(left) <= EPS * here.size).all() or self.loses(left, w, push):
+            if here.balanced or self.loses(left, w, push):
                 break
             length, flat = 1.0, np.linalg.eigvalsh(units[:, None] * here.slope * units)[0] <= 1e-12
             # Where (almost) everything is cut the second derivative vanishes, and the lift makes far too long a step.
@@ -162,32 +164,48 @@ class KernelBalance:
             return False
         return bool(c @ push > w @ np.linalg.norm(self.friction_modes @ c, axis=1) * (1 + 1e-12))
 
-    def unheld(self, w: Floats, push: Floats) -> Floats | None:
-        """A motion c (k,) that nothing holds against the load; None if there is none."""
+    def unheld(self, w: Floats, push: Floats, near: tuple[Floats, Floats] | None = None) -> Floats | None:
+        """A motion c (k,) that nothing holds against the load; None if there is none.
+
+        Where multipliers next to (lam, p) = `near` hold it, which is soon found, no such motion is looked for.
+        """
+        ease = np.ones(len(w)), np.ones(len(self.contact_modes))
+        if near is not None:
+            lam, p, left = self.nearest(*near, w, push, ease)
+            if (np.abs(left) <= self.imbalance(lam, p, push, np.abs(push))[1]).all():
+                return None
         none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
-        left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))[2]
+        left = self.nearest(*none, w, push, ease)[2]
         return left if self.loses(left, w, push) else None
 
     def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:
         """push - G'lam - H'p (k,), and what rounding may leave of it; `pushed` is |N|'|g|."""
-        left = push - np.einsum("ijk,ij->k", self.friction_modes, lam) - self.contact_modes.T @ p
-        size = np.einsum("ijk,ij->k", np.abs(self.friction_modes), np.abs(lam)) + np.abs(self.contact_modes).T @ p
-        return left, 8 * EPS * (pushed + size)
+        modes, x = self._modes, np.concatenate([lam.ravel(), p])
+        absolute: Floats = np.abs(x) @ self._absolute
+        return push - x @ modes, 8 * EPS * (pushed + absolute)
+
+    @cached_property
+    def _modes(self) -> Floats:
+        """(m * block + r, k) what all multipliers feel."""
+        return np.concatenate([self.friction_modes.reshape(-1, self.contact_modes.shape[1]), self.contact_modes])
+
+    @cached_property
+    def _absolute(self) -> Floats:
+        return np.abs(self._modes)
 
     def _at(self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats], c: Floats) -> _Point:
-        q, pressed = (
-            lam + ease[0][:, None] * (self.friction_modes @ c),
-            np.maximum(p + ease[1] * (self.contact_modes @ c), 0.0),
-        )
-        size = np.linalg.norm(q, axis=1)
-        cut = size > w
-        share = np.where(cut, w / np.where(size > 0, size, 1.0), 1.0)
+        q = lam + ease[0][:, None] * (self.friction_modes @ c)
+        pressed = np.maximum(p + ease[1] * (self.contact_modes @ c), 0.0)
+        size = np.sqrt(np.einsum("ij,ij->i", q, q))
+        cut, known = size > w, np.where(size > 0, size, 1.0)
+        share = np.where(cut, w / known, 1.0)
         held, over = q * share[:, None], np.maximum(size - w, 0.0)
         value = 0.5 * float((size * size - over * over) @ (1 / ease[0]) + pressed * pressed @ (1 / ease[1]))
-        unit = np.where(cut[:, None], q / np.where(size > 0, size, 1.0)[:, None], 0.0)
-        across = self.friction_modes - unit[:, :, None] * np.einsum("ij,ijk->ik", unit, self.friction_modes)[:, None, :]
-        against = self.contact_modes * (ease[1] * (pressed > 0))[:, None]
-        slope = np.einsum("i,ijk,ijl->kl", ease[0] * share, across, across) + against.T @ self.contact_modes
+        unit = (q * (cut / known)[:, None])[:, :, None]
+        across = self.friction_modes - unit * (unit * self.friction_modes).sum(axis=1, keepdims=True)
+        across = (np.sqrt(ease[0] * share)[:, None, None] * across).reshape(-1, len(c))
+        against = self.contact_modes * np.sqrt(ease[1] * (pressed > 0))[:, None]
+        slope = across.T @ across + against.T @ against
         left, blur = self.imbalance(held, pressed, push, np.abs(push))
         return _Point(lam=held, p=pressed, value=value - float(push @ c), left=left, slope=slope, size=blur / (8 * EPS))
 
@@ -202,6 +220,11 @@ class _Point:
     left: Floats
     slope: Floats
     size: Floats
+
+    @property
+    def balanced(self) -> bool:
+        """Whether nothing is left but rounding."""
+        return bool((np.abs(self.left) <= EPS * self.size).all())
 
     def better(self, before: _Point, descent: float, spread: float) -> bool:
         """Armijo's rule; near the end the value changes by less than its rounding, but what is left still tells."""

@@ -48,8 +48,8 @@ class ProximalPoints:
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         enough, patience = (FURTHER_GAP * target, PATIENCE) if self._most < np.inf else (target, IMPATIENCE)
         d = _followed(program) if self._follows else np.zeros(len(program.g))
-        best = Answer(d, lam, 0, "nothing answered", p=np.zeros_like(program.e) if p is None else p)
-        lam, p = program.admissible(lam, best.p, d)
+        p = np.zeros_like(program.e) if p is None else p
+        best = Answer(d, lam, 0, "nothing answered", p=p)
         least, waited, iterations, safeguards = np.inf, 0, 0, 0
         anchor = program.operators.anchor
         centres = _Centres(np.flatnonzero(np.zeros(len(d)) if anchor is None else anchor))
@@ -61,7 +61,7 @@ class ProximalPoints:
             gap = program.duality_gap(d, lam, p)
             waited = 0 if gap <= 0.5 * least else waited + 1
             if gap < least:
-                best, least = answer, gap
+                best, least = replace(answer, d=d, lam=lam, p=p), gap
             if least <= enough or waited >= patience or iterations >= self._most:
                 break
             d = centres.next(centre, d)

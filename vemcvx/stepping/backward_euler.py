@@ -79,5 +79,6 @@ def solved(attempt: PosedStep, n: int) -> State:
     norms = attempt.run.system.norms
     if norms is not None and norms.dependent:
         return resolved(DependentStep(attempt, norms, n))
-    refuse_unheld(attempt.program, attempt.run.condensation, n, attempt.data.t)
+    before = attempt.before
+    refuse_unheld(attempt.program, attempt.run.condensation, n, attempt.data.t, near=(before.lam, before.p))
     return attempt.solve()

@@ -114,7 +114,8 @@ class DependentStep:
         """
         left = self.run.most - spent
         posed = self.pose(w, self.run.after(spent + int(left // 2) if np.isfinite(left) else 0))
-        refuse_unheld(posed.program, self.run.condensation, self.n, posed.data.t)
+        start = near or self.attempt.before
+        refuse_unheld(posed.program, self.run.condensation, self.n, posed.data.t, near=(start.lam, start.p))
         return posed.solve(FIXED_POINT, near)
 
     def from_before(self) -> tuple[State | None, int]:

@@ -18,7 +18,7 @@ from coulomb_scenes import converged, coulomb_scene, energy_norm
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
-from vemcvx.solvers.sets import independent
+from vemcvx.solvers.redundant_rows import independent
 from vemcvx.stepping.backward_euler import step
 from vemcvx.stepping.ledger import drive
 

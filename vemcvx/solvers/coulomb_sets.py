@@ -27,66 +27,38 @@ and the curvature h makes this Newton's method; what it converges to is then clo
 The sets are those of the last answer, as in :mod:`vemcvx.solvers.sets`: a semismooth Newton method on (Q) (Alart and
 Curnier 1991; Hueber, Stadler and Wohlmuth 2008), which may cycle, wherefore it is begun anew from answers of convex
 programs with weights held fast (:mod:`vemcvx.stepping.fixed_point`).
-
-All unknowns but the multipliers are eliminated (:mod:`vemcvx.solvers.response`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.linalg import LinAlgError, lapack
+from scipy.linalg import LinAlgError
 
-from vemcvx.arrays import EPS, Floats
-from vemcvx.program.operators import Operators
+from vemcvx.arrays import Floats
 from vemcvx.program.step_program import StepProgram
+from vemcvx.solvers.coulomb_system import Found, Piece, WeightLaw, on_sets
+from vemcvx.solvers.redundant_rows import without_redundant_rows
 from vemcvx.solvers.response import Response
-from vemcvx.solvers.sets import Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.solvers.sets import Iterate, Sets, Shifts, sets_at
 
 SHIFT_SHARE = 0.1
 """Newton's shifts times this: less of what is nearly at its bound changes sides."""
-MOST_ROUNDS = 25
-"""Sets in a row before another start is wanted; those that settle do so in fewer than ten."""
+MOST_ROUNDS, MOST_TURNS = 25, 40
+"""Sets in a row before another start is wanted; of absolute values those that settle do so in fewer than ten, while
+directions of discs turn for longer."""
+RETURNS = 6
+"""Times that sets of discs may come back to those that they have left; absolute values then cycle for ever."""
 SOFTER = 1e-6
 STEEPER = 10**0.5
 """Laws that are softened at first become steeper by this factor at a time: of 180 random problems with a steep law
 sets did not settle in 4, in 18 of the first 60 where the law was steep at once, in 6 with a factor of 10."""
-SOLVED = 1e-6
-"""Corrections larger than this part of the answer say that the system is all but singular: its sets hold nothing."""
-ROUNDINGS = 64.0
-"""Roundings that an inequality may miss."""
-
-
-@dataclass(frozen=True)
-class WeightLaw:
-    """How weights (m,) follow the forces p (r,) of the limits, piecewise affinely, and the derivative (m, r)."""
-
-    weights: Callable[[Floats], Floats]
-    slope: Callable[[Floats], sp.csr_matrix]
-
-    def scaled(self, up: Floats, down: Floats) -> WeightLaw:
-        """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
-
-        def slope(p: Floats) -> sp.csr_matrix:
-            J = self.slope(down * p)
-            entries = np.repeat(up, np.diff(J.indptr)) * J.data * down[J.indices]
-            return sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
-
-        return WeightLaw(lambda p: up * self.weights(down * p), slope)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """The affine piece of a law at the forces p_0 (r,): weights (m,) there, and their derivative (m, r)."""
-
-    weights: Floats
-    slope: sp.csr_matrix
-    forces: Floats
+FINEST = 1.7
+"""Where a steeper law of discs does not settle, the root of the factor is tried, if the factor is at least this."""
 
 
 @dataclass(frozen=True)
@@ -124,14 +96,20 @@ def solution_near(
     found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     if found is not None:
         return found
-    share, point = SOFTER, start
-    while share < 1.0:
-        softer = law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
+    share, point, factor = SOFTER, start, STEEPER
+    last: tuple[Iterate, float] | None = None
+    while True:
+        softer = law if share >= 1.0 else law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
         found = _from_sets(program, softer, point, response, rounds)
-        if found is None:
+        if found is not None and share >= 1.0:
+            return found
+        if found is not None:
+            last = found.point, share
+        elif last is None or program.operators.block == 1 or factor < FINEST:
             return None
-        point, share = replace(found.point, p=found.point.p / STEEPER), share * STEEPER
-    return _from_sets(program, law, point, response, rounds)
+        else:
+            factor = factor**0.5
+        point, share = replace(last[0], p=last[0].p / factor), last[1] * factor
 
 
 def _from_sets(
@@ -144,35 +122,38 @@ def _from_sets(
 ) -> SetsSolution | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
     shift, point = Shifts.of(program.operators) * SHIFT_SHARE, start
-    met: set[bytes] = set()
-    for _ in islice(rounds, MOST_ROUNDS):
+    turns = program.operators.block > 1
+    met: list[bytes] = []
+    returns = 0
+    for _ in islice(rounds, MOST_TURNS if turns else MOST_ROUNDS):
         sets, piece = _sets(program, law, point, shift, None if met else w)
         # The same terms may stick and press on another piece of the law: on its slope, and then on its level.
-        parts = sets.stick, sets.direction, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
-        mark = b"".join(part.tobytes() for part in parts)
-        if mark in met and program.operators.block == 1:
+        parts = sets.stick, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
+        mark = b"".join(part.tobytes() for part in (parts if turns else (*parts, sets.direction)))
+        returns += mark in met and not (turns and mark == met[-1])
+        if returns > (RETURNS if turns else 0):
             return None
-        met.add(mark)
+        met.append(mark)
         found = _tried(program, piece, sets, response, point.lam)
         if found is None:
             return None
-        point = found.point
         if found.holds(program, law, sets):
-            d = program.feasible(_stuck_in_place(program, sets, point.d))
-            p = np.maximum(point.p, 0.0)
+            d = program.feasible(_stuck_in_place(program, sets, found.point.d))
+            p = np.maximum(found.point.p, 0.0)
             w = law.weights(p)
-            lam = replace(program, w=w).project(point.lam)
+            lam = replace(program, w=w).project(found.point.lam)
             return SetsSolution(Iterate(d, lam, p), w, found.error, program.operators.block == 1)
+        point = found.leaning(program, law, sets)
     return None
 
 
-def _tried(program: StepProgram, law: Piece, sets: Sets, response: Response, lam: Floats) -> _Found | None:
+def _tried(program: StepProgram, law: Piece, sets: Sets, response: Response, lam: Floats) -> Found | None:
     """The solution of the system of the sets near the multipliers `lam`; None if their system is singular."""
     with suppress(LinAlgError):
-        return _on_sets(program, law, sets, response)
+        return on_sets(program, law, sets, response, lam)
     with suppress(LinAlgError):
         once = without_redundant_rows(program.operators, sets, lam, law.weights)
-        return _on_sets(program, law, once, response)
+        return on_sets(program, law, once, response, lam)
     return None
 
 
@@ -195,122 +176,3 @@ def _sets(
     sets = sets_at(replace(program, w=w), at, shift)
     # A weight of nothing holds nothing: as a row that sticks it may double another one, at a corner.
     return replace(sets, stick=sets.stick & (w > 0)), piece
-
-
-@dataclass(frozen=True)
-class _Found:
-    """The solution of the system of some sets, its last correction, and the rounding of its rows."""
-
-    point: Iterate
-    error: float
-    forces: float
-    """what multipliers may be off by"""
-    motions: Floats
-    """(m * block + r,) what s and z may be off by"""
-
-    def holds(self, program: StepProgram, law: WeightLaw, sets: Sets) -> bool:
-        """Whether the inequalities that the sets stand for hold, to rounding."""
-        point, operators = self.point, program.operators
-        if not np.isfinite(self.error):
-            return False
-        w, size = law.weights(np.maximum(point.p, 0.0)), np.linalg.norm(point.lam, axis=1)
-        s, z = program.slip(point.d), program.excess(point.d)
-        blur = operators.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
-        along, slips = np.einsum("ij,ij->i", s, point.lam), np.linalg.norm(s, axis=1)
-        within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
-        forth = sets.stick | (along >= size * slips - 2 * (self.forces * slips + size * blur[0]))
-        pressed = np.where(sets.act, point.p >= -self.forces, z <= blur[1])
-        # Where rows follow from others', what sticks is held by these.
-        still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
-        return bool(within.all() and forth.all() and pressed.all() and still.all())
-
-
-def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
-    """Whether forces balance, to SOLVED of the loads, on motions that K does not feel.
-
-    Where sets leave such a motion free, their system is singular but for rounding, and what solves it is so far away
-    that nothing measured against it would tell.
-    """
-    operators = program.operators
-    if operators.kernel is None:
-        return True
-    pushed = np.abs(operators.kernel).T @ np.abs(program.g)
-    left, blur = operators.hold.imbalance(lam, p, operators.kernel.T @ program.g, pushed)
-    return bool((np.abs(left) <= blur + SOLVED * pushed).all())
-
-
-def _on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response) -> _Found:
-    """Solve the system of the sets, with two corrections by its residual."""
-    operators = program.operators
-    solve = _factorised(operators, sets, law.slope, response)
-    d, x = np.zeros(len(program.g)), np.zeros(len(response.compliance))
-    norms, limits = response.norms, response.limits
-    stick, act = np.repeat(sets.stick, operators.block), sets.act
-    step, error = d, np.inf
-    for _ in range(3):
-        lam, p = x[norms], x[limits]
-        bound = sets.direction * (law.weights + law.slope @ (p - law.forces))[:, None] + _bend(sets, program.slip(d))
-        slip = operators.rows.read(d) - program.b
-        wanted = np.zeros_like(x)
-        wanted[norms] = np.where(stick, -slip, bound.ravel() - lam)
-        if sets.idle is not None:
-            wanted[norms][sets.idle] = -lam.ravel()[sets.idle]
-        wanted[limits] = np.where(act, operators.compliance * p - program.excess(d), -p)
-        step, more = solve(program.residual(d, operators.blocks(lam), p), wanted)
-        d, x = d + step, x + more
-        error = operators.energy_norm(step)
-    size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
-    force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
-    # What anchors answer to a motion is no force of the step: it is as large as any error of that motion.
-    held = x[: limits.stop]
-    norm = np.sqrt(abs(free)) + np.sqrt(abs(held @ response.matrix[: limits.stop, : limits.stop] @ held))
-    solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
-    if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
-        raise LinAlgError("singular")
-    forces = 8 * last + ROUNDINGS * EPS * size.max(initial=0.0)
-    reach = response.absolute @ np.abs(d)
-    reach[: limits.stop] += np.abs(np.concatenate([program.b, program.e]))
-    motions = 8 * np.abs(response.A @ step) + ROUNDINGS * EPS * reach
-    return _Found(Iterate(d, operators.blocks(x[norms]), x[limits]), error, forces, motions[: limits.stop])
-
-
-def _bend(sets: Sets, s: Floats) -> Floats:
-    """h (I - q q') s, of vectors (m, block), or of k at once, (m, block, k)."""
-    more = (np.newaxis,) * (s.ndim - 2)
-    along = np.einsum("ij,ij...->i...", sets.direction, s)
-    bent: Floats = sets.curvature[:, None, *more] * (s - sets.direction[(..., *more)] * along[:, None])
-    return bent
-
-
-def _factorised(
-    operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response
-) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
-    """(force, wanted) -> (d, x): K d = force - A'x, and each row's equation missing by `wanted`."""
-    norms, limits = response.norms, response.limits
-    M = response.matrix.copy()
-    M[np.diag_indices_from(M)] += response.compliance
-    slip = np.flatnonzero(np.repeat(~sets.stick, operators.block))
-    bends = sets.curvature.any()
-    own = response.matrix[norms].reshape(operators.count, operators.block, -1)
-    M[slip] = _bend(sets, own).reshape(-1, len(M))[slip] if bends else 0.0
-    M[slip, slip] += 1.0
-    M[slip, limits] -= sets.direction.ravel()[slip, None] * J.toarray()[slip // operators.block]
-    still = np.zeros(0, dtype=np.int64) if sets.idle is None else norms.start + np.flatnonzero(sets.idle)
-    idle = np.concatenate([still, limits.start + np.flatnonzero(~sets.act)])
-    M[idle] = 0.0
-    M[idle, idle] = 1.0
-    lu, pivots, info = lapack.dgetrf(M, overwrite_a=1)
-    if info > 0 or not np.isfinite(lu).all():
-        raise LinAlgError("singular")
-
-    def solve(force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
-        free = response.A @ operators.factor.solve(force)
-        rhs = wanted.copy()
-        met = np.ones(len(rhs), dtype=bool)
-        met[slip], met[idle] = False, False
-        rhs[met] = free[met] - wanted[met]
-        rhs[slip] += _bend(sets, operators.blocks(free[norms])).ravel()[slip]
-        x = lapack.dgetrs(lu, pivots, rhs)[0]
-        return operators.factor.solve(force - response.act(x)), x
-
-    return solve

@@ -57,7 +57,7 @@ class Newton(Solver):
     """
 
     accuracy: float = 1e-8
-    max_iterations: int = 200
+    max_iterations: int = 400
 
     accepts: ClassVar[frozenset[str]] = frozenset(
         {QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS}

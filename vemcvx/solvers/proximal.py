@@ -18,7 +18,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import EPS, Floats
 from vemcvx.linear import Matrix
 from vemcvx.program.norms import transverse
 from vemcvx.program.step_program import StepProgram
@@ -30,6 +30,12 @@ GROWTH = 4.0
 MOST_GROWTH = 1e8
 """Beyond this, a B'B in the Hessian would leave K no digits."""
 MOST_INNER = 60
+INNER = 0.01
+"""Newton's decrement squared, in parts of how far the centre would move, after which the next centre is wanted: with
+Rockafellar's criterion (B) the outer iteration then converges as fast as with exact minimisers."""
+SHORTEST = 1e-12
+LEVEL = 64 * EPS
+"""Part of a value within which another is the same but for rounding."""
 
 
 def proximal_points(program: StepProgram, start: Iterate, shift: Shifts) -> Iterator[tuple[Iterate, Shifts]]:
@@ -58,18 +64,40 @@ def _multipliers(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts
 
 
 def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, bool]:
-    """One damped Newton step on psi; also whether it moved by more than rounding."""
-    gradient = -program.residual(d, *_multipliers(program, d, centre, shift))
+    """One damped Newton step on psi; also whether another one is worth its while at this centre.
+
+    Armijo's rule ends the halving of the step. Where it asks for less than the rounding of psi, derivatives along the
+    step tell: psi is convex, so psi(d + v) - psi(d) <= (psi'(d + v / 2) + psi'(d + v)) / 2 along v.
+    """
+    lam, p = _multipliers(program, d, centre, shift)
+    gradient = -program.residual(d, lam, p)
     hessian = _hessian(program, *_pulls(program, d, centre, shift), shift)
     step = program.operators.factor.within(hessian, np.arange(len(d))).solve(-gradient)
     slope = float(gradient @ step)
     start = _psi(program, d, centre, shift)
-    if -slope <= 4 * np.finfo(float).eps * abs(start):
+    if -slope <= 4 * EPS * abs(start):
         return d + step, False
+
+    def rises(length: float) -> float:
+        ahead = d + length * step
+        return -float(program.residual(ahead, *_multipliers(program, ahead, centre, shift)) @ step)
+
+    def descends(length: float) -> bool:
+        if -ARMIJO * length * slope > LEVEL * abs(start):
+            return _psi(program, d + length * step, centre, shift) <= start + ARMIJO * length * slope
+        return 0.5 * (rises(0.5 * length) + rises(length)) <= ARMIJO * slope
+
     length = 1.0
-    while _psi(program, d + length * step, centre, shift) > start + ARMIJO * length * slope and length > 1e-12:
+    while length > SHORTEST and not descends(length):
         length *= 0.5
-    return d + length * step, True
+    near = -slope <= INNER * _moved(Iterate(d, lam, p), centre, shift)
+    return d + length * step, length > SHORTEST and not near
+
+
+def _moved(point: Iterate, centre: Iterate, shift: Shifts) -> float:
+    """How far a centre would move, sum |dlam_i|^2 / a_i + sum dp_j^2 / a_j."""
+    lam, p = point.lam - centre.lam, point.p - centre.p
+    return float(np.einsum("ij,ij->i", lam, lam) @ (1 / shift.norms) + p * p @ (1 / shift.limits))
 
 
 def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matrix:

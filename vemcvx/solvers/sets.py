@@ -12,7 +12,7 @@ On absolute values (block 1) H vanishes and the answer on the right sets is the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,9 +35,6 @@ STIFFEST = 1e8
 """Largest curvature of slipping discs, in units of one over the flexibilities. Where several discs share a node, more
 would leave too little of the stiffness of the body beside it."""
 
-FOLLOWS = 1e-6
-"""Part of a row's length that others leave of it, below which it follows from them."""
-
 
 @dataclass(frozen=True)
 class Sets:
@@ -47,8 +44,10 @@ class Sets:
     direction: Floats
     curvature: Floats
     act: Bools
-    idle: Bools | None = None
-    """(m * block,) the rows of sticking terms that follow from others' rows, if any: they carry nothing"""
+    idle: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(k,) rows of sticking terms that follow from others' rows"""
+    shares: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(k, m * block): how those share what they carry, shares @ lam = shares @ (what they carried before)"""
 
     def same(self, other: Sets) -> bool:
         """Whether the other sets lead to the same answer."""
@@ -103,46 +102,6 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
         curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
     act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)
-
-
-def without_redundant_rows(operators: Operators, sets: Sets, lam: Floats, w: Floats) -> Sets:
-    """The sets with equations for linearly independent rows alone: those of bounds first, then of sticking terms.
-
-    A row that depends on those before it gets no equation, and its multiplier is not determined: a node that bounds
-    hold already sticks whatever a term carries. A term without any equation left is taken to slip: it carries the share
-    lam_i / w_i of its weight. Such a bound carries nothing, and a disc nothing along a row of it that gets no equation.
-    """
-    stops, sticks = np.flatnonzero(sets.act & (operators.compliance == 0)), np.flatnonzero(sets.stick)
-    rows = sp.csr_matrix(
-        sp.vstack([operators.D[stops], operators.B[np.flatnonzero(np.repeat(sets.stick, operators.block))]])
-    )
-    # Only rows that share unknowns, or read none, can depend on others.
-    shared = np.bincount(rows.indices, minlength=rows.shape[1]) > 1
-    some = np.flatnonzero((abs(rows) @ shared > 0) | (abs(rows) @ np.ones(rows.shape[1]) == 0))
-    free = np.ones(rows.shape[0], dtype=bool)
-    free[some] = independent(rows[some].toarray())
-    act, stick = sets.act.copy(), sets.stick.copy()
-    act[stops] = free[: len(stops)]
-    own = free[len(stops) :].reshape(len(sticks), operators.block)
-    stick[sticks] = own.any(axis=1)
-    idle = np.zeros_like(sets.direction, dtype=bool)
-    idle[sticks] = stick[sticks, None] & ~own
-    most = np.maximum(w, np.linalg.norm(lam, axis=1))[:, None]
-    share = np.divide(lam, most, out=np.zeros_like(lam), where=most > 0)
-    direction = np.where((sets.stick & ~stick)[:, None], share, sets.direction)
-    return replace(sets, act=act, stick=stick, direction=direction, idle=idle.ravel())
-
-
-def independent(rows: Floats) -> Bools:
-    """Which rows (k, n) do not follow from those before them, (k,)."""
-    basis, found = np.zeros_like(rows), np.zeros(len(rows), dtype=bool)
-    for i, row in enumerate(rows):
-        rest = row - basis.T @ (basis @ row)
-        rest = rest - basis.T @ (basis @ rest)
-        size = np.linalg.norm(rest)
-        found[i] = size > FOLLOWS * np.linalg.norm(row)
-        basis[i] = rest / size if found[i] else 0.0
-    return found
 
 
 def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> Iterate:

@@ -18,7 +18,8 @@ from vemcvx.program.norms import Norms
 from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import ASKED_AGAIN
-from vemcvx.solvers.coulomb_sets import WeightLaw, solution_near
+from vemcvx.solvers.coulomb_sets import solution_near
+from vemcvx.solvers.coulomb_system import WeightLaw
 from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting, named_failures
 from vemcvx.stepping.acceptance import caused_beside, drawn

@@ -168,8 +168,10 @@ def test_a_scaled_factor_is_the_factor_of_the_scaled_matrix(factored):
 def test_multigrid_solves_contact_matrix_free():
     pytest.importorskip("pyamg")
     scene, mesh = paper_scene(cyclic), small("squares", 16)
-    direct = vx.simulate(scene, mesh, TIMES, solver=vx.Newton())
-    iterative = vx.simulate(scene, mesh, TIMES, solver=vx.Newton(), linear=vx.Multigrid())
+    # No two instants in turn have the same load: where nothing moves, what is at its bound neither sticks nor slips.
+    times = np.linspace(0.0, 1.0, 8)
+    direct = vx.simulate(scene, mesh, times, solver=vx.Newton())
+    iterative = vx.simulate(scene, mesh, times, solver=vx.Newton(), linear=vx.Multigrid())
     assert iterative.certificate.max() < 1e-8
     assert np.array_equal(iterative.contact.sticking, direct.contact.sticking)
     assert np.abs(iterative.displacement - direct.displacement).max() < 1e-8 * np.abs(direct.displacement).max()

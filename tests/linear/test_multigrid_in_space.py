@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from blocks_in_space import block, on_floor
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import LinearOperator, cg
 
 import vemcvx as vx
+from vemcvx.linear.hierarchy import Hierarchy
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import INEXACT, Iterate, Sets, answer_on
 from vemcvx.stepping.state import prepare
@@ -91,3 +93,38 @@ def test_flexibilities_are_estimated_by_a_few():
     )
     assert (estimate > 0.5 * exact).all()
     assert (estimate < 4.0 * exact).all()
+
+
+def test_what_is_held_and_what_is_stiff_is_known_on_every_level():
+    """The coarse matrices are Galerkin's, and a cycle of K + S on the free unknowns is positive definite, below 1.
+
+    It takes no more conjugate gradients there than the cycle of K takes for K, but for a few.
+    """
+    system, rng = systems()["bilateral"], np.random.default_rng(5)
+    K, n, touched = system.K, system.n, system.retained
+    free = np.ones(n, dtype=bool)
+    free[touched[::2]] = False
+    stiff = np.zeros(n)
+    stiff[touched[1::2]] = 300.0 * K.diagonal()[touched[1::2]]
+    S = sp.csr_matrix(sp.diags_array(stiff))
+    whole = Hierarchy.of(K, system.near_kernel, 125)
+    within = whole.within(S, free)
+    mask = sp.diags_array(free.astype(float))
+    P = mask @ whole.levels[0].P
+    exact = P.T @ ((K + S) @ P)
+    coarse = within.levels[1].K if len(within.levels) > 1 else within.coarsest
+    assert abs(coarse - exact).max() < 1e-12 * abs(exact).max()
+    F = np.flatnonzero(free)
+    basis = rng.normal(size=(n, 30)) * free[:, None]
+    answers = np.column_stack([within.cycle(b) for b in basis.T])
+    assert not answers[~free].any()
+    both = basis.T @ answers
+    assert np.abs(both - both.T).max() < 1e-12 * np.abs(both).max()
+    assert np.linalg.eigvalsh(both).min() > 0
+    taken = []
+    for matrix, cycle in ((K, whole.cycle), ((K + S)[F][:, F], lambda b: within.cycle(np.bincount(F, b, n))[F])):
+        calls: list[int] = []
+        M = LinearOperator(matrix.shape, matvec=cycle, dtype=float)
+        cg(matrix, rng.normal(size=matrix.shape[0]), rtol=1e-8, M=M, callback=lambda x, calls=calls: calls.append(1))
+        taken.append(len(calls))
+    assert taken[1] <= taken[0] + 5

@@ -42,8 +42,12 @@ class Factor(Protocol):
     """A matrix ready to be solved with."""
 
     @property
-    def cycle(self) -> Cycle | None:
-        """A preconditioner, where solving is iterative, so that less sharp answers take less time; else None."""
+    def exact(self) -> bool:
+        """Whether it solves to rounding; an iterative one takes less time for less sharp answers."""
+        return True
+
+    def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle | None:
+        """A preconditioner of K + S on the `free` unknowns, where solving is iterative."""
         return None
 
     def solve(self, b: Floats) -> Floats:
@@ -103,8 +107,13 @@ class Scaled(Factor):
         return self._kappa * (self._factor.solve(b / D) / D)
 
     @property
-    def cycle(self) -> Cycle | None:
-        inner, D, kappa = self._factor.cycle, self._D, self._kappa
+    def exact(self) -> bool:
+        return self._factor.exact
+
+    def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle | None:
+        D, kappa = self._D, self._kappa
+        undo = sp.diags_array(1.0 / D)
+        inner = self._factor.cycle(sp.csr_matrix(undo @ S @ undo) * kappa, free)
         return None if inner is None else lambda b: kappa * (inner(b / D) / D)
 
     def rough(self, b: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 The near-kernel (the rigid motions, three in the plane and six in space) is what makes it converge: 13 iterations at
 131k unknowns in the plane with it, none without; 15 at 44k in space. Close to incompressibility (nu > .49) it does
-not, and says so.
+not, and says so. Preconditioned by the cycle of :mod:`vemcvx.linear.hierarchy`.
 
 Its solves are inexact, so no certificate may rest on one. With x any approximation of K^{-1}b, rho = b - K x, M the
 multigrid cycle, symmetric positive definite, and l <= lambda_min(MK) a bound on the spectrum from below,
@@ -24,6 +24,7 @@ probability grows. eps is taken so that it stays below MISSED, and k so that l i
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -34,9 +35,10 @@ from scipy.linalg import eigh_tridiagonal
 from scipy.sparse.linalg import LinearOperator, cg
 
 from vemcvx.arguments import part, whole
-from vemcvx.arrays import EPS, Floats, Ints
+from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, Factor, LinearSolver, Matrix, singular
+from vemcvx.linear.hierarchy import Hierarchy
 from vemcvx.linear.superlu import SuperLU
 
 MISSED = 1e-9
@@ -72,27 +74,29 @@ class Multigrid(LinearSolver):
         whole(self.max_iterations, "Multigrid", "max_iterations", "iterations")
 
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> MultigridFactor:
-        try:
-            import pyamg
-        except ImportError as error:
+        if importlib.util.find_spec("pyamg") is None:
             raise NotAccepted(
                 "Multigrid: the package pyamg is not installed; pip install 'vemcvx[multigrid]', or use SuperLU()."
-            ) from error
+            )
         if K.shape[0] <= COARSE:
             # One level only, whose pseudo-inverse would hide that K is singular.
             SuperLU().factorise(K)
         modes = 3 if near_kernel is None else max(3, near_kernel.shape[1])
         coarse = COARSE * 9 // modes**2
-        levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(K), B=near_kernel, max_coarse=coarse)
-        cycle = levels.aspreconditioner(cycle="V")
-        return MultigridFactor(self, K, cycle, lowest_eigenvalue(K, cycle))
+        hierarchy = Hierarchy.of(sp.csr_matrix(K), near_kernel, coarse)
+        return WholeFactor(self, K, hierarchy, lowest_eigenvalue(K, hierarchy.cycle))
 
 
 class MultigridFactor(Factor):
     """K with a multigrid cycle M as preconditioner, and a bound from below on the eigenvalues of MK."""
 
-    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: LinearOperator[np.float64], lowest: float):
-        self._settings, self._K, self._cycle, self._lowest = settings, K, cycle, lowest
+    def __init__(self, settings: Multigrid, K: sp.csr_matrix, cycle: Cycle, lowest: float):
+        self._settings, self._K, self._lowest = settings, K, lowest
+        self._cycle = LinearOperator(K.shape, matvec=cycle, dtype=np.float64)
+
+    @property
+    def exact(self) -> bool:
+        return False
 
     def solve(self, b: Floats) -> Floats:
         if b.ndim == 2:
@@ -108,11 +112,6 @@ class MultigridFactor(Factor):
                 f"{settings.tolerance:.1e}. {SUITED}"
             )
         return x
-
-    @property
-    def cycle(self) -> Cycle:
-        matvec: Cycle = self._cycle.matvec
-        return matvec
 
     def rough(self, b: Floats) -> Floats:
         return self._descended(b, ROUGH)[0] if b.any() else np.zeros_like(b)
@@ -133,8 +132,7 @@ class MultigridFactor(Factor):
             whole[F] = b
             return self._cycle.matvec(whole)[F]
 
-        restricted = LinearOperator((len(F), len(F)), matvec=cycle, dtype=np.float64)
-        return MultigridFactor(self._settings, sp.csr_matrix(K_FF), restricted, self._lowest)
+        return MultigridFactor(self._settings, sp.csr_matrix(K_FF), cycle, self._lowest)
 
     def _descended(self, b: Floats, tolerance: float) -> tuple[Floats, int]:
         """An approximation of K^{-1} b, and how many iterations did not suffice for it; 0 if they did."""
@@ -143,10 +141,21 @@ class MultigridFactor(Factor):
         return found
 
 
+class WholeFactor(MultigridFactor):
+    """That of all of K, whose hierarchy can be one of K + S on some of the unknowns."""
+
+    def __init__(self, settings: Multigrid, K: sp.csr_matrix, hierarchy: Hierarchy, lowest: float):
+        super().__init__(settings, K, hierarchy.cycle, lowest)
+        self._hierarchy = hierarchy
+
+    def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle:
+        return self._hierarchy.within(S, free).cycle
+
+
 SUITED = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
 
 
-def lowest_eigenvalue(K: sp.csr_matrix, cycle: LinearOperator[np.float64]) -> float:
+def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle) -> float:
     """A bound from below on the eigenvalues of MK, or SceneError if K is not positive definite or M serves it badly."""
     failure = np.log(1.648 * np.sqrt(K.shape[0]) * 1e8 / MISSED)
     low = high = 1.0
@@ -164,13 +173,13 @@ def lowest_eigenvalue(K: sp.csr_matrix, cycle: LinearOperator[np.float64]) -> fl
     )
 
 
-def _ritz_values(K: sp.csr_matrix, cycle: LinearOperator[np.float64]) -> Iterator[tuple[float, float]]:
+def _ritz_values(K: sp.csr_matrix, cycle: Cycle) -> Iterator[tuple[float, float]]:
     """The extreme Ritz values of MK after every step of Lanczos' method in the inner product of M."""
     diagonal: list[float] = []
     beside: list[float] = []
     force, before = np.random.default_rng(0).normal(size=K.shape[0]), np.zeros(K.shape[0])
     while True:
-        answer = cycle.matvec(force)
+        answer = cycle(force)
         square = float(force @ answer)
         if not diagonal:
             start = square

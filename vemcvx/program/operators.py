@@ -151,7 +151,7 @@ class Operators(ArrayRecord):
 
     def _response(self, rows: sp.csr_matrix) -> Floats:
         """The diagonal of rows K^{-1} rows'; of an iterative factor an estimate, the largest share of a few."""
-        if self.factor.cycle is not None:
+        if not self.factor.exact:
             return self._sampled(rows)
         dense = rows.toarray()
         response: Floats = np.einsum("ij,ji->i", dense, self.factor.solve(np.ascontiguousarray(dense.T)))
@@ -165,12 +165,20 @@ class Operators(ArrayRecord):
 
     def stiffened(self, H: Floats, stiffness: Floats | None = None) -> Matrix:
         """K + B'HB + D' diag(stiffness) D with a symmetric matrix H_i (m, block, block) a norm term."""
+        return self.plus(self.stiffening(H, stiffness))
+
+    def stiffening(self, H: Floats, stiffness: Floats | None = None) -> sp.csr_matrix:
+        """B'HB + D' diag(stiffness) D."""
         added: sp.csr_matrix = sp.csr_matrix(self.K.shape)
         if self.count:
             blocks = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
             added = sp.csr_matrix(self.B.T @ blocks @ self.B)
         if stiffness is not None and len(stiffness):
             added = sp.csr_matrix(added + self.D.T @ sp.diags_array(stiffness) @ self.D)
+        return added
+
+    def plus(self, added: sp.csr_matrix) -> Matrix:
+        """K + added."""
         return self.K + added.toarray() if isinstance(self.K, np.ndarray) else sp.csr_matrix(self.K + added)
 
     def energy_norm(self, d: Floats) -> float:

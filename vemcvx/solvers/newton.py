@@ -161,7 +161,7 @@ class _Search:
     @property
     def exact(self) -> bool:
         """Whether linear systems are solved to rounding: the same sets then have the same answer."""
-        return self.program.operators.factor.cycle is None
+        return self.program.operators.factor.exact
 
     @property
     def words(self) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.linear import Cycle, Matrix, corrected
+from vemcvx.linear import Matrix, corrected
 from vemcvx.program.norms import transverse
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
@@ -115,10 +115,12 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     spring[soft] = 1.0 / operators.compliance[soft]
     pull = program.w[:, None] * sets.direction
     M, load = operators.K, program.g - program.held(pull, -spring * program.e)
+    S: sp.csr_matrix | None = None
     bends = sets.curvature.any()
     if bends or soft.any():
         H = sets.curvature[:, None, None] * transverse(sets.direction)
-        M = operators.stiffened(H, spring)
+        S = operators.stiffening(H, spring)
+        M = operators.plus(S)
         load = load + operators.rows.pull(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
     stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
     stop = np.flatnonzero(sets.act & ~soft)
@@ -127,8 +129,8 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
         d, reaction, stopped = _held(M, load, program, stick, stop)
     else:
         columns = np.concatenate([own[0][stick], own[1][stop]])
-        cycle = None if near is None else _stiffened_cycle(operators, sets, spring)
-        begin = None if near is None or cycle is None else _Near(near.d, cycle)
+        iterative = not operators.factor.exact
+        begin = _Near(near.d, sp.csr_matrix(M.shape) if S is None else S) if near and iterative else None
         d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
     lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else pull).ravel()
     lam[stick] = reaction
@@ -139,32 +141,10 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
 
 @dataclass(frozen=True)
 class _Near:
-    """Where an iterative linear solver begins, and its preconditioner."""
+    """Where an iterative linear solver begins, and the stiffness that is added to K."""
 
     d: Floats
-    cycle: Cycle
-
-
-def _stiffened_cycle(operators: Operators, sets: Sets, spring: Floats) -> Cycle | None:
-    """A preconditioner of K + B'HB + D' diag(spring) D from one of K, where there is one: T M T.
-
-    T^{-2} is 1 + (the stiffness added) / K_ii, block by block: what is stiff moves less.
-    """
-    cycle, own = operators.factor.cycle, operators.own_columns
-    if cycle is None or own is None:
-        return None
-    columns, along, diagonal = own[0].reshape(-1, operators.block), sets.direction, operators.K.diagonal()
-    rigid = (diagonal[columns] / operators.blocks(operators.B.data) ** 2).mean(axis=1)
-    across = 1.0 - (1.0 + sets.curvature / rigid) ** -0.5
-    pressed = (1.0 + spring * operators.D.data**2 / diagonal[own[1]]) ** -0.5
-
-    def less(v: Floats) -> Floats:
-        x, v = v[columns], v.copy()
-        v[columns] = x - across[:, None] * (x - np.einsum("ij,ij->i", along, x)[:, None] * along)
-        v[own[1]] *= pressed
-        return v
-
-    return lambda v: less(cycle(less(v)))
+    S: sp.csr_matrix
 
 
 def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints) -> tuple[Floats, Floats, Floats]:
@@ -207,8 +187,9 @@ def _held_coordinates(
     d[columns] = value / coefficient
     free = np.ones(len(load), dtype=bool)
     free[columns] = False
-    if near is not None:
-        d = corrected(M, d, load, free, cycle=near.cycle, part=INEXACT)
+    cycle = None if near is None else operators.factor.cycle(near.S, free)
+    if cycle is not None:
+        d = corrected(M, d, load, free, cycle=cycle, part=INEXACT)
     else:
         F = np.flatnonzero(free)
         rows = M[F]

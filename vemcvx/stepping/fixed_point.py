@@ -136,7 +136,7 @@ class DependentStep:
         if self.norms.slip_law is not None and self.norms.slope is None:
             return None, 0
         # Iteratively, how each place answers to each other one would take as many solves.
-        known = self.norms.slope is not None and self.run.operators.factor.cycle is None
+        known = self.norms.slope is not None and self.run.operators.factor.exact
         most = int(min(self.run.most - spent, most, sys.maxsize)) if known else 0
         rounds = iter(range(most))
         found = self.pose(state.weights).solution_near(state, self.norms, rounds)

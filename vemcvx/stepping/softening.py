@@ -76,7 +76,7 @@ def stability(operators: Operators, softening: Floats | None) -> Stability | Non
     Bodies that nothing but friction holds have none to give back: rho is infinite. Iteratively, how each place answers
     to each other one would take as many solves: it is unknown.
     """
-    if softening is None or (softening.any() and operators.factor.cycle is not None):
+    if softening is None or (softening.any() and not operators.factor.exact):
         return None
     falls = np.flatnonzero(softening)
     if len(falls) == 0:

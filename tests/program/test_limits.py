@@ -62,7 +62,7 @@ def test_the_gap_bounds_the_error(block, separate):
             assert (
                 0.5 * away @ (program.operators.K @ away) <= certificate.gap * (1 + 1e-9) + own.gap + certificate.floor
             )
-            v = np.linalg.solve(program.operators.K, program.g - program.held(lam, p))
+            v = np.linalg.solve(program.operators.K, program.g - program.multiplier_force(lam, p))
             dual = -0.5 * v @ program.operators.K @ v - lam.ravel() @ program.b - p @ program.e
             dual -= 0.5 * p @ (program.operators.compliance * p)
             assert certificate.gap == pytest.approx(program.objective(d) - dual, rel=1e-9, abs=1e-12)

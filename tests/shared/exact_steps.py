@@ -200,7 +200,7 @@ class Steps:
         """
         system, power, norms, limits = self.system, self.power, self.system.norms, self.system.limits
         load = np.asarray(system.load(t), dtype=float)
-        tilt = np.zeros(0) if norms is None else norms.tilt(t)
+        tilt = np.zeros(0) if norms is None else norms.bias_at(t)
         motion = system.motion
         still = settled or motion is None
         drags = [np.zeros_like(tilt)] * 2 if still else [motion.prescribed_slip(s), motion.prescribed_slip(t)]

@@ -109,7 +109,7 @@ def _steps(drawn, system, t, verdict):
     for n in range(0 if drawn.start == "settled" else 1, len(t.times)):
         before = np.zeros(system.n) if n == 0 else t.state[n - 1]
         now = float(t.times[n])
-        tilt = np.zeros(0) if system.norms is None else system.norms.tilt(now)
+        tilt = np.zeros(0) if system.norms is None else system.norms.bias_at(now)
         # Beyond the terms of the program come those of nodes that supports drag along.
         guess = t.state[n] - before, t.multipliers[n].ravel()[: len(tilt)] - tilt, t.pressures[n]
         try:
@@ -159,7 +159,7 @@ def _total(drawn, system, t, verdict):
 
 def _exact_state(exact, before, t, n):
     """The state (n,) after step n from the state `before`; None where it was not found."""
-    tilt = np.zeros(0) if exact.system.norms is None else exact.system.norms.tilt(float(t.times[n]))
+    tilt = np.zeros(0) if exact.system.norms is None else exact.system.norms.bias_at(float(t.times[n]))
     guess = t.state[n] - before, t.multipliers[n].ravel()[: len(tilt)] - tilt, t.pressures[n]
     try:
         step = exact.step(before, float(t.times[n - 1]), float(t.times[n]), guess, settled=n == 0)
@@ -202,7 +202,7 @@ def _unsolved(drawn, system):
     part = drawn.linear.tolerance * np.sqrt(np.linalg.cond(K))
 
     def left(t):
-        loads = [system.push(t), *([] if moved is None else [moved.dirichlet_force(t)])]
+        loads = [system.load_at(t), *([] if moved is None else [moved.dirichlet_force(t)])]
         return part * sum(np.sqrt(max(float(b @ np.linalg.solve(K, b)), 0.0)) for b in loads)
 
     return left

@@ -183,10 +183,10 @@ class Friction:
         return self.law is not None or bool(self.slip_law and self.slip_law.pressed)
 
     @classmethod
-    def of(cls, rows: BoundaryRows, subject: str, weights: Callable[[float], Floats] | None = None) -> Friction:
-        """Friction on the rows of a part of the boundary; without weights but those that laws add."""
+    def of(cls, rows: BoundaryRows, subject: str) -> Friction:
+        """Friction on the rows of a part of the boundary, whose weights are zero."""
         own, none = (subject, rows.nodes, rows.normals, rows.lengths), np.zeros(len(rows.nodes))
-        return cls(*own, weights or (lambda t: none), ends=rows.ends, partners=rows.partners)
+        return cls(*own, lambda t: none, ends=rows.ends, partners=rows.partners)
 
 
 @dataclass(frozen=True)

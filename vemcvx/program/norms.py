@@ -148,7 +148,7 @@ class Norms(ArrayRecord):
         value: ArrayLike = called(getattr(self, name), (t, *answer), failed, "return weights, or their derivative")
         return value
 
-    def tilt(self, t: float) -> Floats:
+    def bias_at(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
 
         Raises

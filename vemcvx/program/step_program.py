@@ -75,13 +75,13 @@ class StepProgram(ArrayRecord):
         limits = self.operators.limits
         return np.where(limits.exact, 0.0, EPS * (limits.absolute.read(np.abs(d)) + np.abs(self.e)))
 
-    def held(self, lam: Floats, p: Floats) -> Floats:
+    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
         return self.operators.rows.pull(lam.ravel()) + self.operators.limits.pull(p)
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return np.asarray(self.g - self.held(lam, p) - self.operators.K @ d)
+        return np.asarray(self.g - self.multiplier_force(lam, p) - self.operators.K @ d)
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""

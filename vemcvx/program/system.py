@@ -220,16 +220,16 @@ class System(ArrayRecord):
 
     def force(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, the bias of norm terms taken off."""
-        f = self.push(t)
-        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.tilt(t)
+        f = self.load_at(t)
+        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.bias_at(t)
 
-    def push_on_part(self, t: float) -> tuple[Floats, Ints | None]:
+    def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""
         if not isinstance(self.load, ForceOnPart):
-            return self.push(t), None
+            return self.load_at(t), None
         return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows
 
-    def push(self, t: float) -> Floats:
+    def load_at(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
         subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
         return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)

@@ -24,8 +24,8 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
 SHIFT = 0.1
-"""Of the sets, in units of one over the compliances. At .1 the paper's scene takes 3-7 iterations from a cold start; at
-1 and beyond undamped active sets cycle on it, and degenerate terms (|lam_i| = w_i, s_i = 0) count as slipping for a
+"""Of the sets, in units of one over the flexibilities. At .1 the paper's scene takes 3-7 iterations from a cold start;
+at 1 and beyond undamped active sets cycle on it, and degenerate terms (|lam_i| = w_i, s_i = 0) count as slipping for a
 rounding error of s_i: the gap is linear in that slip."""
 
 INEXACT = 0.03
@@ -79,7 +79,7 @@ class Shifts:
 
     @staticmethod
     def of(operators: Operators) -> Shifts:
-        """SHIFT over the compliances B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j; SHIFT for rows that read nothing."""
+        """SHIFT over the flexibilities B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j; SHIFT for rows that read nothing."""
         norms, limits = operators.norm_flexibility, operators.limit_flexibility + operators.compliance
         return Shifts(SHIFT / np.where(norms > 0, norms, 1.0), SHIFT / np.where(limits > 0, limits, 1.0))
 
@@ -114,7 +114,7 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     spring = np.zeros(len(operators.compliance))
     spring[soft] = 1.0 / operators.compliance[soft]
     pull = program.w[:, None] * sets.direction
-    M, load = operators.K, program.g - program.held(pull, -spring * program.e)
+    M, load = operators.K, program.g - program.multiplier_force(pull, -spring * program.e)
     S: sp.csr_matrix | None = None
     bends = sets.curvature.any()
     if bends or soft.any():

@@ -56,7 +56,7 @@ def mark_of_data(system: System, t: float) -> int:
     norms, dragged, damping = system.norms, system.dragged, system.damping
     parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
-        parts += [norms.tilt(t), norms.weights(t), norms.moved(t)]
+        parts += [norms.bias_at(t), norms.weights(t), norms.moved(t)]
         parts += _followed(system, norms.weights_under, t, norms) if norms.dependent else []
     if dragged is not None:
         parts += [dragged.position(t), *_followed(system, dragged.weights, t, dragged)]

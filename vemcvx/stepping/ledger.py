@@ -103,8 +103,8 @@ class Ledger:
 
 def drive(system: System, condensation: Condensation, t: float) -> StepData:
     """Evaluate load and supports at `t`."""
-    bias = np.zeros(0) if system.norms is None else system.norms.tilt(t)
-    forces, rows = system.push_on_part(t)
+    bias = np.zeros(0) if system.norms is None else system.norms.bias_at(t)
+    forces, rows = system.load_on_part(t)
     pushed = in_range(condensation.reduce(forces, rows=rows), t)
     force = condensation.less(pushed, bias)
     remaining_gap = system.remaining_gap(t)

@@ -132,7 +132,7 @@ class State:
     size: float = 0.0
     """largest energy norm that the data could cause; computed only while the states are far smaller"""
     noise: float = 0.0
-    """the same of friction's forces alone, where this state is no more than their rounding"""
+    """largest energy norm that friction's forces alone could cause, of a state that is no more than their rounding"""
     dragged: Dragged = field(default_factory=lambda: Dragged.nothing(0, 1))
     """as of the step before while the step is on"""
     velocity: Floats | None = None
@@ -160,7 +160,7 @@ class State:
 
 
 def sticking(run: PreparedRun, state: State) -> Bools:
-    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= compliance^{1/2} |d - d*|."""
+    """Increments that the certificate cannot tell from zero: |s_i - s_i*| <= flexibility^{1/2} |d - d*|."""
     operators = run.operators
     if operators.count == 0:
         return np.zeros(0, dtype=bool)

@@ -141,12 +141,12 @@ class ViscousSteps:
         """What drives the increment from the instant s to t."""
         system = self._run.system
         moved = self._damping.motion
-        phi = residual(system.push(t), system.K, y, np.zeros(len(y)))
+        phi = residual(system.load_at(t), system.K, y, np.zeros(len(y)))
         prescribed_slip = system.prescribed_slip(t) - system.prescribed_slip(s)
         if moved is not None:
             phi -= (moved.dirichlet_force(t) - moved.dirichlet_force(s)) / k
         remaining_gap = system.remaining_gap(t) - system.D @ y
-        bias = np.zeros_like(prescribed_slip) if system.norms is None else system.norms.tilt(t)
+        bias = np.zeros_like(prescribed_slip) if system.norms is None else system.norms.bias_at(t)
         # No two of these are alike, and a resumed run does not know those before it.
         pushed = in_range(run.condensation.reduce(phi, remembered=False), t)
         force = run.condensation.less(pushed, bias, remembered=False) if bias.any() else pushed

@@ -137,7 +137,7 @@ def gives_multipliers_as_admissible_as_it_is_accurate(case: Case) -> None:
     for asked in steps_asked(case.instance):
         program, answer = asked.program, case.answer(asked)
         lam, p = program.admissible(answer.lam, answer.p, answer.d)
-        moved = program.held(answer.lam - lam, answer.p - p)
+        moved = program.multiplier_force(answer.lam - lam, answer.p - p)
         assert program.operators.factor.energy(moved) <= 2 * asked.target
 
 
@@ -276,4 +276,4 @@ def _in_units(system: System, length: float, stress: float) -> System:
         gap, compliance = limits.remaining_gap, np.asarray(limits.compliance, dtype=float)
         limits = Limits(limits.D, lambda t: length * gap(t), compliance=compliance / stress)
     K = sp.csr_matrix(stress * system.K)
-    return replace(system, K=K, load=lambda t: force * system.push(t), norms=norms, limits=limits, motion=None)
+    return replace(system, K=K, load=lambda t: force * system.load_at(t), norms=norms, limits=limits, motion=None)

@@ -15,11 +15,8 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes import PolygonMesh
 from vemcvx.meshes.polygons.segments import cross, overlapping_boxes
 from vemcvx.meshes.polygons.topology import next_vertex, spans
+from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
 
-# A point counts as on a side within this part of the cell's diameter,
-CLOSE = 1e-12
-# or within a few roundings of the coordinates: points computed as 0.1 + 0.2 are 5e-17 off.
-POINT_ROUNDING = 16 * float(np.finfo(float).eps)
 # Points in one go: temporaries of some ten megabytes.
 CHUNK = 2**14
 

@@ -189,9 +189,7 @@ def test_nearest_multipliers(block, modes, limited):
             <= 1e-9
         )
         assert hold.unheld(w, push) is None
-        assert hold.unheld(w, push, (start, begin)) is None
         motion = hold.unheld(w, 50.0 * push)
-        assert np.array_equal(motion, hold.unheld(w, 50.0 * push, (start, begin)))
         if motion is not None:
             assert motion @ push * 50.0 > w @ np.linalg.norm(grip @ motion, axis=1)
             assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()

@@ -164,18 +164,10 @@ class KernelBalance:
             return False
         return bool(c @ push > w @ np.linalg.norm(self.friction_modes @ c, axis=1) * (1 + 1e-12))
 
-    def unheld(self, w: Floats, push: Floats, near: tuple[Floats, Floats] | None = None) -> Floats | None:
-        """A motion c (k,) that nothing holds against the load; None if there is none.
-
-        Where multipliers next to (lam, p) = `near` hold it, which is soon found, no such motion is looked for.
-        """
-        ease = np.ones(len(w)), np.ones(len(self.contact_modes))
-        if near is not None:
-            lam, p, left = self.nearest(*near, w, push, ease)
-            if (np.abs(left) <= self.imbalance(lam, p, push, np.abs(push))[1]).all():
-                return None
+    def unheld(self, w: Floats, push: Floats) -> Floats | None:
+        """A motion c (k,) that nothing holds against the load; None if there is none."""
         none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
-        left = self.nearest(*none, w, push, ease)[2]
+        left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))[2]
         return left if self.loses(left, w, push) else None
 
     def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:

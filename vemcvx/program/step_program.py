@@ -122,10 +122,9 @@ class StepProgram(ArrayRecord):
     def multipliers(self, d: Floats, lam: Floats | None = None, p: Floats | None = None) -> tuple[Floats, Floats]:
         """Admissible multipliers (m, block) and (r,) of the increments `d`; those not given are read off d.
 
-        They solve K d = g - B'lam - D'p. Where each row of B and D reads one unknown of its own, as in condensed
-        programs in the plane, they are entries of g - K d. Else least squares finds them; of several that do, those
-        that cost the least gap: where d sticks or touches; and where these are too large, least squares within bounds
-        (in the plane).
+        They solve K d = g - B'lam - D'p. Where each row of B and D reads one unknown of its own they are entries of
+        g - K d. Else least squares finds them; of several that do, those that cost the least gap: where d sticks or
+        touches; and where these are too large, least squares within bounds (in the plane).
         """
         if lam is None or p is None:
             lam, p = self._read_off(d, lam, p)
@@ -169,11 +168,13 @@ class StepProgram(ArrayRecord):
         SceneError
             These are no arrays of such shapes.
         """
-        operators = self.operators
         d = of_shape(d, "certify: d", self.g.shape)
-        lam = None if lam is None else of_shape(lam, "certify: lam", (operators.count, operators.block))
+        lam = None if lam is None else of_shape(lam, "certify: lam", (self.operators.count, self.operators.block))
         p = None if p is None else of_shape(p, "certify: p", self.e.shape)
-        lam, p = self.multipliers(d, lam, p)
+        return self.certificate_at(d, *self.multipliers(d, lam, p))
+
+    def certificate_at(self, d: Floats, lam: Floats, p: Floats) -> Certificate:
+        """The certificate of increments with admissible multipliers."""
         equilibrium, friction, limits = self._gaps(d, lam, p)
         return Certificate(equilibrium, friction, self.rounding_floor(d, lam, p), limits)
 
@@ -253,10 +254,8 @@ class StepProgram(ArrayRecord):
 
     def proximal(self, centre: Floats) -> "StepProgram":
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
-        operators = self.operators
-        if operators.anchor is None:
-            return self
-        return replace(self, operators=operators.regular, g=self.g + operators.anchor * centre)
+        anchor = self.operators.anchor
+        return self if anchor is None else replace(self, operators=self.operators.regular, g=self.g + anchor * centre)
 
     def at_rest(self) -> Floats | None:
         """Multipliers (m, block) with which d = 0 is the answer to the last bit, if they can be read off; else None."""

@@ -101,15 +101,10 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     )
 
 
-def refuse_unheld(
-    program: StepProgram, condensation: Condensation, n: int, t: float, *, near: tuple[Floats, Floats]
-) -> None:
-    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel.
-
-    Those that do are looked for from the multipliers `near`, (m, block) and (r,).
-    """
+def refuse_unheld(program: StepProgram, condensation: Condensation, n: int, t: float) -> None:
+    """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel."""
     operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
-    motion = None if N is None else operators.hold.unheld(program.w, N.T @ program.g, near)
+    motion = None if N is None else operators.hold.unheld(program.w, N.T @ program.g)
     if kernel is None or N is None or motion is None:
         return
     field = N @ motion

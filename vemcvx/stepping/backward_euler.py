@@ -17,7 +17,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.program.step_program import Answer
-from vemcvx.stepping.acceptance import refuse_unheld, require_certified
+from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import drive
 from vemcvx.stepping.posed_step import PosedStep, pose_step
@@ -79,6 +79,4 @@ def solved(attempt: PosedStep, n: int) -> State:
     norms = attempt.run.system.norms
     if norms is not None and norms.dependent:
         return resolved(DependentStep(attempt, norms, n))
-    before = attempt.before
-    refuse_unheld(attempt.program, attempt.run.condensation, n, attempt.data.t, near=(before.lam, before.p))
-    return attempt.solve()
+    return attempt.held(n)

@@ -50,7 +50,6 @@ from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
-from vemcvx.stepping.acceptance import refuse_unheld
 from vemcvx.stepping.mixing import mixed
 from vemcvx.stepping.posed_step import PosedStep, pose_step
 from vemcvx.stepping.state import PreparedRun, State
@@ -114,9 +113,7 @@ class DependentStep:
         """
         left = self.run.most - spent
         posed = self.pose(w, self.run.after(spent + int(left // 2) if np.isfinite(left) else 0))
-        start = near or self.attempt.before
-        refuse_unheld(posed.program, self.run.condensation, self.n, posed.data.t, near=(start.lam, start.p))
-        return posed.solve(FIXED_POINT, near)
+        return posed.held(self.n, FIXED_POINT, near)
 
     def from_before(self) -> tuple[State | None, int]:
         """A solution near the state before, if one is found in a few sets, and how many it took.

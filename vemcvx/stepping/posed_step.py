@@ -22,7 +22,7 @@ from vemcvx.solvers.coulomb_sets import solution_near
 from vemcvx.solvers.coulomb_system import WeightLaw
 from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import fitting, named_failures
-from vemcvx.stepping.acceptance import caused_beside, drawn
+from vemcvx.stepping.acceptance import caused_beside, drawn, refuse_unheld
 from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.state import PreparedRun, State
 
@@ -53,6 +53,25 @@ class PosedStep:
     before: State
     program: StepProgram
     data: StepData
+
+    def held(self, n: int, share: float = 1.0, near: State | None = None) -> State:
+        """The solution, as `solve` finds it, of step `n`.
+
+        Where nothing balances the load on K's kernel there is none: solvers that are given the kernel are not asked
+        then, and of proximal points the certificate is infinite.
+
+        Raises
+        ------
+        SceneError
+            Nothing balances the load.
+        """
+        unheld = partial(refuse_unheld, self.program, self.run.condensation, n, self.data.t)
+        if self.run.solver.semidefinite:
+            unheld()
+        state = self.solve(share, near)
+        if not np.isfinite(state.certificate.gap):
+            unheld()
+        return state
 
     def solve(self, share: float = 1.0, near: State | None = None) -> State:
         """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
@@ -118,7 +137,7 @@ class PosedStep:
             answer = self.run.after(spent).prepared.solve(scaled, target, *guess)
         d = scaled.feasible(fitting(answer, scaled, name).d)
         lam, p = scaled.admissible(answer.lam, answer.p, d)
-        certificate = scaled.certify(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
+        certificate = scaled.certificate_at(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)
         return self.state_after(answer, certificate, scales.weights(scaled, alpha))
 

@@ -12,7 +12,7 @@ from vemcvx.cli.pages import figure, numbers, short, words
 from vemcvx.errors import VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.history import History
-from vemcvx.results.words import why_estimated
+from vemcvx.results.words import WHY_ESTIMATED
 
 ROWS = 12
 """Steps that the table of steps has at most; steps.csv has all."""
@@ -116,7 +116,7 @@ def certificates(history: History) -> str:
         "Coulomb's law in the plane by the solution on the sets that stick, slip and touch. It is relative to the "
         "largest energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
     )
-    estimate = f"In {run.estimated.sum()} steps certificates are estimates, {why_estimated(history)}."
+    estimate = f"In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}."
     lines = [
         ("asked for", "-" if run.accuracy is None else short(run.accuracy)),
         ("largest of a step", f"{short(run.certificate.max())}, {MEANING[run.certificate_kind]}"),

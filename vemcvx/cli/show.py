@@ -106,8 +106,6 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
             return f"a bound, because friction falls slowly with slip: softening over stiffness is {found.rho:.2g} < 1"
         said = "" if found is None else f": softening over stiffness is {found.rho:.2g}, where less than 1 proves more"
         return f"an estimate, because weights depend on slip{said}"
-    if operators.block > 1:
-        return "an estimate, because weights depend on pressures, and slip turns in space"
     bound = "a bound on the distance to a solution, by its sets; where they do not settle "
     return (bound if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
 

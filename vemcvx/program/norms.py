@@ -41,8 +41,8 @@ class Norms(ArrayRecord):
         as a force -B'c, whose work is friction's.
     slope : callable (t, p) -> (m, r), optional
         The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
-        are then solved whole, and where `block` is 1 certificates are bounds instead of estimates. Of a `slip_law` that
-        does not depend on the slip of the step, it is a function of (t, p, past).
+        are then solved whole, and certificates are bounds instead of estimates. Of a `slip_law` that does not depend on
+        the slip of the step, it is a function of (t, p, past).
     ground : callable t -> (m * block,), optional
         How far what they rub on has moved: slips are those relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|,
         and it does work.

@@ -81,9 +81,9 @@ class Results:
     def certificate_kind(self) -> str:
         """What `certificate` is: "bound", or "estimate" if it is no more than that in some step.
 
-        Estimates are for friction that depends on pressure (Coulomb): in space, where slip turns, in all steps with
-        such friction; in the plane in steps where what sticks, slips and touches does not settle. A bound is then on
-        the distance to *a* solution of the step, which for coefficients that are not small need not be the only one.
+        Estimates are for friction that depends on pressure (Coulomb), in steps where what sticks, slips and touches
+        does not settle or, in space, is too close to something else. A bound is then on the distance to *a* solution
+        of the step, which for coefficients that are not small need not be the only one.
         They are also for friction that sees its slip, unless it is known to weaken more slowly than the body gives way;
         bounds are then on the distance to the only solution.
         """

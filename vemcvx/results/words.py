@@ -40,20 +40,17 @@ def in_words(history: Results) -> Outline:
     return Outline(title, lines)
 
 
+WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
+"""What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
+
+
 def _kind(history: Results) -> Lines:
     """Where the certificates are no bounds."""
     estimated = history.trajectory.estimated
     if not estimated.any():
         return []
     at = f"an estimate at {estimated.sum()} of {len(estimated)} instants"
-    return [("", f"{at}, {why_estimated(history)}; else a bound")]
-
-
-def why_estimated(history: Results) -> str:
-    """What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
-    if history.trajectory.multipliers.shape[2] > 1:
-        return "because slip turns in space, so that what sticks, slips and touches proves no bound"
-    return "where what sticks, slips and touches did not settle"
+    return [("", f"{at}, {WHY_ESTIMATED}; else a bound")]
 
 
 def _errors(errors: dict[str, float] | None) -> Lines:

@@ -16,13 +16,14 @@ not, and W at p is what the system took it for, then it solves (Q).
 Proof. Every line of (Q) is an equation of the system or one of these inequalities.  QED
 
 Rows of bounds that act and terms that stick may follow from one another, at corners: the system is singular then, and
-what each carries is not determined. Of those that follow, terms are given a share q_i, |q_i| <= 1, of W_i(p) to carry,
-and bounds nothing; that s_i = 0 nevertheless is looked at afterwards, and the theorem holds.
+what each carries is not determined, and chosen (:mod:`vemcvx.solvers.redundant_rows`); that s_i = 0 nevertheless is
+looked at afterwards, and the theorem holds.
 
 So whoever found another d knows how far it is from *a* solution: |d - d_sets|_K, plus the error of d_sets, which is
 that of one solve of a linear system: the last correction of its iterative refinement. (One solution: where
 coefficients are not small there may be more.) In blocks of two and more the direction of slip turns with the answer
-and the curvature h makes this Newton's method; what it converges to is then close to a solution, and not proven to be.
+and the curvature h makes this Newton's method; how far what it converges to is from a solution is proven in
+:mod:`vemcvx.solvers.coulomb_existence`.
 
 The sets are those of the last answer, as in :mod:`vemcvx.solvers.sets`: a semismooth Newton method on (Q) (Alart and
 Curnier 1991; Hueber, Stadler and Wohlmuth 2008), which may cycle, wherefore it is begun anew from answers of convex
@@ -35,12 +36,14 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
 from vemcvx.arrays import Floats
 from vemcvx.program.step_program import StepProgram
+from vemcvx.solvers.coulomb_existence import distance_to_a_solution
 from vemcvx.solvers.coulomb_system import Found, Piece, WeightLaw, on_sets
 from vemcvx.solvers.redundant_rows import without_redundant_rows
 from vemcvx.solvers.response import Response
@@ -68,9 +71,9 @@ class SetsSolution:
     point: Iterate
     weights: Floats
     error: float
-    """|d - d'|_K to the solution d' of the sets' own system: of the solve"""
+    """of the solve; and to a solution of (Q), where that is not the sets' own"""
     proven: bool
-    """whether that solves (Q) by the theorem above; else it is the limit of Newton's method"""
+    """whether there is one, by one of the theorems; else this is the limit of Newton's method"""
 
 
 def solution_near(
@@ -92,24 +95,47 @@ def solution_near(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    found = _from_sets(program, law, start, response, rounds)
-    found = found or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
-    if found is not None:
-        return found
+    met = _from_sets(program, law, start, response, rounds)
+    met = met or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
+    met = met or _by_softer_laws(program, law, start, response, rounds)
+    if met is None:
+        return None
+    (sets, found), point = met, met.point(program, law)
+    away = distance_to_a_solution(program, law, sets, found, response) if program.operators.block > 1 else 0.0
+    return SetsSolution(point, law.weights(point.p), found.error + (away or 0.0), away is not None)
+
+
+def _by_softer_laws(
+    program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
+) -> _Met | None:
+    """A solution by way of laws that are softened at first."""
     share, point, factor = SOFTER, start, STEEPER
     last: tuple[Iterate, float] | None = None
     while True:
         softer = law if share >= 1.0 else law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
-        found = _from_sets(program, softer, point, response, rounds)
-        if found is not None and share >= 1.0:
-            return found
-        if found is not None:
-            last = found.point, share
+        met = _from_sets(program, softer, point, response, rounds)
+        if met is not None and share >= 1.0:
+            return met
+        if met is not None:
+            last = met.point(program, softer), share
         elif last is None or program.operators.block == 1 or factor < FINEST:
             return None
         else:
             factor = factor**0.5
         point, share = replace(last[0], p=last[0].p / factor), last[1] * factor
+
+
+class _Met(NamedTuple):
+    """Sets whose inequalities hold, and what their system led to."""
+
+    sets: Sets
+    found: Found
+
+    def point(self, program: StepProgram, law: WeightLaw) -> Iterate:
+        """The point, admissible."""
+        at, p = self.found.point, np.maximum(self.found.point.p, 0.0)
+        d = program.feasible(_stuck_in_place(program, self.sets, at.d))
+        return Iterate(d, replace(program, w=law.weights(p)).project(at.lam), p)
 
 
 def _from_sets(
@@ -119,7 +145,7 @@ def _from_sets(
     response: Response,
     rounds: Iterator[int],
     w: Floats | None = None,
-) -> SetsSolution | None:
+) -> _Met | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
     shift, point = Shifts.of(program.operators) * SHIFT_SHARE, start
     turns = program.operators.block > 1
@@ -138,11 +164,7 @@ def _from_sets(
         if found is None:
             return None
         if found.holds(program, law, sets):
-            d = program.feasible(_stuck_in_place(program, sets, found.point.d))
-            p = np.maximum(found.point.p, 0.0)
-            w = law.weights(p)
-            lam = replace(program, w=w).project(found.point.lam)
-            return SetsSolution(Iterate(d, lam, p), w, found.error, program.operators.block == 1)
+            return _Met(sets, found)
         point = found.leaning(program, law, sets)
     return None
 

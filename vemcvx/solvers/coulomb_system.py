@@ -51,16 +51,19 @@ class Piece:
     forces: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """The solution of the system of some sets, its last correction, and the rounding of its rows."""
 
+    sets: Sets
     point: Iterate
     error: float
     forces: float
     """what multipliers may be off by"""
     motions: Floats
     """(m * block + r,) what s and z may be off by"""
+    inverse: Callable[[Floats], Floats]
+    """of the system's matrix, on the rows of terms that slip: (N, k) -> (N, k)"""
 
     def holds(self, program: StepProgram, law: WeightLaw, sets: Sets) -> bool:
         """Whether the inequalities that the sets stand for hold, to rounding."""
@@ -70,9 +73,10 @@ class Found:
         w, size = law.weights(np.maximum(point.p, 0.0)), np.linalg.norm(point.lam, axis=1)
         s, z = program.slip(point.d), program.excess(point.d)
         blur = operators.blocks(self.motions[: s.size]).max(axis=1), self.motions[s.size :]
-        along, slips = np.einsum("ij,ij->i", s, point.lam), np.linalg.norm(s, axis=1)
+        slips = np.linalg.norm(s, axis=1)
         within = np.where(sets.stick, size <= w + self.forces, np.abs(size - w) <= self.forces)
-        forth = sets.stick | (along >= size * slips - 2 * (self.forces * slips + size * blur[0]))
+        turned = np.linalg.norm(slips[:, None] * point.lam - size[:, None] * s, axis=1)
+        forth = sets.stick | (turned <= 2 * (self.forces * slips + size * blur[0]))
         pressed = np.where(sets.act, point.p >= -self.forces, z <= blur[1])
         # Where rows follow from others', what sticks is held by these.
         still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
@@ -112,7 +116,7 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
 def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, near: Floats) -> Found:
     """Solve the system of the sets, with two corrections by its residual."""
     operators = program.operators
-    solve = _factorised(operators, sets, law.slope, response)
+    solve, inverse = _factorised(operators, sets, law.slope, response)
     d, x = np.zeros(len(program.g)), np.zeros(len(response.compliance))
     norms, limits = response.norms, response.limits
     stick, act = np.repeat(sets.stick, operators.block), sets.act
@@ -141,7 +145,14 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     reach = response.absolute @ np.abs(d)
     reach[: limits.stop] += np.abs(np.concatenate([program.b, program.e]))
     motions = 8 * np.abs(response.A @ step) + ROUNDINGS * EPS * reach
-    return Found(Iterate(d, operators.blocks(x[norms]), x[limits]), error, forces, motions[: limits.stop])
+    return Found(
+        sets=sets,
+        point=Iterate(d, operators.blocks(x[norms]), x[limits]),
+        error=error,
+        forces=forces,
+        motions=motions[: limits.stop],
+        inverse=inverse,
+    )
 
 
 def _bend(sets: Sets, s: Floats) -> Floats:
@@ -154,8 +165,8 @@ def _bend(sets: Sets, s: Floats) -> Floats:
 
 def _factorised(
     operators: Operators, sets: Sets, J: sp.csr_matrix, response: Response
-) -> Callable[[Floats, Floats], tuple[Floats, Floats]]:
-    """(force, wanted) -> (d, x): K d = force - A'x, and each row's equation missing by `wanted`."""
+) -> tuple[Callable[[Floats, Floats], tuple[Floats, Floats]], Callable[[Floats], Floats]]:
+    """(force, wanted) -> (d, x): K d = force - A'x, and each row's equation missing by `wanted`; and M^{-1}."""
     norms, limits = response.norms, response.limits
     M = response.matrix.copy()
     M[np.diag_indices_from(M)] += response.compliance
@@ -175,6 +186,9 @@ def _factorised(
     if info > 0 or not np.isfinite(lu).all():
         raise LinAlgError("singular")
 
+    def inverse(rhs: Floats) -> Floats:
+        return np.asarray(lapack.dgetrs(lu, pivots, rhs)[0])
+
     def solve(force: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         free = response.A @ operators.factor.solve(force)
         rhs = wanted.copy()
@@ -182,7 +196,7 @@ def _factorised(
         met[slip], met[idle] = False, False
         rhs[met] = free[met] - wanted[met]
         rhs[slip] += _bend(sets, operators.blocks(free[norms])).ravel()[slip]
-        x = lapack.dgetrs(lu, pivots, rhs)[0]
+        x = inverse(rhs)
         return operators.factor.solve(force - response.act(x)), x
 
-    return solve
+    return solve, inverse

@@ -24,8 +24,8 @@ Weights that follow the slip, of the step and before it, are proven by convexity
 (:mod:`vemcvx.stepping.softening`); iterates are mixed then (:mod:`vemcvx.stepping.mixing`): the proof is of answers,
 however they were found.
 
-Where sets do not settle, the law is not known to be piecewise affine, or slip turns (blocks of two, in space), the
-certificate is an *estimate*:
+In space slip turns; how far d_s is from a solution is proven in :mod:`vemcvx.solvers.coulomb_existence`. Where there is
+no proof, sets do not settle or the law is not known to be piecewise affine, the certificate is an *estimate*:
 
     CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
     i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,

@@ -1,0 +1,118 @@
+"""Coulomb's law on discs: how far an answer is from a solution is proven, also of answers that are no good yet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blocks_in_space import block, on_floor
+from faces_that_meet import TIMES, random_scene
+
+import vemcvx as vx
+from vemcvx.solvers import coulomb_sets
+from vemcvx.solvers.coulomb_existence import distance_to_a_solution
+
+pytestmark = pytest.mark.arithmetic
+
+
+def pulled(t):
+    return np.array([0.4 * np.cos(3 * t), 0.4 * np.sin(3 * t), -0.7]) * min(1.0, 4 * t)
+
+
+def rubbing(coefficient, n=3):
+    return on_floor(block(n), pulled, coefficient=coefficient, contact="unilateral")
+
+
+def distances(monkeypatch, run):
+    """[(to what Newton's method ends at, its bound)] of all answers on sets that a bound is proven for; |d|_K = 1."""
+    found, met = [], coulomb_sets._from_sets
+
+    class Seen(coulomb_sets.Found):
+        def holds(self, program, law, sets):
+            tried.append((self, sets))
+            return super().holds(program, law, sets)
+
+    tried = []
+
+    def on_sets(*args):
+        answer = original(*args)
+        return Seen(**{name: getattr(answer, name) for name in answer.__dataclass_fields__})
+
+    def from_sets(program, law, start, response, rounds, w=None):
+        tried.clear()
+        end = met(program, law, start, response, rounds, w)
+        if end is not None:
+            unit, last = program.operators.energy_norm, end.found.point.d
+            for answer, sets in tried.copy():
+                bound = distance_to_a_solution(program, law, sets, answer, response)
+                if bound is not None:
+                    found.append(np.array([unit(answer.point.d - last), bound + answer.error]) / unit(last))
+        return end
+
+    original = coulomb_sets.on_sets
+    monkeypatch.setattr(coulomb_sets, "on_sets", on_sets)
+    monkeypatch.setattr(coulomb_sets, "_from_sets", from_sets)
+    run()
+    return np.reshape(found, (-1, 2))
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.3, 0.6])
+def test_answers_are_as_near_to_a_solution_as_proven(monkeypatch, coefficient):
+    """Every set on the way that has a proof: the end of the way, known to 1e-12, is within the bound."""
+    away, bound = distances(monkeypatch, lambda: vx.march(rubbing(coefficient), np.linspace(0, 1, 5))).T
+    assert (away <= bound + 1e-12).all()
+    early = away > 1e-10
+    assert early.any()
+    assert np.median(bound[early] / away[early]) < 1e3
+    assert np.median(bound[~early]) < 1e-11
+
+
+@pytest.mark.parametrize("coefficient", [0.3, 1.5])
+def test_certificates_in_space_are_bounds(coefficient):
+    history = vx.march(rubbing(coefficient), np.linspace(0, 1, 5))
+    assert history.certificate_kind == "bound"
+    assert history.certificate[1:].min() > 0
+    assert history.certificate.max() < 1e-10
+
+
+def test_what_is_nearly_anything_else_is_not_proven(monkeypatch):
+    """Slips within rounding of none, forces of what sticks at their bound, pressures of nothing: no bound."""
+    seen = []
+
+    def watched(*given):
+        seen.append(given)
+        return distance_to_a_solution(*given)
+
+    monkeypatch.setattr(coulomb_sets, "distance_to_a_solution", watched)
+    vx.march(rubbing(0.6), [0.0, 0.5, 1.0])
+    program, law, sets, found, response = seen[-1]
+    assert distance_to_a_solution(program, law, sets, found, response) is not None
+    slips, sticks = ~sets.stick & (law.weights(found.point.p) > 0), sets.stick
+    assert slips.any()
+    lam = found.point.lam.copy()
+    lam[np.argmax(slips)] *= -1.0
+    off = replace(found, point=replace(found.point, lam=lam))
+    assert distance_to_a_solution(program, law, sets, off, response) is None
+    coarse = replace(found, forces=float(np.linalg.norm(lam, axis=1).max()))
+    assert distance_to_a_solution(program, law, sets, coarse, response) is None
+    if sticks.any():
+        lam = found.point.lam.copy()
+        i = int(np.argmax(sticks))
+        lam[i] = [2 * law.weights(found.point.p)[i], 0.0]
+        over = replace(found, point=replace(found.point, lam=lam))
+        assert distance_to_a_solution(program, law, sets, over, response) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", range(0, 120, 20))
+def test_random_scenes_are_as_near_to_a_solution_as_proven(monkeypatch, start):
+    proven = 0
+    for seed in range(start, start + 20):
+        scene, mesh, kind = random_scene(seed)
+        if kind in ("coulomb", "compl"):
+            with monkeypatch.context() as patch:
+                found = distances(patch, lambda scene=scene, mesh=mesh: vx.simulate(scene, mesh, TIMES))
+            proven += len(found)
+            assert (found[:, 0] <= found[:, 1] + 1e-11).all(), seed
+    assert proven > 10

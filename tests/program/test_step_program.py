@@ -129,3 +129,18 @@ def test_what_is_no_answer_is_refused():
         with pytest.raises(vx.SceneError, match=re.escape(words)):
             program.certify(**given)
     assert program.certify(np.full(10, np.nan)).gap == np.inf
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_stiffness_that_is_added_is_that_of_the_rows(own):
+    """K + B'HB + D'CD, whether or not every row of B reads one unknown of its own, scaled as it likes."""
+    rng = np.random.default_rng(7)
+    B = np.eye(9)[[7, 2, 5, 0]] * rng.normal(size=(4, 1)) if own else rng.normal(size=(4, 9))
+    D, H, C = rng.normal(size=(2, 9)), rng.normal(size=(2, 2, 2)), rng.uniform(1.0, 2.0, 2)
+    H = H + H.transpose(0, 2, 1)
+    for K in (np.eye(9), sp.eye_array(9, format="csr")):
+        operators = Operators(K, sp.csr_matrix(B), 2, D=sp.csr_matrix(D), compliance=np.ones(2))
+        found = operators.stiffened(H, C)
+        by_hand = np.eye(9) + B.T @ sp.block_diag(list(H)).toarray() @ B + D.T @ np.diag(C) @ D
+        dense = found if isinstance(found, np.ndarray) else found.toarray()
+        assert np.abs(dense - by_hand).max() < 32 * EPS * np.abs(by_hand).max()

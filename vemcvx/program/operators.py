@@ -170,7 +170,12 @@ class Operators(ArrayRecord):
     def stiffening(self, H: Floats, stiffness: Floats | None = None) -> sp.csr_matrix:
         """B'HB + D' diag(stiffness) D."""
         added: sp.csr_matrix = sp.csr_matrix(self.K.shape)
-        if self.count:
+        if self.count and (own := self.rows.columns) is not None:
+            columns, coefficient = own.reshape(self.count, self.block), self.blocks(self.B.data)
+            entries = coefficient[:, :, None] * H * coefficient[:, None, :]
+            at = np.repeat(columns, self.block, axis=1).ravel(), np.tile(columns, self.block).ravel()
+            added = sp.csr_matrix((entries.ravel(), at), shape=self.K.shape)
+        elif self.count:
             blocks = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
             added = sp.csr_matrix(self.B.T @ blocks @ self.B)
         if stiffness is not None and len(stiffness):

@@ -42,6 +42,9 @@ PROXIMAL = 100.0
 """First shifts of the proximal point method, in those of the active sets."""
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
+LEAN = 0.01
+"""How far discs lean beyond their bound when a step begins: they then turn against SHIFT / LEAN times the stiffness
+that they feel. If all stick, 64 steps take a sixth to a quarter more linear solves; with .03 as many, .1 a few more."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +110,9 @@ class _PreparedNewton:
 
 
 def _leaning(program: StepProgram, lam: Floats) -> Floats:
-    """Multipliers to begin with: absolute values that were at their bound slip again, as under most loads they do."""
-    nearest = program.project(lam)
-    return (1.0 + 4 * EPS) * nearest if program.operators.block == 1 else nearest
+    """Multipliers to begin with: terms that were at their bound slip again, as under most loads they do."""
+    lean = 4 * EPS if program.operators.block == 1 else LEAN
+    return (1.0 + lean) * program.project(lam)
 
 
 @dataclass

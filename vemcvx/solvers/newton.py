@@ -44,7 +44,7 @@ PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
 LEAN = 0.01
 """How far discs lean beyond their bound when a step begins: they then turn against SHIFT / LEAN times the stiffness
-that they feel. If all stick, 64 steps take a sixth to a quarter more linear solves; with .03 as many, .1 a few more."""
+that they feel. If all stick, 64 steps take a tenth to a quarter more linear solves; with .03 and .1 a few more."""
 
 
 @dataclass(frozen=True)

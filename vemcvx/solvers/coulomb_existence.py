@@ -37,9 +37,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats
+from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.coulomb_system import Found, WeightLaw
+from vemcvx.solvers.coulomb_system import ROUNDINGS, Found, WeightLaw
 from vemcvx.solvers.response import Response
 from vemcvx.solvers.sets import Sets
 
@@ -139,7 +139,9 @@ def _hold(program: StepProgram, law: WeightLaw, sets: Sets, found: Found, ball: 
     affine = abs(low - J).sum() == 0 and abs(high - J).sum() == 0
     size = np.linalg.norm(found.point.lam, axis=1) + answers.multipliers @ t
     within = ~sets.stick | (size <= w - abs(J) @ pi + found.forces)
-    pressed = np.where(sets.act, pressure - pi >= -found.forces, z <= found.motions[program.b.size :])
+    # What others hold does not answer at all, but for the rounding of the answers.
+    blur = found.motions[program.b.size :] + ROUNDINGS * EPS * (answers.excess.max(axis=0, initial=0.0) @ t)
+    pressed = np.where(sets.act, pressure - pi >= -found.forces, z <= blur)
     silent = sets.stick | (w > 0) | (abs(J) @ pi == 0)
     still = ~sets.stick | (np.linalg.norm(program.slip(found.point.d), axis=1) <= found.motions.max(initial=0.0))
     return bool(affine and within.all() and pressed.all() and silent.all() and still.all())

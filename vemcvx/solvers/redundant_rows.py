@@ -57,7 +57,12 @@ def _shares(rows: sp.csr_matrix, free: Bools, some: Ints, own: Ints, w: Floats) 
     dependence = np.zeros((len(rest), rows.shape[0]))
     dependence[:, basis] = -np.linalg.lstsq(rows[basis].toarray().T, rows[rest].toarray().T, rcond=None)[0].T
     dependence[np.arange(len(rest)), rest] = 1.0
-    weighted = dependence[:, stops:] * (w.min(initial=np.inf) / w) ** 2
+    own_part = dependence[:, stops:]
+    involved = np.abs(own_part) > FOLLOWS * np.abs(own_part).max(axis=1, initial=0.0, keepdims=True)
+    least = np.where(involved, w, np.inf).min(axis=1, initial=np.inf, keepdims=True)
+    # Discs of no radius carry nothing, whatever the others do.
+    nearness = np.divide(least, w, out=np.ones_like(own_part), where=involved & (w > 0))
+    weighted = np.where(involved, own_part * nearness**2, 0.0)
     return np.asarray(weighted / np.abs(weighted).max(axis=1, initial=0.0, keepdims=True))
 
 

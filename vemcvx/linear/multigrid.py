@@ -54,7 +54,8 @@ ROUGH = 0.1
 class Multigrid(LinearSolver):
     """PyAMG (extra ``multigrid``): the default beyond two million unknowns, where it is installed.
 
-    Programs are not condensed: contact is solved matrix-free.
+    Programs are not condensed: contact is solved matrix-free. Bodies that friction and contact alone hold are not
+    taken, and contact on faces that meet, at edges and corners, takes long or is refused.
 
     Certificates take into account that its solves are inexact (:mod:`vemcvx.linear.multigrid`).
 
@@ -152,7 +153,10 @@ class WholeFactor(MultigridFactor):
         return self._hierarchy.within(S, free).cycle
 
 
-SUITED = "It suits compressible materials (poisson < 0.49) and cells of good shape; use linear=vx.SuperLU() for others."
+SUITED = (
+    "It suits compressible materials (poisson < 0.49), cells of good shape and contact without edges or corners; use "
+    "linear=vx.SuperLU() for others."
+)
 
 
 def lowest_eigenvalue(K: sp.csr_matrix, cycle: Cycle) -> float:

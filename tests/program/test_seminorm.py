@@ -195,6 +195,54 @@ def test_nearest_multipliers(block, modes, limited):
             assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
 
 
+@pytest.mark.parametrize("block", [1, 2])
+@pytest.mark.parametrize("modes", [1, 3, 6])
+def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, modes):
+    """On a motion c the strongest load is that of lam_i = w_i G_i c / |G_i c|, and of what presses along c.
+
+    Of blocks of two the cuts round the cone off: fewer digits of the limit are known.
+    """
+    rng = np.random.default_rng(block + 10 * modes)
+    beyond = 1e-8 if block == 1 else 1e-7
+    for _ in range(20):
+        grip, w, c = rng.normal(size=(12, block, modes)), rng.uniform(0.1, 1.0, 12), rng.normal(size=modes)
+        stop = rng.normal(size=(4, modes))
+        stop[:2] -= np.outer(stop[:2] @ c, c) / (c @ c)
+        stop[2:] *= -np.sign(stop[2:] @ c)[:, None]
+        stop = stop if modes > 1 else stop[2:]
+        slip = grip @ c
+        strongest = np.einsum("ijk,ij->k", grip, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
+        push = strongest + (stop[:2].T @ rng.uniform(0, 1, 2) if modes > 1 else 0.0)
+        hold = KernelBalance(grip, stop)
+        assert hold.unheld(w, (1 - beyond) * push) is None
+        motion = hold.unheld(w, push + beyond * strongest)
+        assert motion is not None
+        assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(grip @ motion, axis=1)
+
+
+@pytest.mark.filterwarnings(f"ignore:.*{ALONE}")
+@pytest.mark.parametrize("beyond", [1e-10, 1e-9, 1e-8, 1e-3])
+@pytest.mark.parametrize("tips", [False, True])
+def test_loads_just_beyond_the_limit_are_refused(beyond, tips):
+    """A block under the weight 1, pushed with .3 where it slides with .3; with 1 where it tips about its toe with 1."""
+    push = (1.0 if tips else 0.3) * (1 + beyond)
+    friction = vx.TrescaFriction(bound=5.0, on="bottom") if tips else vx.CoulombFriction(0.3, on="bottom")
+    sides = ["left"] if tips else ["left", "right"]
+
+    def side(x, t):
+        return np.tile([push * t / len(sides), 0.0], (len(x), 1))
+
+    scene = vx.Scene(
+        vx.Elasticity(young=1000.0, poisson=0.3),
+        vx.UnilateralContact(on="bottom"),
+        friction,
+        vx.Traction((0.0, -1.0), on="top"),
+        vx.Traction(side, on=sides),
+    )
+    with pytest.raises(vx.SceneError, match=r"^step 2 at t = 1: .* there is no equilibrium"):
+        vx.simulate(scene, vx.meshes.squares(5), [0.0, 0.5, 1.0], initial="settled")
+
+
 def test_multipliers_are_found_where_all_are_cut_but_for_rounding():
     """Terms beyond their bounds have no second derivative; that of a limit felt by rounding (1e-15) is none either."""
     hold = KernelBalance(np.ones((4, 1, 1)), np.array([[1e-15]]))

@@ -19,10 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
+from scipy.optimize import linprog
 
 from vemcvx.arguments import called, function
 from vemcvx.arrays import EPS, Floats, as_real_array, brief, power_of_two
@@ -92,6 +94,11 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
     stiffness = np.zeros(len(modes))
     stiffness[picked] = ANCHOR * power_of_two(diagonal[picked])
     return stiffness
+
+
+SHARP = 1e5
+"""The largest force in a linear program whose solver takes gains below 1e-7 for none."""
+MOST_CUTS = 20
 
 
 @dataclass(frozen=True)
@@ -167,8 +174,35 @@ class KernelBalance:
     def unheld(self, w: Floats, push: Floats) -> Floats | None:
         """A motion c (k,) that nothing holds against the load; None if there is none."""
         none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
-        left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))[2]
-        return left if self.loses(left, w, push) else None
+        lam, p, left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))
+        if self.loses(left, w, push):
+            return left
+        if (np.abs(left) <= self.imbalance(lam, p, push, np.abs(push))[1]).all():
+            return None
+        motion = self._most_powerful(w, push)
+        return motion if motion is not None and self.loses(motion, w, push) else None
+
+    def _most_powerful(self, w: Floats, push: Floats) -> Floats | None:
+        """The motion c (k,), |c_a| <= 1, that runs into no limit and gains most: push . c - sum w_i |B_i N c|.
+
+        A linear program in c and t_i >= q . B_i N c, for more and more unit vectors q; of absolute values two do.
+        """
+        m, block, k = self.friction_modes.shape
+        cost = np.concatenate([-push, w]) * (SHARP / (np.abs(push).max(initial=0.0) or 1.0))
+        bounds = [(-1.0, 1.0)] * k + [(0.0, np.inf)] * m
+        cuts = [sp.csr_matrix(np.pad(self.contact_modes, ((0, 0), (0, m))))]
+        towards = [sign * np.tile(axis, (m, 1)) for axis in np.eye(block) for sign in (1.0, -1.0)]
+        for _ in range(1 if block == 1 else MOST_CUTS):
+            felt_along = [np.einsum("ij,ijk->ik", q, self.friction_modes) for q in towards]
+            cuts += [sp.csr_matrix(sp.hstack([sp.csr_matrix(rows), -sp.identity(m)])) for rows in felt_along]
+            A: Any = sp.csr_matrix(sp.vstack(cuts))
+            x = linprog(cost, A_ub=A, b_ub=np.zeros(A.shape[0]), bounds=bounds).x
+            if x is None or self.loses(x[:k], w, push):
+                break
+            s = self.friction_modes @ x[:k]
+            size = np.linalg.norm(s, axis=1, keepdims=True)
+            towards = [np.divide(s, size, out=np.zeros_like(s), where=size > 0)]
+        return None if x is None else np.asarray(x[:k])
 
     def imbalance(self, lam: Floats, p: Floats, push: Floats, pushed: Floats) -> tuple[Floats, Floats]:
         """push - G'lam - H'p (k,), and what rounding may leave of it; `pushed` is |N|'|g|."""

@@ -139,18 +139,19 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
     held = x[: limits.stop]
     norm = np.sqrt(abs(free)) + np.sqrt(abs(held @ response.matrix[: limits.stop, : limits.stop] @ held))
     solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
+    reach, off = (response.absolute @ np.abs(d))[: limits.stop], (response.A @ step)[: limits.stop]
+    # Sets that hold no motion without energy lead anywhere along it; its sign is that of rounding, and its work is not.
+    solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
         raise LinAlgError("singular")
     forces = 8 * last + ROUNDINGS * EPS * size.max(initial=0.0)
-    reach = response.absolute @ np.abs(d)
-    reach[: limits.stop] += np.abs(np.concatenate([program.b, program.e]))
-    motions = 8 * np.abs(response.A @ step) + ROUNDINGS * EPS * reach
+    motions = 8 * np.abs(off) + ROUNDINGS * EPS * (reach + np.abs(np.concatenate([program.b, program.e])))
     return Found(
         sets=sets,
         point=Iterate(d, operators.blocks(x[norms]), x[limits]),
         error=error,
         forces=forces,
-        motions=motions[: limits.stop],
+        motions=motions,
         inverse=inverse,
     )
 

@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
-from scipy.optimize import linprog
 
 from vemcvx.arguments import called, function
 from vemcvx.arrays import EPS, Floats, as_real_array, brief, power_of_two
@@ -187,6 +186,8 @@ class KernelBalance:
 
         A linear program in c and t_i >= q . B_i N c, for more and more unit vectors q; of absolute values two do.
         """
+        from scipy.optimize import linprog
+
         m, block, k = self.friction_modes.shape
         cost = np.concatenate([-push, w]) * (SHARP / (np.abs(push).max(initial=0.0) or 1.0))
         bounds = [(-1.0, 1.0)] * k + [(0.0, np.inf)] * m

@@ -61,7 +61,7 @@ ON = "bottom"
 # What to make, its parameters, what to do with it; parameters for which something of WRONG is right.
 MADE = [
     (vx.Elasticity, {"young": 200.0, "poisson": 0.3, "plane": "strain", "stabilisation": "shear", "on": None},
-     lambda made: run(made, HELD, PUSH), {"on": {"None"}}),
+     lambda made: run(made, HELD, PUSH), {"on": {"None"}, "plane": {"None"}}),
     (vx.Orthotropic, {"young": (2.0, 1.0), "poisson": 0.3, "shear": 0.5, "angle": 0.0, "plane": "stress", "on": None},
      lambda made: run(made, HELD, PUSH), {"on": {"None"}, "young": {"an array"}, "angle": {"negative"}}),
     (vx.Clamp, {"on": "right"}, lambda made: run(STEEL, made, PUSH), {}),

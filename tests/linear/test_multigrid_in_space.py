@@ -128,3 +128,9 @@ def test_what_is_held_and_what_is_stiff_is_known_on_every_level():
         cg(matrix, rng.normal(size=matrix.shape[0]), rtol=1e-8, M=M, callback=lambda x, calls=calls: calls.append(1))
         taken.append(len(calls))
     assert taken[1] <= taken[0] + 5
+
+
+def test_all_may_be_held():
+    K = sp.csr_matrix(np.diag([1.0, 2.0, 2.0, 2.0]) - np.eye(4, k=1) - np.eye(4, k=-1))
+    cycle = vx.Multigrid().factorise(K).cycle(sp.csr_matrix((4, 4)), np.zeros(4, dtype=bool))
+    assert np.array_equal(cycle(np.zeros(4)), np.zeros(4))

@@ -32,7 +32,7 @@ SMOOTHED = 30.0
 BEYOND, SHARP = 1.1, 0.1
 """The end of the spectrum is taken so many times as large as it was found, which is to that part."""
 NOTHING = 1e-12
-"""Of the largest stiffness on the coarsest level: so much is added, since motions of what is all held have none."""
+"""Of the largest stiffness of K on the coarsest level: so much is added, as motions of what is all held have none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +53,8 @@ class Level:
     def of(cls, K: sp.csr_matrix, P: sp.csr_matrix) -> Level:
         diagonal = K.diagonal()
         weight = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+        if not weight.any():
+            return cls(K=K, S=None, diagonal=diagonal, weight=weight, end=1.0, P=P)
         root, shape = np.sqrt(weight), K.shape
         scaled = LinearOperator(shape, matvec=lambda v: root * (K @ (root * v)), dtype=np.float64)
         start = np.random.default_rng(0).normal(size=len(root))
@@ -91,12 +93,11 @@ class Level:
 
 
 class Hierarchy:
-    """Levels from fine to coarse, the coarsest factorised."""
+    """Levels from fine to coarse, the coarsest factorised with `least` on its diagonal."""
 
-    def __init__(self, levels: list[Level], coarsest: sp.csr_matrix):
-        self.levels, self.coarsest = levels, coarsest
-        dense = coarsest.toarray()
-        self._factor = DenseCholesky(dense + NOTHING * np.diag(dense).max() * np.eye(len(dense)))
+    def __init__(self, levels: list[Level], coarsest: sp.csr_matrix, least: float):
+        self.levels, self.coarsest, self._least = levels, coarsest, least
+        self._factor = DenseCholesky(coarsest.toarray() + least * np.eye(coarsest.shape[0]))
 
     @classmethod
     def of(cls, K: sp.csr_matrix, near_kernel: Floats | None, coarse: int) -> Hierarchy:
@@ -106,7 +107,7 @@ class Hierarchy:
         found = smoothed_aggregation_solver(K, B=near_kernel, max_coarse=coarse).levels
         matrices = [sp.csr_matrix(level.A) for level in found]
         levels = [Level.of(A, sp.csr_matrix(level.P)) for A, level in zip(matrices[:-1], found, strict=False)]
-        return cls(levels, matrices[-1])
+        return cls(levels, matrices[-1], NOTHING * float(matrices[-1].diagonal().max()))
 
     def cycle(self, b: Floats, depth: int = 0) -> Floats:
         """K^{-1}b (n,), about: linear, symmetric and positive definite in b."""
@@ -118,13 +119,13 @@ class Hierarchy:
         """The hierarchy of K + S on the `free` unknowns, for forces that vanish on the others."""
         if not self.levels:
             keep = sp.diags_array(free.astype(float))
-            return Hierarchy([], sp.csr_matrix(keep @ (self.coarsest + S) @ keep))
+            return Hierarchy([], sp.csr_matrix(keep @ (self.coarsest + S) @ keep), self._least)
         first = self.levels[0].within(S, free)
         levels, A = [first], self._coarser(S, free)
         for level in self.levels[1:]:
             levels.append(Level.of(A, level.P))
             A = sp.csr_matrix(level.P.T @ (A @ level.P))
-        return Hierarchy(levels, A)
+        return Hierarchy(levels, A, self._least)
 
     def _coarser(self, S: sp.csr_matrix, free: Bools) -> sp.csr_matrix:
         """P_F'(K + S)P_F, from P'KP."""

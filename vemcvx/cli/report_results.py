@@ -113,8 +113,8 @@ def certificates(history: History) -> str:
     bound = (
         "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
         "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
-        "Coulomb's law in the plane by the solution on the sets that stick, slip and touch. It is relative to the "
-        "largest energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
+        "Coulomb's law by a solution beside that of the sets that stick, slip and touch. It is relative to the largest "
+        "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
     )
     estimate = f"In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}."
     lines = [

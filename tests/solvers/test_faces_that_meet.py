@@ -17,9 +17,9 @@ def answered(seed):
     return vx.simulate(scene, mesh, TIMES), kind
 
 
-@pytest.mark.parametrize("seed", [1106, 1143])
+@pytest.mark.parametrize("seed", [1143, 1234])
 def test_convex_programs_are_answered(seed):
-    """Newton's sets cycle here, and values of the safeguard's function differ by less than their rounding."""
+    """Newton's sets cycle here, on whatever kernel, and values of the safeguard's function differ by rounding."""
     history, kind = answered(seed)
     assert kind == "tresca_uni"
     assert history.safeguards.sum() > 0

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from scipy.sparse.linalg import LinearOperator, cg
 
 from vemcvx.arrays import Bools, Floats, Ints, power_of_two
@@ -69,6 +70,12 @@ class Factor(Protocol):
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, len(size)))
         return float(np.mean([self.energy(size * sign) for sign in signs]))
 
+    def energies(self, rows: sp.csr_matrix) -> Floats:
+        """b'K^{-1}b of every row b of a matrix (m, n), (m,)."""
+        dense = rows.toarray()
+        responses: Floats = np.einsum("ij,ji->i", dense, self.solve(np.ascontiguousarray(dense.T)))
+        return responses
+
     def within(self, K_FF: Matrix, F: Ints) -> Factor:
         """A factor of a matrix on the unknowns F alone, K_FF being K there up to added stiffness; to solve with."""
 
@@ -91,6 +98,16 @@ class DenseCholesky(Factor):
         one = b.ndim == 1
         x: Floats = dtrsv(self._upper, dtrsv(self._upper, b, trans=1)) if one else dpotrs(self._upper, b, lower=0)[0]
         return x
+
+    @cached_property
+    def _inverse(self) -> Floats:
+        """R^{-1}: a sixth of the work of solving for as many right sides."""
+        inverse: Floats = np.triu(dtrtri(self._upper, lower=0)[0]) if len(self._upper) else self._upper
+        return inverse
+
+    def energies(self, rows: sp.csr_matrix) -> Floats:
+        energies: Floats = np.square(rows @ self._inverse).sum(axis=1)
+        return energies
 
     def within(self, K_FF: Matrix, F: Ints) -> DenseCholesky:
         return DenseCholesky(K_FF if isinstance(K_FF, np.ndarray) else K_FF.toarray())
@@ -121,6 +138,9 @@ class Scaled(Factor):
 
     def energy(self, b: Floats) -> float:
         return self._kappa * self._factor.energy(b / self._D)
+
+    def energies(self, rows: sp.csr_matrix) -> Floats:
+        return self._kappa * self._factor.energies(sp.csr_matrix(rows @ sp.diags_array(1.0 / self._D)))
 
     def within(self, K_FF: Matrix, F: Ints) -> Scaled:
         D = self._D[F]

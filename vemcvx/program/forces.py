@@ -15,8 +15,11 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, power_of_two
 
-# A load is taken for a combination of fields already solved for when what is left of it is rounding.
 SAME_FIELD = 8 * float(np.finfo(float).eps)
+"""Rounding of forces: what is left of a load without fields already solved for, and is no more, is nothing."""
+MOST_ROUNDING = 8.0
+"""Fields that were small parts of loads have the rounding of these, and large shares of them bring it back: no more
+than so many times that of a load is taken for rounding. A load that turns in space left 1.4 times."""
 NEAR = 1e-6
 """Far more than rounding does to the force that a load makes on the retained unknowns."""
 MOST_FIELDS = 6
@@ -174,6 +177,7 @@ class SolvedForces:
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
         self._basis: list[tuple[Floats, float, SolvedForce]] = []
+        self._sizes: list[float] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
         """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
@@ -184,18 +188,21 @@ class SolvedForces:
         # Squares of forces, of any unit, are numbers when the largest is of size one.
         unit = float(power_of_two(np.abs(entries).max(initial=0.0)))
         rest = entries / unit
-        size, found = float(rest @ rest), Parts()
-        for q, square, one in self._basis if size > 0.0 else ():
+        size, found = float(np.sqrt(rest @ rest)), Parts()
+        known = size
+        for (q, square, one), whole in zip(self._basis, self._sizes, strict=True) if size > 0.0 else ():
             share = float(q @ rest) / square
             rest = rest - share * q
+            known += abs(share) * whole
             found[one] = unit * share
         left = float(rest @ rest)
-        if left <= SAME_FIELD * SAME_FIELD * size:
+        if left <= (SAME_FIELD * min(known, MOST_ROUNDING * size)) ** 2:
             return found
         if len(self._basis) == MOST_FIELDS:
             return self.afresh(self._expand(entries))
         new = self._solved(self._expand(rest), len(self._basis))
         self._basis.append((rest, left, new))
+        self._sizes.append(size)
         return {**found, new: unit}
 
     def afresh(self, phi: Floats) -> Parts:

@@ -151,11 +151,7 @@ class Operators(ArrayRecord):
 
     def _response(self, rows: sp.csr_matrix) -> Floats:
         """The diagonal of rows K^{-1} rows'; of an iterative factor an estimate, the largest share of a few."""
-        if not self.factor.exact:
-            return self._sampled(rows)
-        dense = rows.toarray()
-        response: Floats = np.einsum("ij,ji->i", dense, self.factor.solve(np.ascontiguousarray(dense.T)))
-        return response
+        return self.factor.energies(rows) if self.factor.exact else self._sampled(rows)
 
     def _sampled(self, rows: sp.csr_matrix) -> Floats:
         """What single unknowns would answer, times the most that some rows answer more than that."""

@@ -134,8 +134,19 @@ def test_nested_dissection_is_a_permutation_with_less_fill_than_the_natural_orde
         for p in (np.arange(n * n), order)
     ]
     assert fill[1] < 0.8 * fill[0]
+    # The first separator is a line across: nothing before it reads both halves.
+    halves = order[: n * n // 2], order[n * n // 2 : -n]
+    assert np.ptp(points[order[-n:]], axis=0).min() == 0
+    assert graph[halves[0]][:, halves[1]].nnz == 0
 
 
-def test_nested_dissection_takes_coincident_points():
-    graph = sp.csr_matrix(np.ones((200, 200)))
-    assert np.array_equal(np.sort(nested_dissection(graph, np.zeros((200, 2)))), np.arange(200))
+@pytest.mark.parametrize("n", [0, 1, 9, 200])
+def test_nested_dissection_takes_coincident_points(n):
+    graph = sp.csr_matrix(np.ones((n, n)))
+    assert np.array_equal(np.sort(nested_dissection(graph, np.zeros((n, 2)))), np.arange(n))
+
+
+def test_nested_dissection_takes_points_of_which_most_are_on_one_side():
+    points = np.column_stack([np.repeat([0.0, 1.0], [150, 50]), np.zeros(200)])
+    graph = sp.csr_matrix(sp.diags_array([1.0, 1.0, 1.0], offsets=[-1, 0, 1], shape=(200, 200)))
+    assert np.array_equal(np.sort(nested_dissection(graph, points)), np.arange(200))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from vemcvx.program.answer import Answer
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.conic import polished
 
 pytestmark = pytest.mark.arithmetic

@@ -14,8 +14,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.exchange.parts import Parts, parts_of, put_together
+from vemcvx.program.answer import Answer
 from vemcvx.program.solved_program import SolvedProgram
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 
 CSR = "data", "indices", "indptr", "shape"
 

@@ -3,6 +3,7 @@
 A solver's author needs `Operators`, `StepProgram`, `Answer`, and the names of features.
 """
 
+from vemcvx.program.answer import Answer
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.limits import Limits
 from vemcvx.program.norms import Norms
@@ -15,7 +16,7 @@ from vemcvx.program.operators import (
     Operators,
 )
 from vemcvx.program.solved_program import SolvedProgram
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.program.system import Damping, System
 
 __all__ = [

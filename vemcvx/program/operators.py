@@ -184,7 +184,7 @@ class Operators(ArrayRecord):
 
     def energy_norm(self, d: Floats) -> float:
         """|d|_K of increments d (n,)."""
-        return float(np.sqrt(max(float(d @ (self.K @ d)), 0.0)))
+        return energy_norm(self.K, d)
 
     def blocks(self, x: Floats) -> Floats:
         """View (m * block,) entries as (m, block)."""
@@ -194,3 +194,8 @@ class Operators(ArrayRecord):
 def shifted(K: Matrix, diagonal: Floats) -> Matrix:
     """K + diag(diagonal)."""
     return K + np.diag(diagonal) if isinstance(K, np.ndarray) else sp.csr_matrix(K + sp.diags_array(diagonal))
+
+
+def energy_norm(K: Matrix, d: Floats) -> float:
+    """|d|_K of increments d (n,)."""
+    return float(np.sqrt(max(float(d @ (K @ d)), 0.0)))

@@ -11,8 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS
+from vemcvx.program.answer import Answer
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)

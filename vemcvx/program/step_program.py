@@ -62,6 +62,11 @@ class StepProgram(ArrayRecord):
         for name in ("g", "w", "b", "e"):
             object.__setattr__(self, name, read_only(np.asarray(getattr(self, name)).view()))
 
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Those of the increments d and of the multipliers lam and p."""
+        return {"d": self.g.shape, "lam": (self.operators.count, self.operators.block), "p": self.e.shape}
+
     def slip(self, d: Floats) -> Floats:
         """s = B d - b, as (m, block)."""
         return self.operators.blocks(self.operators.rows.read(d) - self.b)
@@ -130,6 +135,13 @@ class StepProgram(ArrayRecord):
             lam, p = self._read_off(d, lam, p)
         return self.admissible(lam, p, d)
 
+    def admissible_point(
+        self, d: Floats, lam: Floats | None = None, p: Floats | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """The point (d, lam, p) that certificates hold for: d within its bounds, and admissible multipliers for it."""
+        d = self.feasible(d)
+        return d, *self.multipliers(d, lam, p)
+
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None) -> tuple[Floats, Floats]:
         """The multipliers nearest to balance at the increments `d`, those given as they are."""
         operators = self.operators
@@ -168,10 +180,9 @@ class StepProgram(ArrayRecord):
         SceneError
             These are no arrays of such shapes.
         """
-        d = of_shape(d, "certify: d", self.g.shape)
-        lam = None if lam is None else of_shape(lam, "certify: lam", (self.operators.count, self.operators.block))
-        p = None if p is None else of_shape(p, "certify: p", self.e.shape)
-        return self.certificate_at(d, *self.multipliers(d, lam, p))
+        given = {"d": d} | {key: x for key, x in (("lam", lam), ("p", p)) if x is not None}
+        read = {key: of_shape(x, f"certify: {key}", self.shapes[key]) for key, x in given.items()}
+        return self.certificate_at(read["d"], *self.multipliers(**read))
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats) -> Certificate:
         """The certificate of increments with admissible multipliers."""
@@ -289,31 +300,3 @@ class StepProgram(ArrayRecord):
             spread = operators.factor.solve(np.ascontiguousarray(rows.T))
             d = d - spread @ np.linalg.lstsq(rows @ spread, self.excess(d)[over], rcond=None)[0]
         return d
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class Answer(ArrayRecord):
-    """A solver's answer to one step; nothing is claimed about it before it is certified.
-
-    Parameters
-    ----------
-    d : (n,) array
-        Increments. Those beyond their bounds are moved back onto them.
-    lam : (m, block) array
-        Multipliers of the norm terms, K d = g - B'lam - D'p. Where they are too large they are projected.
-    iterations : int
-        As the solver counts them.
-    status : str
-        In the solver's own words, for messages.
-    safeguards : int
-        How many of the iterations were steps of a globally convergent method that stood in for a faster one.
-    p : (r,) array
-        Multipliers of the limits; negative ones are taken for zero.
-    """
-
-    d: Floats
-    lam: Floats
-    iterations: int
-    status: str = ""
-    safeguards: int = 0
-    p: Floats = field(default_factory=lambda: np.zeros(0))

@@ -15,13 +15,11 @@ import numpy as np
 
 from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, brief
-from vemcvx.errors import SceneError, SolverFailed
-from vemcvx.program.checks import of_shape
+from vemcvx.errors import SceneError
+from vemcvx.program.answer import Answer, read_answer
 from vemcvx.program.operators import FEATURES, Operators
-from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.solver import Solver, refuse_diverged
-
-PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
+from vemcvx.program.step_program import StepProgram
+from vemcvx.solvers.solver import Solver
 
 
 class Solves(Protocol):
@@ -95,50 +93,9 @@ class _PreparedOwn:
         self._asks = _asks_for(own)
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        if len(program.g) == 0:
-            return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
         given = {name: begin[name] for name in self._asks}
-
         return read_answer(self._own.solve(program, target, **given), program, self._name)
-
-
-def read_answer(raw: Any, program: StepProgram, name: str) -> Answer:
-    """What a solver returned, as an answer within the bounds; multipliers that are missing are recovered.
-
-    Raises
-    ------
-    SolverFailed
-        It is none, or of other sizes than the program's.
-    """
-    said = raw if isinstance(raw, Answer) else None
-    parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
-    if not 1 <= len(parts) <= 3:
-        raise SolverFailed(f"solver {name}: found the answer {brief(raw)}; it must {PROMISED}.")
-    operators = program.operators
-    shapes = {"d": program.g.shape, "lam": (operators.count, operators.block), "p": program.e.shape}
-    given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
-    given |= {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
-    if "d" not in given:
-        raise SolverFailed(f"solver {name}: found the answer {brief(raw)}; it must {PROMISED}.")
-    try:
-        read = {key: of_shape(part, f"solver {name}: {key}", shapes[key]) for key, part in given.items()}
-    except SceneError as error:
-        raise SolverFailed(str(error)) from None
-    for key, part in read.items():
-        refuse_diverged(part, f"solver {name}: {key}")
-    d = program.feasible(read["d"])
-    lam, p = read.get("lam"), read.get("p")
-    if lam is None or p is None:
-        lam, p = program.multipliers(d, lam, p)
-    if said is None:
-        return Answer(d, lam, 0, p=p)
-    return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
-
-
-def _there(raw: Any) -> bool:
-    """Whether multipliers were given; an Answer's are empty by default."""
-    return raw is not None and not (isinstance(raw, np.ndarray) and raw.size == 0)
 
 
 def _features(raw: Any, name: str) -> frozenset[str]:

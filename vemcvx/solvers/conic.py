@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from vemcvx.arguments import flag, is_whole
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.program.answer import Answer
 from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
@@ -27,7 +28,7 @@ from vemcvx.program.operators import (
     SQUARED_POSITIVE_PARTS,
     Operators,
 )
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
 from vemcvx.solvers.settings import settings_for, worth_asking_again
 from vemcvx.solvers.solver import Solver
@@ -206,12 +207,10 @@ class _PreparedConic:
         self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], CvxpyStep]] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        if len(program.g) == 0:
-            return Answer(program.g, lam, 0, "no unknown is left", p=program.e)
         cones = self._settings.cones
         answer = self._ask(program, target, cones)
         more = self._settings.tuned and worth_asking_again(self._settings.solver)
-        if more and program.duality_gap(answer.d, *program.admissible(answer.lam, answer.p, answer.d)) > target:
+        if more and program.duality_gap(answer.d, answer.lam, answer.p) > target:
             again = self._ask(program, target, cones and self._form.block > 1, again=True)
             answer = replace(again, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
@@ -220,12 +219,10 @@ class _PreparedConic:
         posed, semidefinite = self._posed(program, cones), self._form.kernel is not None
         options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
         status, iterations = _run(posed, self._settings, options)
-        if posed.d.value is None:
-            still = np.zeros((program.operators.count, program.operators.block))
-            return Answer(program.feasible(np.zeros_like(program.g)), still, 0, status, p=np.zeros_like(program.e))
+        still = np.zeros_like(program.g), np.zeros((program.operators.count, program.operators.block)), 0 * program.e
+        found = still if posed.d.value is None else (posed.d.value, posed.lam, posed.p)
         # Interior points stop a rounding error short of their bounds, or beyond them.
-        d = program.feasible(posed.d.value)
-        lam, p = program.multipliers(d, posed.lam, posed.p)
+        d, lam, p = program.admissible_point(*found)
         return Answer(d, lam, iterations, status, p=p)
 
     def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
@@ -248,15 +245,12 @@ class _PreparedConic:
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
     """One active-set step from an answer; the better certified of the two."""
-    lam, p = program.admissible(answer.lam, answer.p, answer.d)
-    near = program.proximal(answer.d)
-    sharper = answer_on(near, sets_at(near, Iterate(answer.d, lam, p), Shifts.of(program.operators)))
-    d = program.feasible(sharper.d)
-    pair = program.admissible(sharper.lam, sharper.p, d)
-    before, after = program.certify(answer.d, lam, p), program.certify(d, *pair)
-    if after.gap >= before.gap:
+    before, near = program.admissible_point(answer.d, answer.lam, answer.p), program.proximal(answer.d)
+    sharper = answer_on(near, sets_at(near, Iterate(*before), Shifts.of(program.operators)))
+    after = d, lam, p = program.admissible_point(sharper.d, sharper.lam, sharper.p)
+    if program.certify(*after).gap >= program.certify(*before).gap:
         return answer
-    return Answer(d, pair[0], answer.iterations + 1, answer.status + ", polished", p=pair[1])
+    return Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
 
 
 def _run(posed: CvxpyStep, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:

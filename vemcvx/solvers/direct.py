@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from vemcvx.arrays import Floats
+from vemcvx.program.answer import Answer
 from vemcvx.program.operators import QUADRATIC, Operators
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.solver import Solver
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from vemcvx.arguments import whole
 from vemcvx.arrays import EPS, Floats
+from vemcvx.program.answer import Answer
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -32,7 +33,7 @@ from vemcvx.program.operators import (
     SQUARED_POSITIVE_PARTS,
     Operators,
 )
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.proximal import proximal_points
 from vemcvx.solvers.sets import Iterate, Sets, Shifts, answer_on, sets_at
@@ -133,10 +134,8 @@ class _Search:
         """Count a linear solve, and keep its point, moved within the bounds, if it is the best."""
         self.iterations += 1
         self.safeguards += kind == "proximal"
-        program = self.program
-        d = program.feasible(point.d)
-        lam, p = program.admissible(point.lam, point.p, d)
-        gap, offered = program.duality_gap(d, lam, p), Iterate(d, lam, p)
+        offered = Iterate(*self.program.admissible_point(point.d, point.lam, point.p))
+        gap = self.program.duality_gap(offered.d, offered.lam, offered.p)
         if self.iterations == 1:
             self.first = offered
         if self.iterations == 1 or gap < self.gap:

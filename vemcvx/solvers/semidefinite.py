@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
+from vemcvx.program.answer import Answer, fitting
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
-from vemcvx.solvers.solver import Solver, fitting
+from vemcvx.solvers.solver import Solver
 
 MOST_POINTS = 200
 PATIENCE = 6
@@ -56,8 +57,8 @@ class ProximalPoints:
         for _ in range(MOST_POINTS):
             answer = self._answer(program.proximal(d), target, lam, p, iterations)
             iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
-            centre, d = d, program.feasible(answer.d)
-            lam, p = program.admissible(answer.lam, answer.p, d)
+            centre = d
+            d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
             gap = program.duality_gap(d, lam, p)
             waited = 0 if gap <= 0.5 * least else waited + 1
             if gap < least:

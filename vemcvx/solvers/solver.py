@@ -14,11 +14,12 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
-from vemcvx.arguments import is_whole, part
-from vemcvx.arrays import Floats, brief
+from vemcvx.arguments import part
+from vemcvx.arrays import Floats
 from vemcvx.errors import SolverFailed, VemcvxError
+from vemcvx.program.answer import Answer
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 
 
 class Prepared(Protocol):
@@ -135,10 +136,6 @@ class Solver(ABC):
         part(self.accuracy, self.name, "accuracy", "a relative energy error", "1e-6")
 
 
-LARGEST = 1e100
-"""Entries of answers to scaled programs, whose data are about 1, are no answer above it."""
-
-
 @contextmanager
 def named_failures(solver: str) -> Iterator[None]:
     """Raise SolverFailed, with the name of the solver, for errors of its own; those of this package pass."""
@@ -149,30 +146,3 @@ def named_failures(solver: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:
         words = " ".join(str(error).split()).rstrip(".")
         raise SolverFailed(f"solver {solver}: it failed: {type(error).__name__}: {words}.") from error
-
-
-def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
-    """What a solver answered, if it is an answer to this program.
-
-    Raises
-    ------
-    SolverFailed
-        It is no Answer, or its arrays are none of the program's shapes.
-    """
-    if not isinstance(answer, Answer) or not is_whole(answer.iterations):
-        raise SolverFailed(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
-    operators = program.operators
-    shapes = {"d": program.g.shape, "lam": (operators.count, operators.block), "p": program.e.shape}
-    for name, shape in shapes.items():
-        found = getattr(answer, name)
-        if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
-            raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
-        refuse_diverged(found, f"solver {solver}: {name}")
-    return answer
-
-
-def refuse_diverged(x: Floats, subject: str) -> None:
-    """Raise SolverFailed for numbers whose squares are none; NaN is left to the certificate, which is infinite."""
-    size = float(np.abs(x).max(initial=0.0))
-    if size > LARGEST:
-        raise SolverFailed(f"{subject} reaches {size:.1e}, and the program is scaled: the solver has diverged.")

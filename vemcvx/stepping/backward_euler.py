@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.program.step_program import Answer
+from vemcvx.program.answer import Answer
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import drive

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Floats, shaped
 from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.operators import energy_norm
 from vemcvx.stepping.acceptance import caused_beside, require_certified
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.ledger import Ledger, StepData, drive, energy, strain_energy
@@ -49,8 +50,8 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
         ledger = Ledger.opening(strain_energy(run.system, y, t), run.operators.count)
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
-    jump = _norm(run, settled.unknowns - y)
-    scale = max(state.ledger.norm, _norm(run, now.pushed.x))
+    jump = energy_norm(run.system.K, settled.unknowns - y)
+    scale = max(state.ledger.norm, energy_norm(run.system.K, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
     return _beginning(
@@ -139,10 +140,6 @@ def _beginning(run: PreparedRun, state: State) -> State:
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
     size, noise = caused_beside(run.condensation, state.data, ledger.norm, floor, accuracy)
     return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size, noise=noise)
-
-
-def _norm(run: PreparedRun, y: Floats) -> float:
-    return float(np.sqrt(max(y @ (run.system.K @ y), 0.0)))
 
 
 def _violation(run: PreparedRun, state: State, jump: float) -> str:

@@ -13,15 +13,16 @@ from functools import partial
 import numpy as np
 
 from vemcvx.arrays import Floats, power_of_two
+from vemcvx.program.answer import Answer, fitting
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.norms import Norms
 from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.step_program import StepProgram
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers.coulomb_sets import solution_near
 from vemcvx.solvers.coulomb_system import WeightLaw
 from vemcvx.solvers.sets import Iterate
-from vemcvx.solvers.solver import fitting, named_failures
+from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.acceptance import caused_beside, drawn, refuse_unheld
 from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.state import PreparedRun, State
@@ -135,8 +136,8 @@ class PosedStep:
         target, guess = scales.energy(gap, alpha), scales.guess(near.lam, near.p, alpha)
         with named_failures(name):
             answer = self.run.after(spent).prepared.solve(scaled, target, *guess)
-        d = scaled.feasible(fitting(answer, scaled, name).d)
-        lam, p = scaled.admissible(answer.lam, answer.p, d)
+        answer = fitting(answer, scaled, name)
+        d, lam, p = scaled.admissible_point(answer.d, answer.lam, answer.p)
         certificate = scaled.certificate_at(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)
         return self.state_after(answer, certificate, scales.weights(scaled, alpha))

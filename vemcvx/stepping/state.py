@@ -9,12 +9,12 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.linear import LinearSolver
+from vemcvx.program.answer import Answer
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
-from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 from vemcvx.solvers import Prepared, Solver, Solves, choose
 from vemcvx.solvers.response import Response

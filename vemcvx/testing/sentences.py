@@ -13,10 +13,11 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotAccepted, NotCertified, SceneError
 from vemcvx.program import Limits, Norms, System
+from vemcvx.program.answer import Answer, fitting
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.operators import energy_norm
+from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import Newton, Solver
-from vemcvx.solvers.solver import fitting
 from vemcvx.stepping.time_loop import march
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.testing.instances import TIMES, Instance, sliders
@@ -129,7 +130,7 @@ def is_as_near_to_newton_as_certified(case: Case) -> None:
             own, ours = (one(solver=solver, condense=condense) for solver in (case.solver, Newton(accuracy=1e-12)))
             apart = own.state[1] - ours.state[1]
             allowed = sum(np.sqrt(2 * run.gap[1]) + np.sqrt(2 * run.floor[1]) for run in (own, ours))
-            assert np.sqrt(max(float(apart @ (K @ apart)), 0.0)) <= allowed
+            assert energy_norm(K, apart) <= allowed
 
 
 def gives_multipliers_as_admissible_as_it_is_accurate(case: Case) -> None:
@@ -262,8 +263,7 @@ def _certified(program: StepProgram, answer: Answer) -> Certificate:
 def _agree(program: StepProgram, one: Answer, other: Answer) -> None:
     parts = [_certified(program, answer) for answer in (one, other)]
     apart = program.feasible(one.d) - program.feasible(other.d)
-    length = np.sqrt(max(float(apart @ (program.operators.K @ apart)), 0.0))
-    assert length <= sum(part.error + part.error_floor for part in parts)
+    assert program.operators.energy_norm(apart) <= sum(part.error + part.error_floor for part in parts)
 
 
 def _in_units(system: System, length: float, stress: float) -> System:

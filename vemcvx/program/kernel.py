@@ -149,9 +149,10 @@ class KernelBalance:
             left = here.left
             if here.balanced or self.loses(left, w, push):
                 break
-            length, flat = 1.0, np.linalg.eigvalsh(units[:, None] * here.slope * units)[0] <= 1e-12
+            slope = self._slope(here, w, ease)
+            length, flat = 1.0, np.linalg.eigvalsh(units[:, None] * slope * units)[0] <= 1e-12
             # Where (almost) everything is cut the second derivative vanishes, and the lift makes far too long a step.
-            step = np.linalg.solve(here.slope + lift if flat else here.slope, left)
+            step = np.linalg.solve(slope + lift if flat else slope, left)
             ahead = at(c=c + step)
             while length > 1e-12 and not ahead.better(here, length * float(left @ step), spread):
                 length *= 0.125 if flat else 0.5
@@ -224,28 +225,34 @@ class KernelBalance:
         q = lam + ease[0][:, None] * (self.friction_modes @ c)
         pressed = np.maximum(p + ease[1] * (self.contact_modes @ c), 0.0)
         size = np.sqrt(np.einsum("ij,ij->i", q, q))
-        cut, known = size > w, np.where(size > 0, size, 1.0)
-        share = np.where(cut, w / known, 1.0)
+        share = np.where(size > w, w / np.where(size > 0, size, 1.0), 1.0)
         held, over = q * share[:, None], np.maximum(size - w, 0.0)
         value = 0.5 * float((size * size - over * over) @ (1 / ease[0]) + pressed * pressed @ (1 / ease[1]))
-        unit = (q * (cut / known)[:, None])[:, :, None]
-        across = self.friction_modes - unit * (unit * self.friction_modes).sum(axis=1, keepdims=True)
-        across = (np.sqrt(ease[0] * share)[:, None, None] * across).reshape(-1, len(c))
-        against = self.contact_modes * np.sqrt(ease[1] * (pressed > 0))[:, None]
-        slope = across.T @ across + against.T @ against
         left, blur = self.imbalance(held, pressed, push, np.abs(push))
-        return _Point(lam=held, p=pressed, value=value - float(push @ c), left=left, slope=slope, size=blur / (8 * EPS))
+        return _Point(lam=held, p=pressed, q=q, value=value - float(push @ c), left=left, size=blur / (8 * EPS))
+
+    def _slope(self, at: _Point, w: Floats, ease: tuple[Floats, Floats]) -> Floats:
+        """(k, k) the (generalised) second derivative at a point."""
+        size = np.sqrt(np.einsum("ij,ij->i", at.q, at.q))
+        cut, known = size > w, np.where(size > 0, size, 1.0)
+        unit = (at.q * (cut / known)[:, None])[:, :, None]
+        across = self.friction_modes - unit * (unit * self.friction_modes).sum(axis=1, keepdims=True)
+        share = np.where(cut, w / known, 1.0)
+        across = (np.sqrt(ease[0] * share)[:, None, None] * across).reshape(-1, len(at.left))
+        against = self.contact_modes * np.sqrt(ease[1] * (at.p > 0))[:, None]
+        slope: Floats = across.T @ across + against.T @ against
+        return slope
 
 
 @dataclass(frozen=True)
 class _Point:
-    """A value of the convex function, minus its gradient, its (generalised) second derivative, and the sizes in it."""
+    """The multipliers at a point, q before they were cut; the convex function, minus its gradient, and sizes in it."""
 
     lam: Floats
     p: Floats
+    q: Floats
     value: float
     left: Floats
-    slope: Floats
     size: Floats
 
     @property

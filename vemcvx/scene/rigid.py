@@ -125,7 +125,7 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
     alone = []
     for piece in range(pieces):
         others = np.delete(loose, np.s_[piece * k : (piece + 1) * k], axis=0)
-        _, size, rotated = np.linalg.svd(others)
+        _, size, rotated = np.linalg.svd(others, full_matrices=len(others) < others.shape[1])
         kept = rotated[np.append(size, np.zeros(len(rotated) - len(size))) < FREE**0.5].T
         # A piece that is free altogether moves along the axes, and turns.
         own = (loose @ kept)[piece * k : (piece + 1) * k]
@@ -138,7 +138,7 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
 
 def _felt(grip: Floats) -> tuple[int, Floats]:
     """How many independent combinations of the columns friction feels, and a basis with those first."""
-    _, singular, rotated = np.linalg.svd(grip)
+    _, singular, rotated = np.linalg.svd(grip, full_matrices=len(grip) < grip.shape[1])
     return int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()), rotated.T
 
 

@@ -52,6 +52,9 @@ def test_every_factor_solves(factored):
     assert np.abs(factor.solve(K @ x[:, 0]) - x[:, 0]).max() < 1e-7
     assert np.abs(factor.solve(np.ascontiguousarray(K @ x)) - x).max() < 1e-7
     assert not factor.solve(np.zeros(K.shape[0])).any()
+    b = K @ x[:, 0]
+    assert 0.99 < factor.energy(b) / (b @ x[:, 0]) < 2.0  # Of an iterative one a bound.
+    assert factor.energy(0 * b) == 0.0
 
 
 def test_every_factor_restricts(factored):
@@ -105,6 +108,7 @@ def test_every_elimination_gives_the_schur_complement_and_solves(linear, share, 
     b.flags.writeable = False
     assert np.abs(factor.solve(b) - x).max() < 1e-9
     assert np.array_equal(factor.solve(b[:, 1]), factor.solve(b[:, 1].copy()))
+    assert factor.energy(b[:, 0]) == pytest.approx(x[:, 0] @ b[:, 0], rel=1e-10)
     size = rng.uniform(1, 2, system.n)
     exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
     assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact

@@ -99,6 +99,10 @@ class DenseCholesky(Factor):
         x: Floats = dtrsv(self._upper, dtrsv(self._upper, b, trans=1)) if one else dpotrs(self._upper, b, lower=0)[0]
         return x
 
+    def energy(self, b: Floats) -> float:
+        z = dtrsv(self._upper, b, trans=1) if len(b) else b
+        return float(z @ z)
+
     @cached_property
     def _inverse(self) -> Floats:
         """R^{-1}: a sixth of the work of solving for as many right sides."""

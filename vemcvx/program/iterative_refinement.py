@@ -66,11 +66,11 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
         force = force - modes @ (modes.T @ force)
     x = condensation.factor.solve(force)
     r = force - condensation.regular @ x
-    off, size = float(abs(r @ condensation.factor.solve(r))), float(abs(force @ x))
+    off, size = condensation.factor.energy(r), float(abs(force @ x))
     if 0 < len(c) < len(x):
         answered: Floats = K @ x
         left = (answered - K @ condensation.inside(answered, x))[c] - operators.K @ x[c]
-        off = max(off, float(abs(left @ operators.factor.solve(left))))
+        off = max(off, operators.factor.energy(left))
     return off > (COARSE_FACTORS * accuracy) ** 2 * size
 
 

@@ -60,20 +60,26 @@ def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
     return _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
 
 
-def modulus(value: Constant, x: Floats, cell_data: Any, subject: str) -> Floats:
-    """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name."""
+def modulus(value: Constant, mesh: AnyMesh, subject: str, x: Floats | None = None) -> Floats:
+    """Values (n_cells,) of a material constant: number, array a cell, f(centroids), or a cell datum's name.
+
+    Values (k,) of a function at points x (k, dim), if they are given.
+    """
+    raw: Any = value
+    count = mesh.n_cells
     if isinstance(value, str):
-        if value not in cell_data:
-            known = ", ".join(repr(name) for name in cell_data) or "none"
+        if value not in mesh.cell_data:
+            known = ", ".join(repr(name) for name in mesh.cell_data) or "none"
             raise SceneError(
                 f"{subject}: the mesh has no cell datum named {value!r}; it has {known}. "
                 "Add one with mesh.with_cell_data(name, values), or give a number, a value a cell, or a callable f(x)."
             )
-        raw: Any = cell_data[value]
-    else:
-        raw = _call(value, (x,), "x", subject)
-    wanted = f"a number, or ({len(x)},) values, one a cell"
-    return _shaped(raw, (len(x),), subject, wanted, "in cell {}".format)
+        raw = mesh.cell_data[value]
+    elif callable(value):
+        x = mesh.centroids if x is None else x
+        count, raw = len(x), _call(value, (x,), "x", subject)
+    wanted = f"a number, or ({count},) values, one a cell"
+    return _shaped(raw, (count,), subject, wanted, "in cell {}".format)
 
 
 def varies(*values: Datum | Constant | None) -> bool:
@@ -83,22 +89,16 @@ def varies(*values: Datum | Constant | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class InCells:
-    """Points (k, dim) of cells (k,) at which material constants are read: the centroids, or others."""
+    """Points x (k, dim) of cells (k,) at which material constants are read; by default the centroids of all cells."""
 
     mesh: AnyMesh
-    x: Floats
-    cells: Ints
-
-    @classmethod
-    def centroids(cls, mesh: AnyMesh) -> InCells:
-        """One point a cell."""
-        return cls(mesh, mesh.centroids, np.arange(mesh.n_cells))
+    x: Floats | None = None
+    cells: Ints | None = None
 
     def read(self, value: Constant, subject: str) -> Floats:
         """Values (k,) of a material constant."""
-        if callable(value):
-            return modulus(value, self.x, self.mesh.cell_data, subject)
-        return modulus(value, self.mesh.centroids, self.mesh.cell_data, subject)[self.cells]
+        found = modulus(value, self.mesh, subject, self.x)
+        return found if callable(value) or self.cells is None else found[self.cells]
 
 
 def _call(value: Datum | Constant, arguments: tuple[Any, ...], names: str, subject: str) -> Any:

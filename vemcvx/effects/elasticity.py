@@ -62,7 +62,7 @@ class Elasticity(MaterialLaw):
         cells = region(space, self.on, "Elasticity")
         if self.plane is not None:
             space.require_plane("Elasticity: plane=", "leave it out, a body in space is in neither plane")
-        lam, mu = self._lame(data.InCells.centroids(space.mesh), cells)
+        lam, mu = self._lame(data.InCells(space.mesh), cells)
         if self._plane == "strain":
             self._warn_of_locking(lam, mu, space)
         if cells is not None:

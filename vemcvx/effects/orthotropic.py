@@ -63,7 +63,7 @@ class Orthotropic(MaterialLaw):
         choice(self.plane, "Orthotropic", "plane", PLANES)
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
-        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells.centroids(space.mesh), inside)
+        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh), inside)
         subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
         material = Material(
             subject=subject,

@@ -44,11 +44,10 @@ class ThermalStrain(Effect):
     temperature: data.Datum
 
     def contribute(self, space: Space) -> Contribution:
-        middle = data.InCells.centroids(space.mesh)
-        alpha = middle.read(self.expansion, "ThermalStrain: expansion")
+        alpha = data.modulus(self.expansion, space.mesh, "ThermalStrain: expansion")
 
         def strain(t: float) -> Floats:
-            return alpha * data.scalar(self.temperature, middle.x, t, "ThermalStrain: temperature")
+            return alpha * data.scalar(self.temperature, space.mesh.centroids, t, "ThermalStrain: temperature")
 
         def at(x: Floats, cells: Ints, t: float) -> Floats:
             there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")

@@ -45,7 +45,7 @@ class Viscosity(Effect):
         return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
 
     def _checked(self, value: data.Constant, space: Space, name: str) -> Floats:
-        found = data.modulus(value, space.mesh.centroids, space.mesh.cell_data, f"Viscosity: {name}")
+        found = data.modulus(value, space.mesh, f"Viscosity: {name}")
         if (found < 0).any():
             cell = int(np.argmin(found))
             raise SceneError(f"Viscosity: found {name} = {found[cell]:.6g} in cell {cell}; it must be >= 0.")

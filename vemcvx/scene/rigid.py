@@ -60,7 +60,6 @@ def loose_motions(
     dim = space.mesh.points.shape[1]
     free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
-    fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R
     site = supports.sites.of_node
     joined = sp.csr_matrix((np.ones(len(piece)), (piece, site[node])))
     if springs is not None:
@@ -73,15 +72,18 @@ def loose_motions(
         columns = (own[:, None] * k + np.arange(k)).ravel()
         value, vector = np.linalg.eigh(held[columns][:, columns].toarray())
         loose = vector[:, value < FREE * k]
+        if loose.shape[1] == 0:
+            continue
+        fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R[:, columns]
         if springs is not None:
-            loose = loose @ _unfelt(springs, supports.P @ (fields[:, columns] @ loose))
+            loose = loose @ _unfelt(springs, supports.P @ (fields @ loose))
         if loose.shape[1] == 0:
             continue
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
         part = Part(which, tuple(bodies[one] for one in own), hinges)
         loose = _piece_by_piece(loose, k)
-        field = fields[:, columns] @ loose
+        field = fields @ loose
         rank, rotated = _felt(friction @ field)
         if rank < loose.shape[1]:
             raise SceneError(floating(part, _piece_by_piece(loose @ rotated[:, rank:], k), space.mesh.points))
@@ -106,7 +108,8 @@ def seen_from_bodies(space: Space) -> Callable[[Floats], Floats]:
         mesh, (cell, node) = space.mesh, space.incidences
         graph = sp.csr_matrix((np.ones(len(cell)), (node, cell)), shape=(mesh.n_nodes, mesh.n_cells))
         label = connected_components(graph @ graph.T, directed=False)[1].astype(np.int64)
-        R = _motions(label, np.arange(mesh.n_nodes), mesh.points)
+        by_body = np.argsort(label, kind="stable")
+        R = _motions(label[by_body], by_body, mesh.points)
         return R, sp.csr_matrix(R.T)
 
     def seen(u: Floats) -> Floats:
@@ -160,17 +163,18 @@ def _coupled(springs: sp.csr_matrix, site: Ints, dim: int) -> sp.csr_matrix:
 
 
 def _pieces(space: Space) -> tuple[Ints, Ints]:
-    """Every (piece, node) pair: pieces are the sets of cells that edges, in space faces, join."""
+    """Every (piece, node) pair, by piece: pieces are the sets of cells that edges, in space faces, join."""
     mesh, (cell, node) = space.mesh, space.incidences
     one, other = space.neighbours.T
     graph = sp.csr_matrix((np.ones(len(one)), (one, other)), shape=(mesh.n_cells, mesh.n_cells))
     label = connected_components(graph, directed=False)[1].astype(np.int64)
-    pair = np.unique(label[cell] * mesh.n_nodes + node)
-    return pair // mesh.n_nodes, pair % mesh.n_nodes
+    shape = (mesh.n_nodes, int(label.max()) + 1)
+    pairs = sp.csr_matrix((np.ones(len(node), dtype=np.int8), (node, label[cell])), shape=shape).tocsc()
+    return np.repeat(np.arange(shape[1]), np.diff(pairs.indptr)), pairs.indices.astype(np.int64)
 
 
 def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
-    """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns.
+    """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece.
 
     Taken about the piece's middle and in units of its size: rotations then weigh like translations.
     """
@@ -178,15 +182,14 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     inside = np.bincount(piece)
     middle = np.stack([np.bincount(piece, weights=x) / inside for x in points[node].T], axis=1)
     shifted = points[node] - middle[piece]
-    size = np.zeros(pieces)
-    np.maximum.at(size, piece, np.abs(shifted).max(axis=1))
+    begin = np.flatnonzero(np.diff(piece, prepend=-1))
+    size = np.maximum.reduceat(np.abs(shifted).max(axis=1), begin)
     modes = rigid_modes(shifted / size[piece, None]).reshape(len(piece), dim, -1)
     k = modes.shape[2]
-    square = np.zeros((pieces, k))
-    np.add.at(square, piece, np.einsum("iak,iak->ik", modes, modes))
-    modes /= np.sqrt(square)[piece][:, None, :]
-    products = np.zeros((pieces, k, k))
-    np.add.at(products, piece, np.einsum("iak,ial->ikl", modes, modes))
+    products = np.add.reduceat(np.einsum("iak,ial->ikl", modes, modes), begin)
+    norm = np.sqrt(np.einsum("pkk->pk", products))
+    modes /= norm[piece][:, None, :]
+    products /= norm[:, :, None] * norm[:, None, :]
     # Rotations about different axes are not orthogonal unless these are axes of inertia.
     if np.abs(products - np.eye(k)).max() > SKEW:
         modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]

@@ -39,7 +39,7 @@ def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
     """
     tau = softest_shear(C)
     filled = np.abs(C).max(axis=(1, 2)) > 0.0
-    return assemble_cells(space, lambda cells: general_blocks(cells, C[cells.cells], tau[cells.cells]), filled)
+    return assemble_cells(space, general_blocks, filled, (C, tau))
 
 
 def softest_shear(C: Floats) -> Floats:

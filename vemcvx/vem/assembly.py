@@ -15,17 +15,19 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.vem.cells import CellGroup
 from vemcvx.vem.space import Space
 
 # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
 CHUNK = 2**16
 
 
-def assemble_cells(space: Space, local: Callable[[CellGroup], Floats], filled: Bools) -> sp.csr_matrix:
-    """Sum of local matrices: `local` gives those of a piece of a group, (c, n, n, dim, dim).
+def assemble_cells(
+    space: Space, local: Callable[..., Floats], filled: Bools, moduli: Sequence[Floats]
+) -> sp.csr_matrix:
+    """Sum of local matrices: `local` gives those of a piece of a group and its moduli, (c, n, n, dim, dim).
 
-    Cells (n_cells,) that are not `filled` have none, where any are.
+    Cells (n_cells,) that are not `filled` have none, where any are. `moduli` are arrays (n_cells, ...). Cells that are
+    translates of each other and have the same share one matrix.
     """
     some = filled.any() and not filled.all()
     groups = [group.part(np.flatnonzero(filled[group.cells])) if some else group for group in space.groups]
@@ -35,9 +37,12 @@ def assemble_cells(space: Space, local: Callable[[CellGroup], Floats], filled: B
     start = 0
     for group in groups:
         for chunk in group.chunks(CHUNK):
-            matrices = local(chunk)
-            stop = start + matrices.size // block
-            blocks[start:stop] = matrices.reshape(-1, block)
+            stop = start + chunk.nodes.size * chunk.nodes.shape[1]
+            own = [each[chunk.cells] for each in moduli]
+            if chunk.translates and all((each == each[:1]).all() for each in own):
+                chunk, own = chunk.part(slice(1)), [each[:1] for each in own]
+            matrices = local(chunk, *own)
+            blocks[start:stop].reshape(-1, matrices[0].size)[:] = matrices.reshape(len(matrices), -1)
             start = stop
     return assemble([group.nodes for group in groups], blocks, space.mesh.n_nodes)
 

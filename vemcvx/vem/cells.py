@@ -40,6 +40,11 @@ class CellGroup:
         return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
 
     @property
+    def translates(self) -> bool:
+        """Whether all cells are translates of one, to the bit: local matrices of equal moduli are then equal."""
+        return bool((self.corners == self.corners[:1]).all())
+
+    @property
     def stabilised_size(self) -> Floats:
         """h_K^(dim - 2), by which the stabilisation is scaled, (c,)."""
         return np.ones(len(self.cells))

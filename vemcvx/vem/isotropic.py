@@ -51,11 +51,7 @@ def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear
     (with "unit", its consistent part). Entries that happen to vanish are stored.
     """
     tau = stabilisation_factor(mu, stabilisation)
-
-    def local(cells: CellGroup) -> Floats:
-        return local_blocks(cells, lam[cells.cells], mu[cells.cells], tau[cells.cells])
-
-    return assemble_cells(space, local, (lam != 0.0) | (mu != 0.0))
+    return assemble_cells(space, local_blocks, (lam != 0.0) | (mu != 0.0), (lam, mu, tau))
 
 
 def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:

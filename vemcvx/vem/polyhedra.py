@@ -33,6 +33,12 @@ class PolyhedronGroup(CellGroup):
     diameters: Floats
     centroids: Floats
 
+    @property
+    def translates(self) -> bool:
+        """As of polygons; what is summed up over faces is rounded as these are numbered."""
+        own = (self.vector_shares, self.shares, self.diameters)
+        return super().translates and all(bool((each == each[:1]).all()) for each in own)
+
     def gradients(self) -> tuple[Floats, Floats]:
         """As of polygons."""
         return np.einsum("cia,cia->c", self.corners, self.vector_shares) / 3.0, self.vector_shares

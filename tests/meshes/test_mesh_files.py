@@ -11,7 +11,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, PolygonMesh, read
-from vemcvx.meshes.io.files import write_cells
+from vemcvx.meshes.io.vtu import write_cells
 
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 

@@ -12,7 +12,7 @@ import pytest
 from refined_cubes import refined_cubes
 
 import vemcvx as vx
-from vemcvx.meshes.io.files import write_cells
+from vemcvx.meshes.io.vtu import write_cells
 
 BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 CUBE = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]

@@ -11,7 +11,7 @@ from rich.progress import TimeRemainingColumn
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.progress import progress_bar
 from vemcvx.cli.run_options import RunOptions
-from vemcvx.cli.solver_names import named_linear, named_solver
+from vemcvx.cli.solver_names import named_linear
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.history import History
@@ -54,7 +54,7 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
 
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:
     """On the mesh and at the instants asked for."""
-    solver, made, store = named_solver(asked.solver, asked.accuracy), [], asked.store
+    solver, made, store = asked.make_solver(), [], asked.store
     scene, mesh = problem.scene(asked.settings), _mesh(problem, asked)
     with progress_bar("assembling", TimeRemainingColumn()) as shown:
 
@@ -88,7 +88,7 @@ def _adapted(problem: Problem, asked: RunOptions, target: float) -> tuple[Histor
         _mesh(problem, asked),
         problem.times(asked.steps),
         target,
-        solver=named_solver(asked.solver, asked.accuracy),
+        solver=asked.make_solver(),
         initial=problem.initial,
     )
     return found.history, [found.summary()]

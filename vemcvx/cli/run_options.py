@@ -10,8 +10,10 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
+from vemcvx.cli.solver_names import named_solver
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.errors import ProblemError
+from vemcvx.solvers import Solver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,10 @@ class RunOptions:
     probes: tuple[str, ...] = ()
     """points "x,y" whose displacements are written"""
     report: bool = False
+
+    def make_solver(self) -> Solver:
+        """The solver of that name, asked for that accuracy."""
+        return named_solver(self.solver, self.accuracy)
 
     @property
     def points(self) -> Floats | None:

@@ -14,7 +14,7 @@ how much it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -40,12 +40,21 @@ class CvxpyStep:
     problem : cvxpy.Problem
     d : cvxpy.Variable
         The increments (n,).
+    parameters : tuple of cvxpy.Parameter
+        g, w, b and e, if the program was posed for any data.
     """
 
     problem: cp.Problem
     d: cp.Variable
     _lam: Callable[[], Floats] = field(repr=False)
     _p: Callable[[], Floats] = field(repr=False)
+    parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
+
+    def at(self, data: Sequence[Floats]) -> CvxpyStep:
+        """The program of the step with these g, w, b and e."""
+        for parameter, value in zip(self.parameters, data, strict=True):
+            parameter.value = value
+        return self
 
     @property
     def lam(self) -> Floats | None:
@@ -63,14 +72,19 @@ class CvxpyStep:
 
 
 def to_cvxpy(
-    operators: Operators, g: Data, w: Data, b: Data, e: Data, cones: bool = True, corners: Floats | None = None
+    operators: Operators, data: Sequence[Floats] | None, cones: bool = True, corners: Floats | None = None
 ) -> CvxpyStep:
-    """Write a step in cvxpy: `g`, `w`, `b`, `e` are arrays, or cvxpy parameters of the same lengths.
+    """Write a step in cvxpy; of no data g, w, b, e with parameters in their place.
 
     With `corners` (P, block), unit vectors, discs are such polygons.
     """
     import cvxpy as cp
 
+    parameters: tuple[cp.Parameter, ...] = ()
+    if data is None:
+        sizes = len(operators.K.diagonal()), operators.count, operators.B.shape[0], operators.D.shape[0]
+        parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(sizes))
+    g, w, b, e = parameters if data is None else data
     d = cp.Variable(len(operators.K.diagonal()))
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
     energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
@@ -79,7 +93,8 @@ def to_cvxpy(
     # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
     # where there is none at all.
     idle = 0.0 if cones and cones_or_rows + bounds else cp.Variable(nonneg=True)
-    return CvxpyStep(cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds), d, lam, p)
+    problem = cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds)
+    return CvxpyStep(problem, d, lam, p, parameters)
 
 
 def _norms(

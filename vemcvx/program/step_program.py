@@ -63,6 +63,11 @@ class StepProgram(ArrayRecord):
             object.__setattr__(self, name, read_only(np.asarray(getattr(self, name)).view()))
 
     @property
+    def data(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """g, w, b and e: all that is the step's own."""
+        return self.g, self.w, self.b, self.e
+
+    @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Those of the increments d and of the multipliers lam and p."""
         return {"d": self.g.shape, "lam": (self.operators.count, self.operators.block), "p": self.e.shape}
@@ -261,7 +266,7 @@ class StepProgram(ArrayRecord):
         if len(self.g) == 0:
             raise SceneError("to_cvxpy: the program has no unknowns left to solve for; take condense=False.")
         cones = self.operators.block > 1 if cones is None else cones
-        return to_cvxpy(self.operators, self.g, self.w, b=self.b, e=self.e, cones=cones)
+        return to_cvxpy(self.operators, self.data, cones)
 
     def proximal(self, centre: Floats) -> "StepProgram":
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""

@@ -10,7 +10,7 @@ problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,9 +32,6 @@ from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
 from vemcvx.solvers.settings import settings_for, worth_asking_again
 from vemcvx.solvers.solver import Solver
-
-if TYPE_CHECKING:
-    import cvxpy as cp
 
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
@@ -204,7 +201,7 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy, operators: Operators):
         self._settings, self._form = settings, operators
-        self._compiled: dict[bool, tuple[tuple[cp.Parameter, ...], CvxpyStep]] = {}
+        self._compiled: dict[bool, CvxpyStep] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
@@ -226,21 +223,13 @@ class _PreparedConic:
         return Answer(d, lam, iterations, status, p=p)
 
     def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
-        import cvxpy as cp
-
-        corners = self._settings.corners
-        operators, data = self._form, (program.g, program.w, program.b, program.e)
+        operators, corners = self._form, self._settings.corners
         with COMPILING:
             if sp.issparse(operators.K):
-                return to_cvxpy(operators, *data[:2], b=program.b, e=program.e, cones=cones, corners=corners)
+                return to_cvxpy(operators, program.data, cones, corners)
             if cones not in self._compiled:
-                parameters = tuple(cp.Parameter(len(x), nonneg=x is program.w) for x in data)
-                g, w, b, e = parameters
-                self._compiled[cones] = parameters, to_cvxpy(operators, g, w, b=b, e=e, cones=cones, corners=corners)
-        parameters, posed = self._compiled[cones]
-        for parameter, value in zip(parameters, data, strict=True):
-            parameter.value = value
-        return posed
+                self._compiled[cones] = to_cvxpy(operators, None, cones, corners)
+        return self._compiled[cones].at(program.data)
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:

@@ -14,16 +14,14 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.io.blocks import Blocks, add_boundaries, cell_blocks
 from vemcvx.meshes.io.by_vertices import solid_blocks
-from vemcvx.meshes.io.meshio_mesh import Arrays, blocks_of, meshio_mesh, xml_name
+from vemcvx.meshes.io.meshio_mesh import blocks_of, meshio_mesh
 from vemcvx.meshes.io.messages import finished, named, translated
 from vemcvx.meshes.io.reading import mesh_of
 from vemcvx.meshes.io.unsafe import opened
@@ -74,51 +72,11 @@ def _plane_blocks(path: Path, suffix: str, mesh: Tessellation) -> Blocks:
     return blocks
 
 
-def write_cells(
-    path: str | Path, mesh: Tessellation | SpaceTessellation, point_data: Arrays, cell_data: Arrays
-) -> None:
-    """Write fields on a mesh as a VTU file that ParaView opens.
-
-    Parameters
-    ----------
-    path : str or Path
-        Must end in .vtu.
-    mesh : PolygonMesh or PolyhedralMesh
-        The cells; boundaries and cell data of the mesh are not written.
-    point_data, cell_data : mapping of str to array
-        One row a node, one row a cell; vectors of two components get a third, zero.
-
-    Raises
-    ------
-    MeshError
-        The suffix is another, a field has the wrong number of rows, or the file cannot be written.
-    """
-    path = _path(path)
-    if _check_target(path) != ".vtu":
-        raise MeshError(f"{path}: fields are written as .vtu files; got the suffix {path.suffix!r}.")
-    for kind, data, rows in (("point", point_data, mesh.n_nodes), ("cell", cell_data, mesh.n_cells)):
-        for name, values in data.items():
-            if np.ndim(values) not in (1, 2) or len(values) != rows:
-                raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
-    fields, data = ({name: _three(values) for name, values in given.items()} for given in (point_data, cell_data))
-    if isinstance(mesh, SpaceTessellation):
-        _save(path, ".vtu", lambda draft, **_: write_polyhedra(draft, mesh, fields, data, sides=False))
-    else:
-        file = meshio_mesh(mesh.points, cell_blocks(mesh, data), ".vtu")
-        file.point_data = {xml_name(name): values for name, values in fields.items()}
-        _save(path, ".vtu", file.write)
-
-
 def _path(path: str | Path) -> Path:
     try:
         return Path(path)
     except TypeError:
         raise MeshError(f"the path of a mesh file must be a string or Path; got {path!r}.") from None
-
-
-def _three(values: ArrayLike) -> NDArray[Any]:
-    values = np.asarray(values)
-    return np.pad(values, ((0, 0), (0, 1))) if values.ndim == 2 and values.shape[1] == 2 else values
 
 
 def _formats() -> tuple[str, ...]:

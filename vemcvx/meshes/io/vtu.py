@@ -1,6 +1,6 @@
-"""VTU files of polyhedra: every cell of type 42, its faces outwards in their order, so that all comes back to the bit.
+"""VTU files: fields on a mesh; and polyhedra, every cell of type 42, faces outwards in their order, kept to the bit.
 
-Named boundaries go along as polygons, marked by data (see `blocks`), which otherwise have the data of their cells.
+Named boundaries of polyhedra go along as polygons, marked by data (see `blocks`), which else have that of their cells.
 """
 
 from __future__ import annotations
@@ -8,23 +8,64 @@ from __future__ import annotations
 import base64
 import sys
 import zlib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Ints
+from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
-from vemcvx.meshes.io.blocks import MARK, vtk_types
+from vemcvx.meshes.io.blocks import MARK, cell_blocks, vtk_types
+from vemcvx.meshes.io.meshio_mesh import Arrays, meshio_mesh, xml_name
+from vemcvx.meshes.io.messages import translated
 from vemcvx.meshes.io.polyhedra import POLYHEDRON
 from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra.topology import Listed, listed_faces
 from vemcvx.meshes.space_tessellation import SpaceTessellation
+from vemcvx.meshes.tessellation import Tessellation
 
-Arrays = Mapping[str, NDArray[Any]]
+
+def write_cells(
+    path: Path, mesh: Tessellation | SpaceTessellation, point_data: Arrays, cell_data: Arrays
+) -> None:
+    """Write fields on a mesh as a VTU file that ParaView opens.
+
+    Parameters
+    ----------
+    path : Path
+        Must end in .vtu.
+    mesh : PolygonMesh or PolyhedralMesh
+        The cells; boundaries and cell data of the mesh are not written.
+    point_data, cell_data : mapping of str to array
+        One row a node, one row a cell; vectors of two components get a third, zero.
+
+    Raises
+    ------
+    MeshError
+        The suffix is another, a field has the wrong number of rows, or the file cannot be written.
+    """
+    if path.suffix != ".vtu":
+        raise MeshError(f"{path}: fields are written as .vtu files; got the suffix {path.suffix!r}.")
+    for kind, data, rows in (("point", point_data, mesh.n_nodes), ("cell", cell_data, mesh.n_cells)):
+        for name, values in data.items():
+            if np.ndim(values) not in (1, 2) or len(values) != rows:
+                raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
+    nodes, cells = ({name: _three(values) for name, values in given.items()} for given in (point_data, cell_data))
+    with translated(str(path), "cannot be written"):
+        if isinstance(mesh, SpaceTessellation):
+            write_polyhedra(path, mesh, nodes, cells, sides=False)
+        else:
+            file = meshio_mesh(mesh.points, cell_blocks(mesh, cells), ".vtu")
+            file.point_data = {xml_name(name): values for name, values in nodes.items()}
+            file.write(path)
+
+
+def _three(values: ArrayLike) -> NDArray[Any]:
+    values = np.asarray(values)
+    return np.pad(values, ((0, 0), (0, 1))) if values.ndim == 2 and values.shape[1] == 2 else values
 
 
 def write_polyhedra(path: Path, mesh: SpaceTessellation, point_data: Arrays, cell_data: Arrays, *, sides: bool) -> None:

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.meshes.io.files import write_cells
+from vemcvx.meshes.io.vtu import write_cells
 from vemcvx.owned_files import Owned, path_of
 from vemcvx.results.io.archive import is_archive, read_archive, write_archive
 from vemcvx.results.io.csv_tables import FILES, write_tables

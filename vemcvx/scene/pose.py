@@ -4,10 +4,6 @@ With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all n
 projections at the contact nodes,
 
     K = P'A P,   load = P'(f - A u_D),   B = B^ P,   prescribed_slip = B^ u_D,   dirichlet_force = P'A u_D.
-
-Effects without influence are dropped and reported: a load that is zero at every instant, friction whose bound is,
-springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and the same
-answer to the last bit. Supports and outputs of contact stay.
 """
 
 from __future__ import annotations
@@ -15,28 +11,18 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import cache, partial, reduce
 from itertools import chain
+from operator import add
 from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.effects import (
-    ContactSurface,
-    Contribution,
-    Effect,
-    Eigenstrain,
-    Friction,
-    GivenDatum,
-    InitialStress,
-    Load,
-    Material,
-    Obstacle,
-)
-from vemcvx.errors import SceneWarning, VemcvxError
+from vemcvx.effects import ContactSurface, Contribution, Friction, GivenDatum, Load, Material, Obstacle
+from vemcvx.errors import SceneWarning
 from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
@@ -45,6 +31,7 @@ from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.driving import load_of, motion_of
 from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
+from vemcvx.scene.inactive import active_parts
 from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits, out_of_reach
 from vemcvx.scene.rigid import loose_motions, seen_from_bodies
@@ -62,9 +49,6 @@ from vemcvx.scene.terms import (
 from vemcvx.vem import Space, rigid_modes
 
 T = TypeVar("T")
-Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
-# A force of contact under which friction that depends on pressure shows itself, whatever the units.
-PRESSED = 1e100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,118 +97,73 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
     """
     scene.require_material()
     space = Space(mesh)
-    inactive: list[str] = []
-    parts = [_without_inactive(effect, effect.contribute(space), times, inactive) for effect in scene.canonical]
-    rates = [p.viscosity for p in parts if p.viscosity is not None]
-    viscosity = _sum(rates) if rates else None
-    A = _sum([p.stiffness for p in parts if p.stiffness is not None])
+    parts, inactive = active_parts(scene.canonical, space, times)
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
     frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
     stops: tuple[Obstacle, ...] = _chain(p.obstacles for p in parts)
+    surfaces: tuple[ContactSurface, ...] = _chain(p.surfaces for p in parts)
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(_chain(p.supports for p in parts), (*frictions, *stops), mesh.points)
-    contact = _contact(frictions, stops, supports, times)
-    terms, obstacles = contact.terms, contact.obstacles
-    inactive += out_of_reach(terms, stops, supports)
-    each = [p.stiffness for p in parts if p.stiffness is not None and p.material is None]
-    springs = _sum(each) if each else None
+    forms, contact = _forms(parts), _contact(frictions, stops, supports, times)
+    return PosedScene(
+        scene=scene,
+        space=space,
+        system=_system(space, forms, loads, supports, contact),
+        supports=supports,
+        A=forms.stiffness,
+        loads=loads,
+        terms=contact.terms,
+        surface=contact_surface((*surfaces, *frictions, *stops), contact.terms, supports, times),
+        material=material,
+        prestress=prestress,
+        obstacles=contact.obstacles,
+        springs=forms.springs,
+        inactive=(*inactive, *out_of_reach(contact.terms, stops, supports)),
+        given=_chain(p.given for p in parts),
+        viscosity=forms.viscosity,
+    )
+
+
+@dataclass(frozen=True)
+class _Forms:
+    """Matrices (n_u, n_u) of bilinear forms over all nodal values."""
+
+    stiffness: sp.csr_matrix
+    springs: sp.csr_matrix | None
+    """of these the stiffness that is no material's"""
+    viscosity: sp.csr_matrix | None
+
+
+def _forms(parts: Sequence[Contribution]) -> _Forms:
+    def summed(matrices: list[sp.csr_matrix]) -> sp.csr_matrix | None:
+        return reduce(add, matrices) if matrices else None
+
+    stiffness = [(p.stiffness, p.material is None) for p in parts if p.stiffness is not None]
+    springs = summed([A for A, of_springs in stiffness if of_springs])
+    viscosity = summed([p.viscosity for p in parts if p.viscosity is not None])
+    return _Forms(reduce(add, [A for A, _ in stiffness]), springs, viscosity)
+
+
+def _system(
+    space: Space, forms: _Forms, loads: tuple[Load | InitialStresses, ...], supports: Supports, contact: _Contact
+) -> System:
+    A, terms, obstacles, points = forms.stiffness, contact.terms, contact.obstacles, space.mesh.points
     # Springs to the ground feel rigid motions, too.
-    seen = seen_from_bodies(space) if springs is None else lambda u: u
-    system = System(
+    seen = seen_from_bodies(space) if forms.springs is None else lambda u: u
+    return System(
         K=_restrict(A, supports),
         load=load_of(loads, A, supports),
         norms=norm_terms(terms, contact.law, supports),
         motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
-        order=cache(partial(_order, A, supports, mesh.points)),
-        near_kernel=supports.P.T @ rigid_modes(mesh.points),
-        kernel=_unsupported(space, supports, contact, springs),
+        order=cache(partial(_order, A, supports, points)),
+        near_kernel=supports.P.T @ rigid_modes(points),
+        kernel=_unsupported(space, supports, contact, forms.springs),
         limits=limits(obstacles, supports),
-        damping=_damping(viscosity, supports, seen),
+        damping=_damping(forms.viscosity, supports, seen),
         dragged=dragged_terms(terms, contact.law, supports),
     )
-    surfaces: tuple[ContactSurface, ...] = _chain(p.surfaces for p in parts)
-    return PosedScene(
-        scene=scene,
-        space=space,
-        system=system,
-        supports=supports,
-        A=A,
-        loads=loads,
-        terms=terms,
-        surface=contact_surface((*surfaces, *frictions, *stops), terms, supports, times),
-        material=material,
-        prestress=prestress,
-        obstacles=obstacles,
-        springs=springs,
-        inactive=tuple(inactive),
-        given=_chain(p.given for p in parts),
-        viscosity=viscosity,
-    )
-
-
-def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
-    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing dropped.
-
-    Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
-    """
-
-    def alive(
-        data: tuple[Varying, ...], value: Callable[[Varying], Callable[[float], Floats]], what: str
-    ) -> tuple[Varying, ...]:
-        keep = [len(times) == 0 or not _zero(value(datum), times) for datum in data]
-        said.extend(
-            f"{datum.subject}: its {what} is zero at all instants"
-            for datum, kept in zip(data, keep, strict=True)
-            if not kept
-        )
-        return tuple(datum for datum, kept in zip(data, keep, strict=True) if kept)
-
-    def strong(matrix: sp.csr_matrix | None, what: str) -> sp.csr_matrix | None:
-        if matrix is None or part.material is not None or matrix.data.any():
-            return matrix
-        said.append(f"{type(effect).__name__}: its {what} is zero")
-        return None
-
-    return replace(
-        part,
-        stiffness=strong(part.stiffness, "stiffness"),
-        viscosity=strong(part.viscosity, "viscosity"),
-        loads=alive(part.loads, lambda load: load.vector, "force"),
-        frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
-        eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),
-        initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
-    )
-
-
-def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
-    """The friction, its ground left out if it is where it was at all of `times`."""
-    ground = friction.ground
-    if ground is None or len(times) == 0:
-        return friction
-    start = float(times[0])
-    if not _zero(lambda t: ground.vector(t) - ground.vector(start), times):
-        return friction
-    said.append(f"{ground.subject} stands still at all instants")
-    return replace(friction, ground=None)
-
-
-def _bound(friction: Friction) -> Callable[[float], Floats]:
-    law = friction.law
-    if friction.slip_law is not None:
-        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
-    if law is None:
-        return friction.weights
-    pressed = np.full(len(friction.nodes), PRESSED)
-    return lambda t: friction.weights(t) + law(t, pressed)
-
-
-def _zero(value: Callable[[float], Floats], times: Sequence[float]) -> bool:
-    try:
-        return not any(np.any(value(float(t))) for t in times)
-    except VemcvxError:
-        return False  # The step that needs the datum says what is wrong with it.
 
 
 @dataclass(frozen=True)
@@ -270,13 +209,6 @@ def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: s
 
 def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
     return tuple(chain.from_iterable(tuples))
-
-
-def _sum(matrices: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
-    total = matrices[0]
-    for matrix in matrices[1:]:
-        total = total + matrix
-    return total
 
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

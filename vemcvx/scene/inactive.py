@@ -1,0 +1,95 @@
+"""Effects without influence are dropped and reported.
+
+They are a load that is zero at every instant, friction whose bound is, springs and dashpots without strength. The scene
+without them has the same unknowns, terms and cones, and the same answer to the last bit. Supports and outputs of
+contact stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats
+from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load
+from vemcvx.errors import VemcvxError
+from vemcvx.vem import Space
+
+Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
+# A force of contact under which friction that depends on pressure shows itself, whatever the units.
+PRESSED = 1e100
+
+
+def active_parts(
+    effects: Iterable[Effect], space: Space, times: Sequence[float]
+) -> tuple[list[Contribution], list[str]]:
+    """What the effects contribute, without what is zero at all of `times`; a sentence for each thing dropped."""
+    said: list[str] = []
+    return [_without_inactive(effect, effect.contribute(space), times, said) for effect in effects], said
+
+
+def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
+    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing dropped.
+
+    Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
+    """
+
+    def alive(
+        data: tuple[Varying, ...], value: Callable[[Varying], Callable[[float], Floats]], what: str
+    ) -> tuple[Varying, ...]:
+        keep = [len(times) == 0 or not _zero(value(datum), times) for datum in data]
+        said.extend(
+            f"{datum.subject}: its {what} is zero at all instants"
+            for datum, kept in zip(data, keep, strict=True)
+            if not kept
+        )
+        return tuple(datum for datum, kept in zip(data, keep, strict=True) if kept)
+
+    def strong(matrix: sp.csr_matrix | None, what: str) -> sp.csr_matrix | None:
+        if matrix is None or part.material is not None or matrix.data.any():
+            return matrix
+        said.append(f"{type(effect).__name__}: its {what} is zero")
+        return None
+
+    return replace(
+        part,
+        stiffness=strong(part.stiffness, "stiffness"),
+        viscosity=strong(part.viscosity, "viscosity"),
+        loads=alive(part.loads, lambda load: load.vector, "force"),
+        frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
+        eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),
+        initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
+    )
+
+
+def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
+    """The friction, its ground left out if it is where it was at all of `times`."""
+    ground = friction.ground
+    if ground is None or len(times) == 0:
+        return friction
+    start = float(times[0])
+    if not _zero(lambda t: ground.vector(t) - ground.vector(start), times):
+        return friction
+    said.append(f"{ground.subject} stands still at all instants")
+    return replace(friction, ground=None)
+
+
+def _bound(friction: Friction) -> Callable[[float], Floats]:
+    law = friction.law
+    if friction.slip_law is not None:
+        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
+    if law is None:
+        return friction.weights
+    pressed = np.full(len(friction.nodes), PRESSED)
+    return lambda t: friction.weights(t) + law(t, pressed)
+
+
+def _zero(value: Callable[[float], Floats], times: Sequence[float]) -> bool:
+    try:
+        return not any(np.any(value(float(t))) for t in times)
+    except VemcvxError:
+        return False  # The step that needs the datum says what is wrong with it.

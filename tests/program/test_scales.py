@@ -12,7 +12,7 @@ import vemcvx as vx
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene.pose import pose_scene
-from vemcvx.stepping.acceptance import caused
+from vemcvx.stepping.acceptance import data_norm
 from vemcvx.stepping.trajectory import relative
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex")
@@ -113,7 +113,7 @@ def test_what_data_can_cause_does_not_depend_on_h():
         system = pose_scene(scene, mesh).system
         condensation = Condensation(system)
         force = condensation.reduce(system.force(0.0))
-        sizes.append(caused(condensation, force))
+        sizes.append(data_norm(condensation, force))
         norms.append(np.sqrt(force.x @ (system.K @ force.x)))
         assert 0 < sizes[-1] <= norms[-1]
     assert norms[-1] > 2.5 * norms[0]
@@ -128,14 +128,14 @@ def test_what_data_can_cause_is_the_least_norm_that_undoes_it():
     K, f = A @ A.T + np.eye(7), rng.normal(size=7)
     condensation = Condensation(vx.System(K, lambda t: f))
     force = condensation.reduce(f)
-    x, size = force.x, caused(condensation, force)
+    x, size = force.x, data_norm(condensation, force)
     for v in rng.normal(size=(50, 7)):
         v = v * (x @ x) / (x @ v)
         assert np.sqrt(v @ K @ v) >= size * (1 - 1e-12)
     best = np.linalg.solve(K, x)
     best *= (x @ x) / (x @ best)
     assert np.sqrt(best @ K @ best) == pytest.approx(size, rel=1e-12)
-    assert caused(condensation, condensation.reduce(np.zeros(7))) == 0.0
+    assert data_norm(condensation, condensation.reduce(np.zeros(7))) == 0.0
 
 
 def pulled(force=1.0, stiffness=1.0, kind="Tresca"):

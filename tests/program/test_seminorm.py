@@ -188,8 +188,8 @@ def test_nearest_multipliers(block, modes, limited):
             + (begin - p) / ease[12 : 12 + len(stop)] @ (pressed - p)
             <= 1e-9
         )
-        assert hold.unheld(w, push) is None
-        motion = hold.unheld(w, 50.0 * push)
+        assert hold.unbalanced_motion(w, push) is None
+        motion = hold.unbalanced_motion(w, 50.0 * push)
         if motion is not None:
             assert motion @ push * 50.0 > w @ np.linalg.norm(grip @ motion, axis=1)
             assert (stop @ motion <= 1e-9 * np.abs(stop @ motion).max(initial=0.0)).all()
@@ -214,8 +214,8 @@ def test_loads_just_beyond_what_holds_are_told_from_those_just_below(block, mode
         strongest = np.einsum("ijk,ij->k", grip, w[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None])
         push = strongest + (stop[:2].T @ rng.uniform(0, 1, 2) if modes > 1 else 0.0)
         hold = KernelBalance(grip, stop)
-        assert hold.unheld(w, (1 - beyond) * push) is None
-        motion = hold.unheld(w, push + beyond * strongest)
+        assert hold.unbalanced_motion(w, (1 - beyond) * push) is None
+        motion = hold.unbalanced_motion(w, push + beyond * strongest)
         assert motion is not None
         assert motion @ (push + beyond * strongest) > w @ np.linalg.norm(grip @ motion, axis=1)
 

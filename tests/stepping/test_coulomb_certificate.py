@@ -20,7 +20,7 @@ import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.redundant_rows import independent
 from vemcvx.stepping.backward_euler import step
-from vemcvx.stepping.ledger import drive
+from vemcvx.stepping.ledger import step_data
 
 euler = sys.modules["vemcvx.stepping.backward_euler"]
 ROUNDING = 3e-11
@@ -34,7 +34,7 @@ def judged(monkeypatch, system, times, solver):
 
     def watched(run, before, n, t):
         state = step(run, before, n, t)
-        reference = converged(run, before, drive(run.system, run.condensation, t))
+        reference = converged(run, before, step_data(run.system, run.condensation, t))
         if reference is not None:
             scale = max(state.scale, np.finfo(float).tiny)
             own = state.certificate

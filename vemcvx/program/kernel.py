@@ -80,7 +80,7 @@ class Kernel:
         return " with ".join(name for name, present in zip(self.names, large, strict=True) if present)
 
 
-def felt(rows: sp.csr_matrix, modes: Floats) -> int:
+def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
     """How many of the motions modes (n, k) are felt by rows, by more than rounding."""
     read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
     seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
@@ -171,7 +171,7 @@ class KernelBalance:
             return False
         return bool(c @ push > w @ np.linalg.norm(self.friction_modes @ c, axis=1) * (1 + 1e-12))
 
-    def unheld(self, w: Floats, push: Floats) -> Floats | None:
+    def unbalanced_motion(self, w: Floats, push: Floats) -> Floats | None:
         """A motion c (k,) that nothing holds against the load; None if there is none."""
         none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
         lam, p, left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))

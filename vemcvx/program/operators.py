@@ -83,7 +83,7 @@ class Operators(ArrayRecord):
         return Operators(K, self.B, self.block, self.given_factor, D=self.D, compliance=self.compliance)
 
     @cached_property
-    def hold(self) -> KernelBalance:
+    def kernel_balance(self) -> KernelBalance:
         """What norm terms and limits feel of the kernel."""
         kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
         stop = self.D @ kernel

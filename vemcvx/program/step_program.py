@@ -120,7 +120,7 @@ class StepProgram(ArrayRecord):
         """
         if self.operators.kernel is not None:
             push = self.operators.kernel.T @ self.g
-            lam, p, _ = self.operators.hold.nearest(lam, p, self.w, push, self._ease(d, p))
+            lam, p, _ = self.operators.kernel_balance.nearest(lam, p, self.w, push, self._ease(d, p))
         return self.project(lam), np.maximum(p, 0.0)
 
     def _ease(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
@@ -221,7 +221,8 @@ class StepProgram(ArrayRecord):
         """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""
         size = np.abs(self.g)
         # Entries are sums of larger forces that cancel: none is known better than to EPS times the largest.
-        return self.operators.hold.imbalance(lam, p, N.T @ self.g, np.abs(N).T @ (size + size.max(initial=0.0) / 8))
+        blur = np.abs(N).T @ (size + size.max(initial=0.0) / 8)
+        return self.operators.kernel_balance.imbalance(lam, p, N.T @ self.g, blur)
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats) -> float:
         """What round-off alone may hide in, or add to, the gap at (d, lam, p), which follows that of its parts.

@@ -31,7 +31,7 @@ from vemcvx.program.checks import (
     permutation,
 )
 from vemcvx.program.forces import ForceOnPart
-from vemcvx.program.kernel import Kernel, felt
+from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.limits import Limits
 from vemcvx.program.motion import Motion
 from vemcvx.program.norms import DraggedTerms, Norms
@@ -164,7 +164,7 @@ class System(ArrayRecord):
         work = np.abs(self.K @ N).max(axis=0, initial=0.0) > SYMMETRIC * np.abs(self.K.data).max() * np.abs(N).max()
         if work.any():
             raise SceneError(f"System: K feels {kernel.names[int(np.argmax(work))]}, which is no motion of its kernel.")
-        if felt(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
+        if rank_on(sp.csr_matrix(sp.vstack([self.B, self.D])), N) < N.shape[1]:
             raise SceneError(
                 f"System: a motion of K's kernel ({', '.join(kernel.names)}) is felt by no norm term and no limit: "
                 "nothing holds it. Add stiffness, norm terms or limits that do."

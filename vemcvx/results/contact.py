@@ -197,13 +197,13 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     """Normal forces of contact per length (S, m), from nodal forces A u - f (S, n_nodes, dim)."""
     surface, terms, obstacles, p = posed.surface, posed.terms, posed.obstacles, trajectory.pressures
     S, m = len(forces), len(surface.nodes)
-    held = np.unique(surface.grips.indices)
+    held = np.unique(surface.normal_reaction.indices)
     rest = forces.reshape(S, -1)[:, held] + trajectory.multipliers.reshape(S, -1) @ terms.rows[:, held]
     normal = np.zeros((S, m))
     if obstacles is not None and len(obstacles.nodes):
         normal = summed_columns(p, surface.jumps.find(obstacles.jumps), m)
         rest += p @ obstacles.rows[:, held]
-    pressure: Floats = (normal - rest @ surface.grips[:, held].T) / surface.lengths
+    pressure: Floats = (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
     return pressure
 
 

@@ -38,15 +38,15 @@ class Freedom:
     """whether some free unknown moves it along the normal"""
     dragged: Bools
     """whether it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
-    leans: Bools
+    held_by_contact: Bools
     """whether contact, and no support, holds the normal; where the node does not slide, supports hold the tangent"""
-    grips: sp.csr_matrix
+    normal_reaction: sp.csr_matrix
     """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
 
     @property
-    def beside(self) -> Bools:
+    def normal_only(self) -> Bools:
         """Rows whose tangent is held, and which belong to contact nevertheless for what they press."""
-        return ~self.slides & (self.opens | self.leans)
+        return ~self.slides & (self.opens | self.held_by_contact)
 
 
 def freedom(
@@ -61,11 +61,11 @@ def freedom(
     B = on_free(tangents, supports)
     slides = np.asarray(np.diff(B.indptr).reshape(k, dim - 1).any(axis=1))
     opens = normal_is_free(jumps, normals, supports)
-    held = np.flatnonzero(~slides | _lean(B, dim - 1))
+    held = np.flatnonzero(~slides | _rank_deficient(B, dim - 1))
     dragged = np.zeros(k, dtype=bool)
     under = None if ground is None else (lambda t: along(tangents_of(normals[held]), ground(t)[held]))
     dragged[held] = _dragged(tangents[_blocks(held, dim - 1)], jumps[held], supports, times, under)
-    return Freedom(slides, opens, dragged, *_grips(jumps, normals, supports))
+    return Freedom(slides, opens, dragged, *_normal_reactions(jumps, normals, supports))
 
 
 def normal_is_free(jumps: Jumps, normals: Floats, supports: Supports) -> Bools:
@@ -74,7 +74,7 @@ def normal_is_free(jumps: Jumps, normals: Floats, supports: Supports) -> Bools:
     return free
 
 
-def _lean(B: sp.csr_matrix, block: int) -> Bools:
+def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
     """Whether the free unknowns move a row along fewer than `block` directions, (k,)."""
     rows = [B[axis::block] for axis in range(block)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
@@ -110,8 +110,8 @@ def _dragged(
     return dragged
 
 
-def _grips(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
-    """Of each row, whether it leans, and g."""
+def _normal_reactions(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
+    """Of each row, whether contact alone holds its normal, and g."""
     holding, points = supports.holding(jumps.nodes), supports.points
     held, contact, count = holding.rows, holding.contact, holding.rows.any(axis=2).sum(axis=1)
     row = jumps.over(holding.members, normals)
@@ -120,12 +120,12 @@ def _grips(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp
     same &= held.any(axis=2)
     mine = same & (contact | (count == 1)[:, None])
     dual = np.linalg.pinv(held).transpose(0, 2, 1)
-    grips = np.einsum("ik,ik,ikd->id", mine.astype(float), cosine, dual).reshape(*holding.members.shape, -1)
+    dual_rows = np.einsum("ik,ik,ikd->id", mine.astype(float), cosine, dual).reshape(*holding.members.shape, -1)
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
-    leans = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1)
-    at, member = np.nonzero(grips.any(axis=2))
-    force = Jumps(holding.members[at, member], np.full(len(at), -1)).matrix(grips[at, member][:, None, :], points)
-    return leans, sp.csr_matrix(summing(at, len(jumps)) @ force)
+    held_by_contact = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1)
+    at, member = np.nonzero(dual_rows.any(axis=2))
+    force = Jumps(holding.members[at, member], np.full(len(at), -1)).matrix(dual_rows[at, member][:, None, :], points)
+    return held_by_contact, sp.csr_matrix(summing(at, len(jumps)) @ force)
 
 
 def on_free(rows: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:

@@ -34,7 +34,7 @@ from vemcvx.scene.freedom import on_free
 from vemcvx.scene.inactive import active_parts
 from vemcvx.scene.laws import FrictionLaw
 from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits, out_of_reach
-from vemcvx.scene.rigid import loose_motions, seen_from_bodies
+from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
 from vemcvx.scene.supports import Supports, resolve
 from vemcvx.scene.surface import Surface, contact_surface
@@ -44,7 +44,7 @@ from vemcvx.scene.terms import (
     dragged_terms,
     friction_terms,
     norm_terms,
-    warn_of_loose_normals,
+    warn_of_free_normals,
 )
 from vemcvx.vem import Space, rigid_modes
 
@@ -189,10 +189,10 @@ def _contact(
 def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:
     """The motions that nothing but friction or one-sided contact holds, which a warning says; of bodies, the log."""
     felt = [on_free(rows, supports) for rows in (contact.terms.rows, contact.obstacles.rows)]
-    kernel, of_bodies = loose_motions(space, supports, sp.vstack(felt, format="csr"), springs)
+    kernel, of_bodies = floating_motions(space, supports, sp.vstack(felt, format="csr"), springs)
     dim = space.mesh.points.shape[1]
     sprung = np.zeros(0, dtype=np.int64) if springs is None else np.flatnonzero(springs.diagonal() > 0) // dim
-    warn_of_loose_normals(contact.terms.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
+    warn_of_free_normals(contact.terms.frictions, supports, np.union1d(contact.obstacles.nodes, sprung))
     if kernel is not None:
         holds = "holds back" if of_bodies else "holds the body against"
         said = (

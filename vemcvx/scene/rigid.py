@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.program.kernel import Kernel
-from vemcvx.scene.loose_words import Part, body_names, combined, floating
+from vemcvx.scene.motions_in_words import Part, body_names, combined, floating
 from vemcvx.scene.supports import Supports
 from vemcvx.vem import Space, rigid_modes
 
@@ -34,7 +34,7 @@ SKEW = 1e-9
 """Products of normed motions below this are rounding."""
 
 
-def loose_motions(
+def floating_motions(
     space: Space, supports: Supports, friction: sp.csr_matrix, springs: sp.csr_matrix | None = None
 ) -> tuple[Kernel | None, bool]:
     """The motions without strain that no support resists but friction does; None if there are none.
@@ -76,7 +76,7 @@ def loose_motions(
             continue
         fields = supports.P.T @ sp.diags_array(np.repeat(1.0 / count, dim)) @ R[:, columns]
         if springs is not None:
-            loose = loose @ _unfelt(springs, supports.P @ (fields @ loose))
+            loose = loose @ _without_energy(springs, supports.P @ (fields @ loose))
         if loose.shape[1] == 0:
             continue
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
@@ -84,7 +84,7 @@ def loose_motions(
         part = Part(which, tuple(bodies[one] for one in own), hinges)
         loose = _piece_by_piece(loose, k)
         field = fields @ loose
-        rank, rotated = _felt(friction @ field)
+        rank, rotated = _rank_revealing(friction @ field)
         if rank < loose.shape[1]:
             raise SceneError(floating(part, _piece_by_piece(loose @ rotated[:, rank:], k), space.mesh.points))
         size = np.abs(field).max(axis=0)
@@ -139,13 +139,13 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
     return ordered
 
 
-def _felt(grip: Floats) -> tuple[int, Floats]:
+def _rank_revealing(rows: Floats) -> tuple[int, Floats]:
     """How many independent combinations of the columns friction feels, and a basis with those first."""
-    _, singular, rotated = np.linalg.svd(grip, full_matrices=len(grip) < grip.shape[1])
+    _, singular, rotated = np.linalg.svd(rows, full_matrices=len(rows) < rows.shape[1])
     return int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()), rotated.T
 
 
-def _unfelt(springs: sp.csr_matrix, fields: Floats) -> Floats:
+def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
     """Combinations of the columns, as orthonormal columns, to which springs give no energy."""
     if fields.shape[1] == 0:
         return np.zeros((0, 0))

@@ -27,7 +27,7 @@ class Surface:
     """(m, dim) outward, averaged by length at corners"""
     lengths: Floats
     """(m,) int phi_i over the edges of contact"""
-    grips: sp.csr_matrix
+    normal_reaction: sp.csr_matrix
     """(m, n_u) with what supports and bilateral contact exert on nodes, R, contact presses with the force -g . R"""
 
     @property
@@ -56,12 +56,12 @@ def contact_surface(
     moves = [np.full(len(s.nodes), isinstance(s, Friction) and s.ground is not None) for s in surfaces]
     np.logical_or.at(drawn, row, np.concatenate(moves))
     rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
-    kept = np.flatnonzero(held.slides | held.beside | rubs)
+    kept = np.flatnonzero(held.slides | held.normal_only | rubs)
     lengths = lengths_of(united(owned(surfaces)[0], row))[kept]
     at, there = jumps[first][kept], normals[first][kept]
     lead, place = at.distinct
     normal, length = np.zeros((len(lead), dim)), np.zeros(len(lead))
     np.add.at(normal, place, lengths[:, None] * there)
     np.add.at(length, place, lengths)
-    grips = sp.csr_matrix(summing(place, len(lead)) @ held.grips[kept])
-    return Surface(at[lead], normal / np.linalg.norm(normal, axis=1)[:, None], length, grips)
+    normal_reaction = sp.csr_matrix(summing(place, len(lead)) @ held.normal_reaction[kept])
+    return Surface(at[lead], normal / np.linalg.norm(normal, axis=1)[:, None], length, normal_reaction)

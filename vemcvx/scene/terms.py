@@ -106,7 +106,7 @@ def friction_terms(
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
     held = freedom(jumps[first], normals[first], supports, times, under)
     acting = np.flatnonzero(held.slides)
-    kept = np.concatenate([acting, np.flatnonzero((held.beside | held.dragged) & ~held.slides)])
+    kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
     ends = united(owns[0], term)
     if under is not None:
         _refuse_overlap(frictions, owns[0], ends)
@@ -221,7 +221,7 @@ def acting_rows(terms: Terms) -> sp.csr_matrix:
     return terms.rows[: terms.acting * block]
 
 
-def warn_of_loose_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
+def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
     glued = [f.nodes for f in frictions if f.directions is not None]
     stopped = np.concatenate([stopped, *glued])

@@ -107,7 +107,7 @@ def solution_near(
 
 def _by_softer_laws(
     program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
-) -> _Met | None:
+) -> _Settled | None:
     """A solution by way of laws that are softened at first."""
     share, point, factor = SOFTER, start, STEEPER
     last: tuple[Iterate, float] | None = None
@@ -125,7 +125,7 @@ def _by_softer_laws(
         point, share = replace(last[0], p=last[0].p / factor), last[1] * factor
 
 
-class _Met(NamedTuple):
+class _Settled(NamedTuple):
     """Sets whose inequalities hold, and what their system led to."""
 
     sets: Sets
@@ -145,7 +145,7 @@ def _from_sets(
     response: Response,
     rounds: Iterator[int],
     w: Floats | None = None,
-) -> _Met | None:
+) -> _Settled | None:
     """A solution from the sets at `start`, beside weights `w` (m,) if given."""
     shift, point = Shifts.of(program.operators) * SHIFT_SHARE, start
     turns = program.operators.block > 1
@@ -164,7 +164,7 @@ def _from_sets(
         if found is None:
             return None
         if found.holds(program, law, sets):
-            return _Met(sets, found)
+            return _Settled(sets, found)
         point = found.leaning(program, law, sets)
     return None
 

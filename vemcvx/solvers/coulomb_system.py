@@ -109,7 +109,7 @@ def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
     if operators.kernel is None:
         return True
     pushed = np.abs(operators.kernel).T @ np.abs(program.g)
-    left, blur = operators.hold.imbalance(lam, p, operators.kernel.T @ program.g, pushed)
+    left, blur = operators.kernel_balance.imbalance(lam, p, operators.kernel.T @ program.g, pushed)
     return bool((np.abs(left) <= blur + SOLVED * pushed).all())
 
 

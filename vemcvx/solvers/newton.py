@@ -43,9 +43,9 @@ PROXIMAL = 100.0
 """First shifts of the proximal point method, in those of the active sets."""
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
-LEAN = 0.01
-"""How far discs lean beyond their bound when a step begins: they then turn against SHIFT / LEAN times the stiffness
-that they feel. If all stick, 64 steps take a tenth to a quarter more linear solves; with .03 and .1 a few more."""
+OVERRELAXATION = 0.01
+"""How far multipliers of discs begin a step beyond their bound: they then turn against SHIFT / OVERRELAXATION times the
+stiffness that they feel. If all stick, 64 steps take a tenth to a quarter more solves; with .03 and .1 a few more."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class _PreparedNewton:
         run = _Search(program, target, self._max_iterations)
         shift = Shifts.of(program.operators)
         pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
-        start = Iterate(np.zeros(len(program.g)), _leaning(program, lam), pressed)
+        start = Iterate(np.zeros(len(program.g)), _overrelaxed(program, lam), pressed)
         run.newton(start, shift)
         if not run.done:
             for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL):
@@ -110,10 +110,10 @@ class _PreparedNewton:
         )
 
 
-def _leaning(program: StepProgram, lam: Floats) -> Floats:
+def _overrelaxed(program: StepProgram, lam: Floats) -> Floats:
     """Multipliers to begin with: terms that were at their bound slip again, as under most loads they do."""
-    lean = 4 * EPS if program.operators.block == 1 else LEAN
-    return (1.0 + lean) * program.project(lam)
+    beyond = 4 * EPS if program.operators.block == 1 else OVERRELAXATION
+    return (1.0 + beyond) * program.project(lam)
 
 
 @dataclass

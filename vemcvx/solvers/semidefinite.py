@@ -48,7 +48,7 @@ class ProximalPoints:
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         enough, patience = (FURTHER_GAP * target, PATIENCE) if self._most < np.inf else (target, IMPATIENCE)
-        d = _followed(program) if self._follows else np.zeros(len(program.g))
+        d = _motion_nearest_to_b(program) if self._follows else np.zeros(len(program.g))
         p = np.zeros_like(program.e) if p is None else p
         best = Answer(d, lam, 0, "nothing answered", p=p)
         least, waited, iterations, safeguards = np.inf, 0, 0, 0
@@ -75,7 +75,7 @@ class ProximalPoints:
         return fitting(prepared.solve(near, target, lam, p), near, solver.name)
 
 
-def _followed(program: StepProgram) -> Floats:
+def _motion_nearest_to_b(program: StepProgram) -> Floats:
     """The motion without energy that goes best with b."""
     N = program.operators.kernel
     if N is None:

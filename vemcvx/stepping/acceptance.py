@@ -13,7 +13,7 @@ an energy norm in every system of units, at most |x|_K, zero for x = 0 only; and
 on h, as x'x has one sum over the nodes and x'K^{-1}x two (while |x|_K grows like h^{-1/2}: supports that move tear at
 one layer of cells). A state whose norm and certified error are both at most accuracy times the largest size so far is
 zero at the accuracy asked. A body that the ground carries along has no energy either: what the ground can cause counts
-likewise (:func:`drawn`).
+likewise (:func:`ground_norm`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
 
 
-def caused(condensation: Condensation, force: Reduced) -> float:
+def data_norm(condensation: Condensation, force: Reduced) -> float:
     """The size above, of what a force can cause."""
     x = force.x
     unit = float(power_of_two(np.abs(x).max(initial=0.0)))
@@ -49,18 +49,18 @@ def caused(condensation: Condensation, force: Reduced) -> float:
     return unit * square / float(np.sqrt(soft)) if square > 0 else 0.0
 
 
-def caused_beside(
+def data_norms(
     condensation: Condensation, now: StepData, norm: float, floor: float, accuracy: float
 ) -> tuple[float, float]:
     """What the data can cause, and what friction's own forces can, if the state is at the rounding floor `floor`.
 
     Zero, unseen, where states of energy norm `norm` are not zero beside it.
     """
-    data = _caused_beside(condensation, now.pushed, norm, accuracy)
-    return data, _caused_beside(condensation, now.force, norm, accuracy) if norm <= FLOORS * floor else 0.0
+    data = _data_norm_if_large(condensation, now.pushed, norm, accuracy)
+    return data, _data_norm_if_large(condensation, now.force, norm, accuracy) if norm <= FLOORS * floor else 0.0
 
 
-def drawn(operators: Operators, ground: Floats | None, w: Floats) -> float:
+def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
     """The size of what ground that moves can cause.
 
     That is the least energy norm with which some B_i v goes as far as the ground under it, |g_i| / f_i^{1/2} with f_i
@@ -73,8 +73,8 @@ def drawn(operators: Operators, ground: Floats | None, w: Floats) -> float:
     return float(min(far.max(initial=0.0), w @ root))
 
 
-def _caused_beside(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
-    return 0.0 if force.norm == 0.0 or not norm <= accuracy * force.norm else caused(condensation, force)
+def _data_norm_if_large(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
+    return 0.0 if force.norm == 0.0 or not norm <= accuracy * force.norm else data_norm(condensation, force)
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
@@ -101,10 +101,10 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     )
 
 
-def refuse_unheld(program: StepProgram, condensation: Condensation, n: int, t: float) -> None:
+def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, t: float) -> None:
     """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel."""
     operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
-    motion = None if N is None else operators.hold.unheld(program.w, N.T @ program.g)
+    motion = None if N is None else operators.kernel_balance.unbalanced_motion(program.w, N.T @ program.g)
     if kernel is None or N is None or motion is None:
         return
     field = N @ motion

@@ -19,7 +19,7 @@ from vemcvx.arrays import Floats
 from vemcvx.program.answer import Answer
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.fixed_point import DependentStep, resolved
-from vemcvx.stepping.ledger import drive
+from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.posed_step import PosedStep, pose_step
 from vemcvx.stepping.refined_state import refined_state
 from vemcvx.stepping.state import PreparedRun, State
@@ -43,7 +43,7 @@ class QuasistaticSteps:
 
     def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
         """Step `n` from `before` to `t`; with weights `w` (m,), if they are given."""
-        return pose_step(self.run, before, drive(self.run.system, self.run.condensation, t), w)
+        return pose_step(self.run, before, step_data(self.run.system, self.run.condensation, t), w)
 
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`."""
@@ -58,7 +58,7 @@ def step(run: PreparedRun, before: State, n: int, t: float) -> State:
     NotCertified
         The step misses the solver's accuracy, and the run is to be checked.
     """
-    now = drive(run.system, run.condensation, t)
+    now = step_data(run.system, run.condensation, t)
     attempt = pose_step(run, before, now)
     same = now.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
     # A given start may be out of balance by more than a step's accuracy.
@@ -79,4 +79,4 @@ def solved(attempt: PosedStep, n: int) -> State:
     norms = attempt.run.system.norms
     if norms is not None and norms.dependent:
         return resolved(DependentStep(attempt, norms, n))
-    return attempt.held(n)
+    return attempt.solve_balanced(n)

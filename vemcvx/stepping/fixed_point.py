@@ -113,7 +113,7 @@ class DependentStep:
         """
         left = self.run.most - spent
         posed = self.pose(w, self.run.after(spent + int(left // 2) if np.isfinite(left) else 0))
-        return posed.held(self.n, FIXED_POINT, near)
+        return posed.solve_balanced(self.n, FIXED_POINT, near)
 
     def from_before(self) -> tuple[State | None, int]:
         """A solution near the state before, if one is found in a few sets, and how many it took.
@@ -188,7 +188,7 @@ class DependentStep:
                 "it falls at most, or None for an estimate."
             )
 
-    def beside(self, state: State, near: State) -> State:
+    def with_forces_of(self, state: State, near: State) -> State:
         """The motion of the state under the forces of a solution near it, and its distance to that."""
         error = self.distance(state, near) + near.certificate.error
         return self.pose(near.weights).moved(state, near, near.certificate.away(error))
@@ -264,7 +264,7 @@ def resolved(step: DependentStep) -> State:
         iterations += rounds
         if before is not None:
             increments.append(step.distance(state, before) + step.work_apart(state, before))
-        found = near if step.replaces else near and step.beside(state, near)
+        found = near if step.replaces else near and step.with_forces_of(state, near)
         own, rate = found or step.certified(state, increments), _rate(increments, 1)
         own = replace(own, iterations=iterations, safeguards=safeguards, rate=rate)
         error = own.certificate.error / (own.unit(accuracy) or np.inf)
@@ -278,7 +278,7 @@ def resolved(step: DependentStep) -> State:
         if step.norms.slip_law is not None and np.array_equal(followed, w):
             return own  # The same program would be answered alike.
         tried.append((w, followed))
-        if _hopeless(increments):
+        if _stagnates(increments):
             if near is not None:
                 return own  # The sets have settled: it is the solver that comes no nearer to what they lead to.
             break
@@ -301,7 +301,7 @@ def _rate(increments: list[float], window: int) -> float:
     return float(np.divide(last[1:], last[:-1], out=np.zeros(window), where=last[:-1] > 0).max())
 
 
-def _hopeless(increments: list[float]) -> bool:
+def _stagnates(increments: list[float]) -> bool:
     """Whether increments shrink too slowly."""
     slow = len(increments) > 10 and all(b >= SLOWEST * a for a, b in pairwise(increments[-11:]))
     idle = len(increments) > IDLE and min(increments[-IDLE:]) >= 0.5 * min(increments[:-IDLE])

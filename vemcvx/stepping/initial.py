@@ -17,9 +17,9 @@ from vemcvx.arrays import Floats, shaped
 from vemcvx.errors import SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import energy_norm
-from vemcvx.stepping.acceptance import caused_beside, require_certified
+from vemcvx.stepping.acceptance import data_norms, require_certified
 from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.ledger import Ledger, StepData, drive, energy, strain_energy
+from vemcvx.stepping.ledger import Ledger, StepData, energy, step_data, strain_energy
 from vemcvx.stepping.posed_step import pose_step
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.refined_state import refined_state
@@ -37,7 +37,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     SceneError
         `initial` is not understood, or the state violates (2.1).
     """
-    now = drive(run.system, run.condensation, t)
+    now = step_data(run.system, run.condensation, t)
     if isinstance(initial, str) and initial == "settled":
         settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
         if run.check:
@@ -66,7 +66,7 @@ def _off(settled: State, jump: float) -> Certificate:
 
 def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
     """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
-    return _beginning(run, _settle(run, state_given(run, drive(run.system, run.condensation, t), y)))
+    return _beginning(run, _settle(run, state_given(run, step_data(run.system, run.condensation, t), y)))
 
 
 def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:
@@ -138,7 +138,7 @@ def _beginning(run: PreparedRun, state: State) -> State:
         start = strain_energy(run.system, state.unknowns, state.t)
     ledger = Ledger.opening(start, run.operators.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
-    size, noise = caused_beside(run.condensation, state.data, ledger.norm, floor, accuracy)
+    size, noise = data_norms(run.condensation, state.data, ledger.norm, floor, accuracy)
     return replace(state, slip=np.zeros_like(state.slip), ledger=ledger, scale=ledger.norm, size=size, noise=noise)
 
 

@@ -101,7 +101,7 @@ class Ledger:
         return float(np.sqrt(2.0 * np.maximum(self.energy, 0.0)))
 
 
-def drive(system: System, condensation: Condensation, t: float) -> StepData:
+def step_data(system: System, condensation: Condensation, t: float) -> StepData:
     """Evaluate load and supports at `t`."""
     bias = np.zeros(0) if system.norms is None else system.norms.bias_at(t)
     forces, rows = system.load_on_part(t)

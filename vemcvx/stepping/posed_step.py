@@ -23,7 +23,7 @@ from vemcvx.solvers.coulomb_sets import solution_near
 from vemcvx.solvers.coulomb_system import WeightLaw
 from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.acceptance import caused_beside, drawn, refuse_unheld
+from vemcvx.stepping.acceptance import data_norms, ground_norm, refuse_unbalanced
 from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.state import PreparedRun, State
 
@@ -55,7 +55,7 @@ class PosedStep:
     program: StepProgram
     data: StepData
 
-    def held(self, n: int, share: float = 1.0, near: State | None = None) -> State:
+    def solve_balanced(self, n: int, share: float = 1.0, near: State | None = None) -> State:
         """The solution, as `solve` finds it, of step `n`.
 
         Where nothing balances the load on K's kernel there is none: solvers that are given the kernel are not asked
@@ -66,12 +66,12 @@ class PosedStep:
         SceneError
             Nothing balances the load.
         """
-        unheld = partial(refuse_unheld, self.program, self.run.condensation, n, self.data.t)
+        refuse = partial(refuse_unbalanced, self.program, self.run.condensation, n, self.data.t)
         if self.run.solver.semidefinite:
-            unheld()
+            refuse()
         state = self.solve(share, near)
         if not np.isfinite(state.certificate.gap):
-            unheld()
+            refuse()
         return state
 
     def solve(self, share: float = 1.0, near: State | None = None) -> State:
@@ -209,7 +209,7 @@ class PosedStep:
         )
         scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.accuracy
         floor = certificate.error_floor
-        size, noise = caused_beside(self.run.condensation, self.data, scale, floor, accuracy)
+        size, noise = data_norms(self.run.condensation, self.data, scale, floor, accuracy)
         return State(
             t=self.data.t,
             y=y,
@@ -226,6 +226,6 @@ class PosedStep:
             iterations=answer.iterations,
             status=answer.status,
             safeguards=answer.safeguards,
-            size=max(before.size, size, drawn(self.run.operators, self.data.ground, capped_weights)),
+            size=max(before.size, size, ground_norm(self.run.operators, self.data.ground, capped_weights)),
             noise=noise,
         )

@@ -29,7 +29,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.iterative_refinement import residual, rounding
 from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import VISCOUS
-from vemcvx.stepping.acceptance import caused_beside, require_certified
+from vemcvx.stepping.acceptance import data_norms, require_certified
 from vemcvx.stepping.backward_euler import solved
 from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
 from vemcvx.stepping.posed_step import PosedStep, pose_step
@@ -92,7 +92,7 @@ class ViscousSteps:
         floor = self._floor(run, stepped, y, before.t, abs(1.0 - shared / k))
         certificate, scale = replace(stepped.certificate, floor=floor), float(np.maximum(before.scale, ledger.norm))
         # The increment alone has energy, the layer at supports that move; the state may have none.
-        size, noise = caused_beside(run.condensation, stepped.data, scale, certificate.error_floor, run.accuracy)
+        size, noise = data_norms(run.condensation, stepped.data, scale, certificate.error_floor, run.accuracy)
         state = replace(
             stepped,
             certificate=certificate,

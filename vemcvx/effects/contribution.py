@@ -142,6 +142,8 @@ class Friction:
     """(m,) integrals of the nodal basis functions over the edges with that normal."""
     weights: Callable[[float], Floats]
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
+    steady: bool = False
+    """whether these are the same at all times"""
     law: Callable[[float, Floats], Floats] | None = None
     """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
     bias: Callable[[float], Floats] | None = None

@@ -152,8 +152,13 @@ class TrescaFriction(Effect):
         if closed:
             friction = replace(friction, law=bounds.ramp, slope=bounds.slope)
         else:
-            bias = None if self.backward is None else bounds.bias
-            friction = replace(friction, weights=bounds.weights, bias=bias, in_the_air=self.while_closed is None)
+            friction = replace(
+                friction,
+                weights=bounds.weights,
+                steady=not varies(self.bound, self.backward),
+                bias=None if self.backward is None else bounds.bias,
+                in_the_air=self.while_closed is None,
+            )
 
         def given(x: Floats, t: float, pressure: Floats) -> Floats:
             return bounds.at(x, t, pressure if closed else None)

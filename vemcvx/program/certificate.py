@@ -34,7 +34,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vemcvx.arrays import EPS, Floats
+from vemcvx.arrays import EPS, Floats, lengths
 from vemcvx.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
@@ -99,11 +99,10 @@ class Certificate(ArrayRecord):
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     """w_i |s_i| - lam_i . s_i >= 0 for |lam_i| <= w_i, without cancellation; (m,)."""
-    size, slip = np.linalg.norm(lam, axis=1), np.linalg.norm(s, axis=1)
-    both = (size > 0) & (slip > 0)
-    direction = np.zeros_like(lam)
-    direction[both] = lam[both] / size[both, None] - s[both] / slip[both, None]
-    turned = np.einsum("ij,ij->i", direction, direction)
+    size, slip = lengths(lam), lengths(s)
+    # Where one of them vanishes it takes the direction out of the sum, whatever that is.
+    apart = lam / np.where(size > 0, size, 1.0)[:, None] - s / np.where(slip > 0, slip, 1.0)[:, None]
+    turned = np.einsum("ij,ij->i", apart, apart)
     short = np.where(size >= (1.0 - BOUND_ROUNDING) * w, 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * turned
     return gaps
@@ -111,6 +110,8 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
 
 def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:
     """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, without cancellation; infinite beyond a bound."""
+    if len(p) == 0:
+        return p
     soft = compliance > 0
     gap = 0.5 * compliance * p * p + p * np.abs(np.minimum(z, 0.0))
     above = z > 0

@@ -83,6 +83,8 @@ class StepProgram(ArrayRecord):
     def excess_blur(self, d: Floats) -> Floats:
         """(r,) the rounding of z; a bound d_i = e_i is exact."""
         limits = self.operators.limits
+        if len(self.e) == 0:
+            return self.e
         return np.where(limits.exact, 0.0, EPS * (limits.absolute.read(np.abs(d)) + np.abs(self.e)))
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:

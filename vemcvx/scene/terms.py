@@ -186,7 +186,7 @@ def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Nor
     block = terms.rows.shape[0] // len(terms.nodes)
     return Norms(
         B=on_free(acting_rows(terms), supports),
-        w=lambda t: terms.weights(t)[:m],
+        w=terms.weights(0.0)[:m] if all(f.steady for f in terms.frictions) else lambda t: terms.weights(t)[:m],
         block=block,
         places=supports.places(terms.nodes),
         law=None if under is None or remembers else lambda t, p: under(t, p, none, none),

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, lengths
 from vemcvx.linear import Matrix, corrected
 from vemcvx.program.norms import transverse
 from vemcvx.program.operators import Operators
@@ -91,7 +91,7 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     eliminated (Kunisch and Stadler 2005; Hueber, Stadler and Wohlmuth 2008); at a solution it is w / |s|.
     """
     q = at.lam + shift.norms[:, None] * program.slip(at.d)
-    size = np.linalg.norm(q, axis=1)
+    size = lengths(q)
     stick = size <= program.w
     slip = ~stick
     direction, curvature = np.zeros_like(q), np.zeros_like(size)
@@ -192,7 +192,9 @@ def _held_coordinates(
         d = corrected(M, d, load, free, cycle=cycle, part=INEXACT)
     else:
         F = np.flatnonzero(free)
-        rows = M[F]
-        d[F] = operators.factor.within(rows[:, F], F).solve(load[F] - rows @ d if value.any() else load[F])
-    reaction = (load[columns] - M[columns] @ d) / coefficient
+        rest = load - M @ d if value.any() else load
+        # Of dense matrices `take` copies three times as fast as an index does.
+        M_FF = M.take(F, 0).take(F, 1) if isinstance(M, np.ndarray) else M[F][:, F]
+        d[F] = operators.factor.within(M_FF, F).solve(rest[F])
+    reaction = (load - M @ d)[columns] / coefficient
     return d, reaction[: len(stick)], reaction[len(stick) :]

@@ -33,7 +33,7 @@ def drag(system: System, before: State, state: State) -> State:
     """The state with what rubbed where supports dragged it since `before`: as loss, and as work of the supports."""
     terms = system.dragged
     if terms is None:
-        return replace(state, dragged=before.dragged)
+        return state
     last, now = terms.position(before.t), terms.position(state.t)
     slip = (now - last).reshape(terms.count, terms.block)
     size = np.linalg.norm(slip, axis=1)

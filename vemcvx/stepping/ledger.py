@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, lengths
 from vemcvx.program.answer import Answer
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced, on_part
@@ -213,7 +213,7 @@ def _entered(past: Ledger, now: StepData, stored: float, work: float, slip: Floa
     """The ledger with a step's energy, its work but for the bias, and its slips."""
     # The bias is a force in the balance, and friction in the ledger.
     tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
-    way = np.linalg.norm(slip, axis=1)
+    way = lengths(slip)
     rubbed = w * way + tilt
     done = work + float(tilt.sum())
     lost = past.dissipated + float(rubbed.sum())

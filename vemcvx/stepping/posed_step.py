@@ -115,7 +115,7 @@ class PosedStep:
             if state.certificate.gap >= best.certificate.gap:
                 break
             best = state
-        return replace(best, iterations=spent)
+        return best if spent == best.iterations else replace(best, iterations=spent)
 
     @property
     def ordinary(self) -> bool:
@@ -228,4 +228,5 @@ class PosedStep:
             safeguards=answer.safeguards,
             size=max(before.size, size, ground_norm(self.run.operators, self.data.ground, capped_weights)),
             noise=noise,
+            dragged=before.dragged,
         )

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import EPS, Bools, Floats
+from vemcvx.arrays import EPS, Bools, Floats, lengths
 from vemcvx.linear import LinearSolver
 from vemcvx.program.answer import Answer
 from vemcvx.program.certificate import Certificate
@@ -166,7 +166,7 @@ def sticking(run: PreparedRun, state: State) -> Bools:
         return np.zeros(0, dtype=bool)
     blur = EPS * np.abs(operators.blocks(operators.rows.absolute.read(np.abs(state.y)))).max(axis=1)
     error = state.certificate.error + state.certificate.error_floor
-    sticks: Bools = np.linalg.norm(state.slip, axis=1) <= error * np.sqrt(operators.norm_flexibility) + blur
+    sticks: Bools = lengths(state.slip) <= error * np.sqrt(operators.norm_flexibility) + blur
     return sticks
 
 

@@ -222,4 +222,5 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
         scale=before.scale,
         iterations=0,
         size=before.size,
+        dragged=before.dragged,
     )

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load
@@ -41,24 +40,17 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
     def alive(
         data: tuple[Varying, ...], value: Callable[[Varying], Callable[[float], Floats]], what: str
     ) -> tuple[Varying, ...]:
-        keep = [len(times) == 0 or not _zero(value(datum), times) for datum in data]
-        said.extend(
-            f"{datum.subject}: its {what} is zero at all instants"
-            for datum, kept in zip(data, keep, strict=True)
-            if not kept
-        )
-        return tuple(datum for datum, kept in zip(data, keep, strict=True) if kept)
+        zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
+        said.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
+        return tuple(data[i] for i in np.flatnonzero(~np.array(zero, dtype=bool)))
 
-    def strong(matrix: sp.csr_matrix | None, what: str) -> sp.csr_matrix | None:
-        if matrix is None or part.material is not None or matrix.data.any():
-            return matrix
-        said.append(f"{type(effect).__name__}: its {what} is zero")
-        return None
-
+    matrices = () if part.material is not None else ("stiffness", "viscosity")
+    weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]
+    none: dict[str, Any] = dict.fromkeys(weak)
+    said.extend(f"{type(effect).__name__}: its {name} is zero" for name in weak)
     return replace(
         part,
-        stiffness=strong(part.stiffness, "stiffness"),
-        viscosity=strong(part.viscosity, "viscosity"),
+        **none,
         loads=alive(part.loads, lambda load: load.vector, "force"),
         frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
         eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),

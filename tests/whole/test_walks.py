@@ -1,0 +1,147 @@
+"""The walks of CONTRIBUTING.md, traced: a number that is seen nowhere else is followed through all functions called."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import vemcvx as vx
+from vemcvx.cli import app
+from vemcvx.solvers import conic
+
+ROOT = Path(vx.__file__).parent
+NUMBER = 4 * math.e / math.pi
+CHECKS = {"arrays.py", "arguments.py", "effects/data.py", "program/checks.py"}
+"""They hand back what they are given."""
+
+
+def walks():
+    """title -> its hops, file -> function."""
+    text = (ROOT.parent / "CONTRIBUTING.md").read_text()
+    section = text[text.index("### Four walks") :].split("\n## ")[0]
+    found = {}
+    for title, block in re.findall(r"\n([^\n]+):\n\n```text\n(.*?)```", section, flags=re.DOTALL):
+        found[title] = dict(re.findall(r"^(\S+\.py) +(\S+)", block, flags=re.MULTILINE))
+    return found
+
+
+def traced(run, powers=(1,), number=NUMBER, since=None):
+    """The functions in which a power of the number stands, times a power of two: (file, name), in order of time."""
+    wanted = np.array([math.frexp(number**power)[0] for power in powers])
+    seen, here = {}, [since is None]
+
+    def has(x):
+        if isinstance(x, (float, np.ndarray)) and np.size(x) < 5000 and np.asarray(x).dtype == float:
+            return bool((np.abs(np.frexp(np.abs(np.ravel(x)))[0][:, None] - wanted) < 1e-14).any())
+        return hasattr(x, "data") and hasattr(x, "indptr") and has(x.data)
+
+    def profile(frame, event, answer):
+        code = frame.f_code
+        if event in ("call", "return") and code.co_filename.startswith(str(ROOT)):
+            here[0] = here[0] or code.co_qualname == since
+            place = str(Path(code.co_filename).relative_to(ROOT)), code.co_qualname
+            if here[0] and place not in seen:
+                own = frame.f_locals.get("self")
+                values = [answer, *frame.f_locals.values(), *getattr(own, "__dict__", {}).values()]
+                if any(map(has, values)):
+                    seen[place] = None
+
+    sys.setprofile(profile)
+    try:
+        run()
+    finally:
+        sys.setprofile(None)
+    return list(seen)
+
+
+def scene(young=200.0, bound=4.0):
+    return vx.Scene(
+        vx.Elasticity(young, 0.0),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.column_stack([8 * (1.25 - x[:, 1]) * t, np.full(len(x), -0.01 * t)]), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(bound, on="bottom"),
+    )
+
+
+def simulated(given, **options):
+    return vx.simulate(given, vx.meshes.squares(4), [0.0, 0.5], **options)
+
+
+def bound_to_cone(folder):
+    conic.installed()  # cvxpy is imported, and not traced
+    return traced(lambda: simulated(scene(bound=NUMBER), solver=vx.Clarabel(), condense=False), since="step")
+
+
+def bound_to_newton(folder):
+    return traced(lambda: simulated(scene(bound=NUMBER)), since="step")
+
+
+def young_to_stiffness(folder):
+    return traced(lambda: simulated(scene(young=NUMBER)), since="Elasticity.contribute")
+
+
+def accuracy_to_option(folder):
+    """The target is a square."""
+    problem, accuracy = str(ROOT.parent / "problems" / "feng_han_huang.py"), repr(NUMBER * 2.0**-20)
+    asked = ["run", problem, "--n", "2", "--steps", "1", "--solver", "clarabel", "--accuracy", accuracy]
+    return traced(lambda: CliRunner().invoke(app, asked), powers=(1, 2))
+
+
+def displacement_to_file(folder):
+    history = simulated(scene())
+    largest = np.abs(history.displacement[-1][history.contact.nodes]).max()
+    return traced(lambda: simulated(scene()).write(folder), number=largest, since="PosedStep._asked")
+
+
+RECORD = "effects/contribution.py"
+"""It holds functions and matrices, and does nothing with them."""
+WALKS = {
+    "`bound`, from `TrescaFriction` to the cone": (bound_to_cone, "stepping/state.py"),
+    "`bound`, from `TrescaFriction` to Newton's method": (
+        bound_to_newton,
+        "stepping/state.py program/rows.py program/certificate.py program/operators.py",
+    ),
+    "`young`, from `Elasticity` to K": (
+        young_to_stiffness,
+        "vem/stabilisation.py vem/hooke.py vem/space.py scene/driving.py",
+    ),
+    "`accuracy`, from the command line to an option of a solver": (
+        accuracy_to_option,
+        "solvers/solver.py program/iterative_refinement.py stepping/acceptance.py stepping/initial.py",
+    ),
+    "`u`, from the answer to a step to a VTU file": (
+        displacement_to_file,
+        "linear/factor.py linear/superlu.py solvers/sets.py program/step_program.py program/rows.py stepping/ledger.py "
+        "program/operators.py program/certificate.py program/condensation.py program/iterative_refinement.py "
+        "results/contact.py history.py vem/strain.py",
+    ),
+}
+"""What is traced, and the files beside the way: they use the number, or give it back to who called them."""
+
+
+def test_the_walks_are_those_that_are_traced():
+    assert list(walks()) == list(WALKS)
+
+
+@pytest.mark.parametrize("title", WALKS)
+def test_a_walk_is_short_and_as_it_is_told(title, tmp_path):
+    hops, (trace, beside) = walks()[title], WALKS[title]
+    assert len(hops) <= 8
+    seen = trace(tmp_path)
+    files = list(dict.fromkeys(file for file, _ in seen))
+    before = files[: files.index(list(hops)[-1]) + 1]
+    for file, name in hops.items():
+        module = importlib.import_module(f"vemcvx.{file.removesuffix('.py').replace('/', '.')}")
+        assert hasattr(module, name.split(".")[0]), f"{file} has no {name}"
+        if file != RECORD:
+            assert file in before
+            assert any(f"{where}.".startswith(f"{name}.") for at, where in seen if at == file), f"{name}: not there"
+    assert set(before) - set(hops) - CHECKS <= set(beside.split())

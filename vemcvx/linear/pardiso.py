@@ -83,14 +83,13 @@ class PardisoFactor(Factor):
         self._n, rising = K.shape[0], np.sort(last)
         # Roots are taken of the same numbers in all units.
         self._unit = float(power_of_two(self._diagonal.max(initial=0.0)))
-        scaled = sp.csr_matrix(K / self._unit)
-        isolated = _schur_of_isolated(scaled, rising)
+        isolated = _schur_of_isolated(K, rising)
         self._last = rising if isolated is None else rising[:0]
-        self._pardiso = _with_values(scaled, self._last)
+        self._pardiso = _with_values(_upper_triangle(K, self._unit), self._last)
         own = self._factorised()
         self._upper: Floats = _cholesky(own)
         rank = np.argsort(np.argsort(last))
-        self.schur: Floats = self._unit * (own if isolated is None else isolated)[np.ix_(rank, rank)]
+        self.schur: Floats = (self._unit * own if isolated is None else isolated)[np.ix_(rank, rank)]
 
     def definite(self) -> PardisoFactor:
         """The factor itself; SceneError if K differs by no more than rounding from a singular matrix.
@@ -159,38 +158,42 @@ def _solver_class() -> Any:
     return None
 
 
-def _with_values(K: sp.csr_matrix, last: Ints) -> Any:
-    """A solver of the package that holds the upper triangle of K."""
+def _with_values(upper: sp.csr_matrix, last: Ints) -> Any:
+    """A solver of the package that holds a matrix, given by its upper triangle."""
     if (kind := _solver_class()) is None:
         raise NotAccepted(
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
             "(x86-64 on Linux and Windows), or use SuperLU()."
         )
-    upper = _upper_triangle(K)
-    solver = kind(POSITIVE_DEFINITE, 0)
+    n, solver = upper.shape[0], kind(POSITIVE_DEFINITE, 0)
     for number, value in (OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO, EQUAL_ROWS):
         solver.set_iparm(number, value)
     if len(last):
         solver.set_iparm(*SCHUR_AND_FACTORS)
-    if K.shape[0] == 0:
+    if n == 0:
         return solver
-    solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=K.shape[0])
+    solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=n)
     if len(last):
-        chosen = np.zeros(K.shape[0], dtype=np.int64)
+        chosen = np.zeros(n, dtype=np.int64)
         chosen[last] = 1
         solver.set_perm(chosen)
     solver.set_values(upper.data)
     return solver
 
 
-def _upper_triangle(K: sp.csr_matrix) -> sp.csr_matrix:
-    """The entries on and above the diagonal, columns ascending; SciPy's `triu` sorts all of them anew."""
+def _upper_triangle(K: sp.csr_matrix, unit: float) -> sp.csr_matrix:
+    """The entries of K / unit on and above the diagonal, all of which is there, columns ascending.
+
+    SciPy's `triu` sorts all of them anew.
+    """
     if not K.has_canonical_format:
         K = K.copy()
         K.sum_duplicates()
-    kept = K.indices >= np.repeat(np.arange(K.shape[0], dtype=K.indices.dtype), np.diff(K.indptr))
-    indptr = np.concatenate([[0], np.cumsum(kept)])[K.indptr]
-    return sp.csr_matrix((K.data[kept], K.indices[kept], indptr), shape=K.shape)
+    n = K.shape[0]
+    kept = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
+    counts = np.add.reduceat(kept, K.indptr[:-1], dtype=K.indptr.dtype) if n else K.indptr[:-1]
+    indptr = np.concatenate([[0], np.cumsum(counts)])
+    return sp.csr_matrix((K.data[kept] / unit, K.indices[kept], indptr), shape=K.shape)
 
 
 def _schur_of_isolated(K: sp.csr_matrix, last: Ints) -> Floats | None:

@@ -180,7 +180,15 @@ class System(ArrayRecord):
     def prescribed_slip(self, t: float) -> Floats:
         """What of the norm terms' argument (m * block,) no unknown brings: of the supports, less that of the ground."""
         given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
-        return given if self.norms is None or self.norms.ground is None else given - self.norms.moved(t)
+        return given if (ground := self.ground(t)) is None else given - ground
+
+    def ground(self, t: float) -> Floats | None:
+        """How far what norm terms rub on has moved at the instant `t`, (m * block,); None if it stands still."""
+        return None if self.norms is None or self.norms.ground is None else self.norms.moved(t)
+
+    def bias(self, t: float) -> Floats:
+        """The bias of the norm terms (m * block,) at the instant `t`."""
+        return np.zeros(0) if self.norms is None else self.norms.bias_at(t)
 
     @cached_property
     def B(self) -> sp.csr_matrix:

@@ -65,28 +65,11 @@ def motion_of(
 ) -> Motion:
     """What supports that move add to a System with the stiffness A, whose norm terms and limits have these rows."""
     rows, matrix = _rows_of(_moving(A, supports))
-    dirichlet_force = ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t))
-
-    def prescribed_slip(t: float) -> Floats:
-        return tangential @ supports.motion(t)
-
-    def stored(s: float, t: float) -> float:
-        return float(supports.motion(s) @ (A @ supports.motion(t)))
-
-    def remaining_gap(t: float) -> Floats:
-        return normal @ supports.motion(t)
-
-    def frame(t: float, y: Floats) -> Floats:
-        return seen(supports.P @ y + supports.motion(t))
-
-    def pair(v: Floats, w: Floats) -> float:
-        return float(v @ (A @ w))
-
     return Motion(
-        dirichlet_force=dirichlet_force,
-        prescribed_slip=prescribed_slip,
-        stored=stored,
-        frame=frame,
-        pair=pair,
-        remaining_gap=remaining_gap,
+        dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t)),
+        prescribed_slip=lambda t: tangential @ supports.motion(t),
+        stored=lambda s, t: float(supports.motion(s) @ (A @ supports.motion(t))),
+        frame=lambda t, y: seen(supports.P @ y + supports.motion(t)),
+        pair=lambda v, w: float(v @ (A @ w)),
+        remaining_gap=lambda t: normal @ supports.motion(t),
     )

@@ -120,7 +120,8 @@ def _normal_reactions(jumps: Jumps, normals: Floats, supports: Supports) -> tupl
     same &= held.any(axis=2)
     mine = same & (contact | (count == 1)[:, None])
     dual = np.linalg.pinv(held).transpose(0, 2, 1)
-    dual_rows = np.einsum("ik,ik,ikd->id", mine.astype(float), cosine, dual).reshape(*holding.members.shape, -1)
+    dual_rows = np.einsum("ik,ik,ikd->id", mine.astype(float), cosine, dual)
+    dual_rows = dual_rows.reshape(*holding.members.shape, points.shape[1])
     # Where contact alone holds a node altogether, at its corners, the node is no place of contact.
     held_by_contact = (same & contact).any(axis=1) & (contact.sum(axis=1) == 1)
     at, member = np.nonzero(dual_rows.any(axis=2))

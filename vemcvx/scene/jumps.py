@@ -72,7 +72,7 @@ class Jumps:
         """(m, k * dim) what d . jump, with d (m, dim), reads of the values of k nodes (m, k), the row's among them."""
         own, other = members == self.nodes[:, None], (members == self.partners[:, None]) & (members >= 0)
         read: Floats = (own.astype(float) - other)[:, :, None] * directions[:, None, :] + 0.0
-        return read.reshape(len(self), -1)
+        return read.reshape(len(self), members.shape[1] * directions.shape[1])
 
     def matrix(self, directions: Floats, points: Floats) -> sp.csr_matrix:
         """(m * q, n_u) the matrix of d . jump, for q directions (m, q, dim) a row."""

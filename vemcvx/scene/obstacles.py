@@ -57,20 +57,8 @@ class Obstacles:
 def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Supports) -> Obstacles:
     """The limits of all obstacles, whose rows own `ends`, where something can move towards them."""
     points = supports.points
-    if not obstacles:
-        none = np.zeros(0)
-        flat = np.zeros((0, points.shape[1]))
-        return Obstacles(
-            rows=sp.csr_matrix((0, points.size)),
-            jumps=Jumps.of(()),
-            normals=flat,
-            lengths=none,
-            compliance=none,
-            gap=lambda t: none,
-            ends=ends,
-        )
-    jumps, normals = Jumps.of(obstacles), np.concatenate([o.normals for o in obstacles])
-    compliance = np.concatenate([o.compliance for o in obstacles])
+    jumps, normals = Jumps.of(obstacles), np.concatenate([points[:0], *(o.normals for o in obstacles)])
+    compliance = np.concatenate([np.zeros(0), *(o.compliance for o in obstacles)])
     first, limit = _limits(jumps, normals, compliance)
     rows = normal_rows(jumps[first], normals[first], points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
@@ -79,7 +67,7 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
             nearest = np.full(len(first), np.inf)
-            np.minimum.at(nearest, limit, np.concatenate([o.gap(t) for o in obstacles]))
+            np.minimum.at(nearest, limit, np.concatenate([nearest[:0], *(o.gap(t) for o in obstacles)]))
             return np.where((-rounding <= nearest) & (nearest < 0), 0.0, nearest)[chosen]
 
         kept = first[chosen]

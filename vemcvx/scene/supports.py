@@ -77,7 +77,7 @@ class Supports:
             new = (mine < len(each)) & (slot.length > 0)
             new[new] = each[mine[new]] == slot.sites[new]
             at = mine[new]
-            held[at, filled[at], : slot.rows.shape[1]] = slot.rows[new]
+            held[at, filled[at], : slot.rows.shape[1]] = slot.rows[new, :size]
             contact[at, filled[at]] = slot.support.contact
             filled[at] += 1
         return Holding(members, held[place], contact[place])

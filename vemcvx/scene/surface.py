@@ -47,14 +47,12 @@ def contact_surface(
     A node that supports drag, or ground that moves, belongs to it where it rubs, so where it has a term of `terms`.
     """
     dim = supports.points.shape[1]
-    if not surfaces:
-        return Surface(Jumps.of(()), np.zeros((0, dim)), np.zeros(0), sp.csr_matrix((0, supports.points.size)))
-    jumps, normals = Jumps.of(surfaces), np.concatenate([s.normals for s in surfaces])
+    jumps, normals = Jumps.of(surfaces), np.concatenate([supports.points[:0], *(s.normals for s in surfaces)])
     first, row = merged(jumps, normals)
     held = freedom(jumps[first], normals[first], supports, times)
     drawn = np.zeros(len(first), dtype=bool)
     moves = [np.full(len(s.nodes), isinstance(s, Friction) and s.ground is not None) for s in surfaces]
-    np.logical_or.at(drawn, row, np.concatenate(moves))
+    np.logical_or.at(drawn, row, np.concatenate([drawn[:0], *moves]))
     rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
     kept = np.flatnonzero(held.slides | held.normal_only | rubs)
     lengths = lengths_of(united(owned(surfaces)[0], row))[kept]

@@ -89,19 +89,7 @@ def friction_terms(
     """
     points = supports.points
     _check_directions(frictions)
-    if not frictions:
-        none, dim = np.zeros(0), points.shape[1]
-        return Terms(
-            rows=sp.csr_matrix((0, points.size)),
-            jumps=Jumps.of(()),
-            tangents=np.zeros((0, dim - 1, dim)),
-            lengths=none,
-            directed=none > 0,
-            frictions=(),
-            gather=sp.csr_matrix((0, 0)),
-            sign=none,
-        )
-    jumps, normals = Jumps.of(frictions), np.concatenate([f.across for f in frictions])
+    jumps, normals = Jumps.of(frictions), np.concatenate([points[:0], *(f.across for f in frictions)])
     first, term = merged(jumps, normals, kinds=_grounds(frictions))
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
     held = freedom(jumps[first], normals[first], supports, times, under)
@@ -118,7 +106,7 @@ def friction_terms(
         jumps=jumps[first][kept],
         tangents=tangents,
         lengths=lengths_of(ends),
-        directed=np.concatenate([np.full(len(f.nodes), f.directions is not None) for f in frictions])[first][kept],
+        directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
         frictions=frictions,
         gather=summing(term, len(first))[kept],
         sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
@@ -133,8 +121,12 @@ def friction_terms(
 def _grounds(frictions: Sequence[Friction]) -> Ints:
     """Which ground each row of all frictions is on: the first friction that rubs on it."""
     grounds = [None if f.ground is None else f.ground.value for f in frictions]
-    own = [next(k for k, other in enumerate(grounds) if other is ground) for ground in grounds]
-    return np.repeat(own, [len(f.nodes) for f in frictions])
+    return _of_rows(frictions, [next(k for k, other in enumerate(grounds) if other is ground) for ground in grounds])
+
+
+def _of_rows(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
+    """The number of the friction of each row."""
+    return np.repeat(np.array(numbers, dtype=np.int64), [len(f.nodes) for f in frictions])
 
 
 def _moved(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
@@ -154,7 +146,7 @@ def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp
     """Raise SceneError where two terms own an edge: they rub on it, and on grounds that move differently."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
     if len(twice):
-        owner = np.repeat(np.arange(len(frictions)), [len(f.nodes) for f in frictions])
+        owner = _of_rows(frictions, range(len(frictions)))
         one, other = np.unique(owner[owns[:, twice[:1]].nonzero()[0]])[:2]
         raise SceneError(
             f"{frictions[one].subject} and {frictions[other].subject}: they act on the same edges, but their grounds "
@@ -241,7 +233,7 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
 def merged(jumps: Jumps, normals: Floats, signed: bool = False, kinds: Ints | None = None) -> tuple[Ints, Ints]:
     """Rows of one jump, kind and normal (up to sign) are one term: its first row, and the term of every row."""
     pairs, term = jumps.distinct[1], np.full(len(jumps), -1)
-    first: list[Ints] = []
+    first = [term[:0]]
     while (term < 0).any():
         left = np.flatnonzero(term < 0)
         lead = left[np.unique(pairs[left], return_index=True)[1]]

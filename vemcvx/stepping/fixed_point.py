@@ -283,14 +283,13 @@ def resolved(step: DependentStep) -> State:
                 return own  # The sets have settled: it is the solver that comes no nearer to what they lead to.
             break
         w, before = mixed(tried) if step.convex else followed, state
-    raise NotContracting(
-        f"step {n} at t = {state.t:.6g}: {step.subject} contracts with the rate {own.rate:.3g} only: after {count} "
-        f"programs {step.still_changing(state, own)}, and the estimated error is {error:.1e}, "
-        f"asked was {accuracy:.1e}. {step.advice}",
-        step=n,
-        time=state.t,
-        rate=float(own.rate),
-    )
+    after = f"{count} programs {step.still_changing(state, own)}, and the estimated error is {error:.1e}"
+    raise _not_contracting(step, state.t, rate, f"after {after}, asked was {accuracy:.1e}")
+
+
+def _not_contracting(step: DependentStep, t: float, rate: float, why: str) -> NotContracting:
+    message = f"step {step.n} at t = {t:.6g}: {step.subject} contracts with the rate {rate:.3g} only: {why}."
+    return NotContracting(f"{message} {step.advice}", step=step.n, time=t, rate=rate)
 
 
 def _rate(increments: list[float], window: int) -> float:

@@ -101,25 +101,8 @@ def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
     if norms is not None and norms.slip_law is not None:
         weights = norms.weights_under(now.t, np.zeros(len(operators.compliance)))
     y_c = y[run.condensation.retained]
-    still = np.zeros((operators.count, operators.block))
-    none = np.zeros(len(operators.compliance))
-    ledger = Ledger.opening(energy(run.condensation, y_c, now, none), operators.count)
-    return State(
-        t=now.t,
-        y=y_c,
-        unbalanced=now.force.retained - operators.force(y_c),
-        data=now,
-        weights=weights,
-        capped_weights=weights,
-        lam=still,
-        p=none,
-        slip=still,
-        certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
-        ledger=ledger,
-        scale=ledger.norm,
-        iterations=0,
-        full=y,
-    )
+    start = energy(run.condensation, y_c, now, np.zeros(len(operators.compliance)))
+    return replace(State.still(operators, now, y_c, weights, start), full=y)
 
 
 def _settle(run: PreparedRun, state: State) -> State:

@@ -91,9 +91,9 @@ class Ledger:
     """(m,) cumulative |s_i|, which laws of friction may see"""
 
     @classmethod
-    def opening(cls, energy: float, count: int, slipped: Floats | None = None) -> Ledger:
+    def opening(cls, energy: float, count: int) -> Ledger:
         """Nothing is lost or done yet, in any of `count` norm terms."""
-        return cls(energy, 0.0, 0.0, np.zeros(count), np.zeros(count) if slipped is None else slipped)
+        return cls(energy, 0.0, 0.0, np.zeros(count), np.zeros(count))
 
     @property
     def norm(self) -> float:
@@ -103,16 +103,18 @@ class Ledger:
 
 def step_data(system: System, condensation: Condensation, t: float) -> StepData:
     """Evaluate load and supports at `t`."""
-    bias = np.zeros(0) if system.norms is None else system.norms.bias_at(t)
-    forces, rows = system.load_on_part(t)
+    bias, (forces, rows) = system.bias(t), system.load_on_part(t)
     pushed = in_range(condensation.reduce(forces, rows=rows), t)
-    force = condensation.less(pushed, bias)
-    remaining_gap = system.remaining_gap(t)
-    motion, c = system.motion, system.prescribed_slip(t)
-    ground = None if system.norms is None or system.norms.ground is None else system.norms.moved(t)
     data = StepData(
-        t=t, force=force, prescribed_slip=c, remaining_gap=remaining_gap, bias=bias, pushed=pushed, ground=ground
+        t=t,
+        force=condensation.less(pushed, bias),
+        prescribed_slip=system.prescribed_slip(t),
+        remaining_gap=system.remaining_gap(t),
+        bias=bias,
+        pushed=pushed,
+        ground=system.ground(t),
     )
+    motion = system.motion
     if motion is None:
         return data
     forces, rows = on_part(motion.dirichlet_force, t)

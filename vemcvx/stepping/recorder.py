@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import is_whole
-from vemcvx.arrays import Floats, Ints, sizes_of
+from vemcvx.arrays import Bools, Floats, Ints, sizes_of
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.iterative_refinement import full_certificate, pulled, residual
 from vemcvx.program.tolerances import INTERIOR
@@ -74,6 +74,40 @@ SCALARS = {name: kind for name, (sizes, kind) in FIELDS.items() if sizes == ("N"
 TYPES: dict[str, type] = {"f": float, "i": np.int64, "b": bool}
 EVERY_STEP = ("scalars", "data", "initial")
 """Arrays with a row for every step, or for the initial instant alone; the others have one for every stored step."""
+
+
+def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
+    """What a trajectory has of every step, stored or not; `sticks` (terms,) tells which increments are zero."""
+    certificate, ledger = state.certificate, state.ledger
+    return {
+        "energy": ledger.energy,
+        "dissipated": ledger.dissipated,
+        "work": ledger.work,
+        "norm": ledger.norm,
+        "gap": certificate.gap,
+        "floor": certificate.floor,
+        "iterations": state.iterations,
+        "safeguards": state.safeguards,
+        "contraction": state.rate,
+        "stuck": sticks.sum(),
+        "estimated": certificate.estimate,
+        "unit": state.unit(accuracy),
+    }
+
+
+def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
+    """What it has of a stored step; terms that are dragged come last."""
+    ledger, dragged = state.ledger, state.dragged
+    return {
+        "state": state.unknowns,
+        "multipliers": np.concatenate([state.lam + state.data.bias.reshape(state.lam.shape), dragged.lam]),
+        "pressures": state.p,
+        "weights": np.concatenate([state.weights, dragged.weights]),
+        "sticking": sticks,
+        "worn": np.concatenate([ledger.worn, dragged.worn]),
+        "slipped": np.concatenate([ledger.slipped, dragged.slipped]),
+        "velocity": 0.0 if state.velocity is None else state.velocity,
+    }
 
 
 class Recorder:
@@ -169,39 +203,16 @@ class Recorder:
             state = certified_in_full(self._run, state)
             if n > 0 and self._run.check:
                 require_certified(self._run, state, n)
-        c, ledger = state.certificate, state.ledger
-        sticks = sticking(self._run, state) if n > 0 else np.ones(len(ledger.worn), dtype=bool)
-        dragged = state.dragged
-        sticks = np.concatenate([sticks, dragged.still])
-        scalars = {
-            "energy": ledger.energy,
-            "dissipated": ledger.dissipated,
-            "work": ledger.work,
-            "norm": ledger.norm,
-            "gap": c.gap,
-            "floor": c.floor,
-            "iterations": state.iterations,
-            "safeguards": state.safeguards,
-            "contraction": state.rate,
-            "stuck": sticks.sum(),
-            "estimated": c.estimate,
-            "unit": state.unit(self._run.solver.accuracy),
-        }
+        sticks = sticking(self._run, state) if n > 0 else np.ones(len(state.ledger.worn), dtype=bool)
+        sticks = np.concatenate([sticks, state.dragged.still])
+        scalars = _scalars(state, sticks, self._run.solver.accuracy)
         self._enter(n, "scalars", [scalars[name] for name in SCALARS])
         if n == 0:
             self._enter(0, "initial", state.unknowns)
         if stored:
-            row = self._row[n]
-            self._enter(row, "state", state.unknowns)
-            lam = state.lam + state.data.bias.reshape(state.lam.shape)
-            self._enter(row, "multipliers", np.concatenate([lam, dragged.lam]))
-            self._enter(row, "pressures", state.p)
-            self._enter(row, "weights", np.concatenate([state.weights, dragged.weights]))
-            self._enter(row, "sticking", sticks)
-            self._enter(row, "worn", np.concatenate([ledger.worn, dragged.worn]))
-            self._enter(row, "slipped", np.concatenate([ledger.slipped, dragged.slipped]))
-            if "velocity" in self._rows:
-                self._enter(row, "velocity", 0.0 if state.velocity is None else state.velocity)
+            values = _row(state, sticks)
+            for name in (name for name in self._rows if name not in EVERY_STEP):
+                self._enter(self._row[n], name, values[name])
         if self._storage.lasting:
             self._enter(n, "data", mark_of_data(self._run.system, float(self._times[n])))
             self._checkpoint(n, left, stored)

@@ -138,6 +138,27 @@ class State:
     velocity: Floats | None = None
     """(n,) their increments over the length of the step, where rates cost"""
 
+    @classmethod
+    def still(cls, operators: Operators, data: StepData, y: Floats, weights: Floats, energy: float = 0.0) -> State:
+        """The state y (m,) with that energy, whatever led to it: as far as is known, nothing slipped or pressed."""
+        nothing, none = np.zeros((operators.count, operators.block)), np.zeros(len(operators.compliance))
+        ledger = Ledger.opening(energy, operators.count)
+        return cls(
+            t=data.t,
+            y=y,
+            unbalanced=data.force.retained - operators.force(y),
+            data=data,
+            weights=weights,
+            capped_weights=weights,
+            lam=nothing,
+            p=none,
+            slip=nothing,
+            certificate=Certificate(0.0, np.zeros(operators.count), 0.0, none),
+            ledger=ledger,
+            scale=ledger.norm,
+            iterations=0,
+        )
+
     @property
     def unknowns(self) -> Floats:
         """(n,) all unknowns, of a state that is certified in full."""

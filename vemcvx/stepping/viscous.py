@@ -25,7 +25,6 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats
 from vemcvx.errors import NotContracting
-from vemcvx.program.certificate import Certificate
 from vemcvx.program.iterative_refinement import residual, rounding
 from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import VISCOUS
@@ -145,8 +144,7 @@ class ViscousSteps:
         prescribed_slip = system.prescribed_slip(t) - system.prescribed_slip(s)
         if moved is not None:
             phi -= (moved.dirichlet_force(t) - moved.dirichlet_force(s)) / k
-        remaining_gap = system.remaining_gap(t) - system.D @ y
-        bias = np.zeros_like(prescribed_slip) if system.norms is None else system.norms.bias_at(t)
+        bias = system.bias(t)
         # No two of these are alike, and a resumed run does not know those before it.
         pushed = in_range(run.condensation.reduce(phi, remembered=False), t)
         force = run.condensation.less(pushed, bias, remembered=False) if bias.any() else pushed
@@ -154,10 +152,10 @@ class ViscousSteps:
             t=t,
             force=force,
             prescribed_slip=prescribed_slip,
-            remaining_gap=remaining_gap,
+            remaining_gap=system.remaining_gap(t) - system.D @ y,
             bias=bias,
             pushed=pushed,
-            ground=None if system.norms is None or system.norms.ground is None else system.norms.moved(t),
+            ground=system.ground(t),
         )
 
     def _ledger(self, before: State, stepped: State, y: Floats, d: Floats, t: float, k: float) -> Ledger:
@@ -195,8 +193,6 @@ def shared_lengths(instants: Floats) -> Floats:
 
 def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     """Nothing has moved yet: where the increment begins."""
-    operators = run.operators
-    none, nothing = np.zeros(len(run.condensation.retained)), np.zeros((operators.count, operators.block))
     zero = now.force - now.force
     data = StepData(
         t=before.t,
@@ -206,21 +202,12 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
         bias=now.bias,
         pushed=zero,
     )
-    certificate = Certificate(0.0, np.zeros(operators.count), 0.0, np.zeros(len(operators.compliance)))
-    return State(
-        t=before.t,
-        y=none,
-        unbalanced=none,
-        data=data,
-        weights=before.weights,
-        capped_weights=before.weights,
+    rest = State.still(run.operators, data, np.zeros(len(run.condensation.retained)), before.weights)
+    return replace(
+        rest,
         lam=before.lam,
-        p=before.p,
-        slip=nothing,
-        certificate=certificate,
-        ledger=Ledger.opening(0.0, operators.count, before.ledger.slipped),
+        ledger=replace(rest.ledger, slipped=before.ledger.slipped),
         scale=before.scale,
-        iterations=0,
         size=before.size,
         dragged=before.dragged,
     )

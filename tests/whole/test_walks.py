@@ -71,17 +71,21 @@ def scene(young=200.0, bound=4.0):
     )
 
 
+def varying(x, t):
+    return np.full(len(x), NUMBER)
+
+
 def simulated(given, **options):
     return vx.simulate(given, vx.meshes.squares(4), [0.0, 0.5], **options)
 
 
 def bound_to_cone(folder):
     conic.installed()  # cvxpy is imported, and not traced
-    return traced(lambda: simulated(scene(bound=NUMBER), solver=vx.Clarabel(), condense=False), since="step")
+    return traced(lambda: simulated(scene(bound=varying), solver=vx.Clarabel(), condense=False), since="step")
 
 
 def bound_to_newton(folder):
-    return traced(lambda: simulated(scene(bound=NUMBER)), since="step")
+    return traced(lambda: simulated(scene(bound=varying)), since="step")
 
 
 def young_to_stiffness(folder):
@@ -115,7 +119,8 @@ WALKS = {
     ),
     "`accuracy`, from the command line to an option of a solver": (
         accuracy_to_option,
-        "solvers/solver.py program/iterative_refinement.py stepping/acceptance.py stepping/initial.py",
+        "solvers/solver.py program/iterative_refinement.py stepping/acceptance.py stepping/initial.py "
+        "stepping/recorder.py",
     ),
     "`u`, from the answer to a step to a VTU file": (
         displacement_to_file,

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Self
 
 from numpy.typing import ArrayLike
 
 from vemcvx.canvas import draw_cells
 from vemcvx.meshes.checks.names import plotted_points, plotted_values
+from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.extrusion import extruded
-from vemcvx.meshes.io.files import write
-from vemcvx.meshes.io.objects import to_object
 from vemcvx.meshes.local_refinement.refine import refinement
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.several_bodies.cracks import cut
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class PolygonMesh(Tessellation):
+class PolygonMesh(Tessellation, Exported):
     """A polygonal mesh of a plane domain.
 
     Parameters
@@ -112,56 +110,6 @@ class PolygonMesh(Tessellation):
             space ("bottom" and "front", "top" and "back").
         """
         return extruded(self, heights)
-
-    def write(self, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit.
-
-        Parameters
-        ----------
-        path : str or Path
-            The suffix chooses the format: .vtu and .vtk take every mesh, other formats of meshio triangles and quads.
-            (.vtk gives rows of two cell data back as rows of three, the last zero.)
-
-        Raises
-        ------
-        MeshError
-            The format would lose cells, or the file cannot be written.
-        """
-        write(path, self)
-
-    def to(self, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
-        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the way back.
-
-        Parameters
-        ----------
-        library : {"meshio", "skfem", "pyvista"}
-            Its name. Points keep their order in all of them.
-
-        Returns
-        -------
-        meshio.Mesh
-            As `write` puts it into a .vtu file: polygons in blocks of one vertex count, and for every named boundary
-            a block of lines, which the cell datum "boundary:<name>" marks. If this permutes cells, the datum
-            "vemcvx:cell" has their numbers.
-        skfem.MeshTri or skfem.MeshQuad
-            With named boundaries; cell data of zeros and ones are subdomains.
-        pyvista.UnstructuredGrid
-            Polygons in their order, with the cell data. A named boundary is the field datum "boundary:<name>", its
-            edges (m, 2).
-
-        Raises
-        ------
-        MeshError
-            The library is none of these, or has no such cells (scikit-fem: triangles alone or quadrilaterals alone).
-        VemcvxError
-            The library is not installed.
-
-        Warns
-        -----
-        MeshWarning
-            scikit-fem keeps no other cell data.
-        """
-        return to_object(self, library)
 
     def plot(
         self,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from numpy.typing import ArrayLike
 
@@ -12,8 +11,7 @@ from vemcvx.arrays import brief
 from vemcvx.canvas import draw_faces
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import plotted_points, plotted_values
-from vemcvx.meshes.io.files import write
-from vemcvx.meshes.io.objects import to_object
+from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons.topology import rows_in_order
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class PolyhedralMesh(SpaceTessellation):
+class PolyhedralMesh(SpaceTessellation, Exported):
     """A polyhedral mesh of a domain in space.
 
     Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four
@@ -80,56 +78,6 @@ class PolyhedralMesh(SpaceTessellation):
         raise MeshError(
             "refine: exists in the plane only, and this mesh is of polyhedra; make a finer one, by the n of its family."
         )
-
-    def write(self, path: str | Path) -> None:
-        """Write the mesh, its named boundaries and cell data; `read` gives them back to the bit from .vtu files.
-
-        Parameters
-        ----------
-        path : str or Path
-            The suffix chooses the format: .vtu takes every mesh (polyhedra as VTK has them, boundaries as polygons),
-            other formats of meshio tetrahedra, hexahedra, wedges and pyramids.
-
-        Raises
-        ------
-        MeshError
-            The format would lose cells, or the file cannot be written.
-        """
-        write(path, self)
-
-    def to(self, library: Literal["meshio", "skfem", "pyvista"]) -> Any:
-        """Return the mesh as an object of another library; :func:`vemcvx.meshes.convert` is the way back.
-
-        Parameters
-        ----------
-        library : {"meshio", "skfem", "pyvista"}
-            Its name. Points keep their order in all of them.
-
-        Returns
-        -------
-        meshio.Mesh
-            Tetrahedra, hexahedra, wedges and pyramids in blocks of one kind, and for every named boundary blocks of
-            triangles or quadrilaterals, which the cell datum "boundary:<name>" marks. If this permutes cells, the datum
-            "vemcvx:cell" has their numbers.
-        skfem.MeshTet or skfem.MeshHex
-            With named boundaries; cell data of zeros and ones are subdomains.
-        pyvista.UnstructuredGrid
-            Polyhedra in their order, with the cell data. A named boundary is the field datum "boundary:<name>", the
-            vertices of its faces, a row each, filled up with -1.
-
-        Raises
-        ------
-        MeshError
-            The library is none of these, or has no such cells.
-        VemcvxError
-            The library is not installed.
-
-        Warns
-        -----
-        MeshWarning
-            scikit-fem keeps no other cell data.
-        """
-        return to_object(self, library)
 
     def plot(
         self,

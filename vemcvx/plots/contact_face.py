@@ -50,19 +50,13 @@ def contact_face(
 
     Parameters
     ----------
-    history : History
-    step : int
-        A stored step; negative ones count from the end.
-    ax : Axes, optional
-        Where to draw; by default on a new figure.
+    history, step, ax, units : as of `friction_traction`
     show : {"states", "pressure", "friction", "wear"}
         What colours say: what nodes do, or how large these are.
     window : ((low, high), (low, high)), optional
         Draw this part only, in units of length.
     limits : (low, high), optional
         Ends of the colour scale of what has one; by default the same for all stored steps.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.units`.
 
     Returns
     -------

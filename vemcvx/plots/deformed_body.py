@@ -58,11 +58,7 @@ def deformed_body(
 
     Parameters
     ----------
-    history : History
-    step : int
-        A stored step; negative ones count from the end.
-    ax : Axes, optional
-        Where to draw; by default on a new figure.
+    history, step, ax, units : as of `friction_traction`
     stress : str
         Which: one of `STRESSES`. Tension is red and compression blue.
     view : (3,) vector
@@ -71,8 +67,6 @@ def deformed_body(
         How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
     limits : (low, high), optional
         Ends of the colour scale; by default the same for all stored steps.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.units`.
 
     Raises
     ------

@@ -41,11 +41,7 @@ def deformed_mesh(
 
     Parameters
     ----------
-    history : History
-    step : int
-        A stored step; negative ones count from the end.
-    ax : Axes, optional
-        Where to draw; by default on a new figure.
+    history, step, ax : as of `friction_traction`
     magnify : float, optional
         How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
     limits : (low, high), optional

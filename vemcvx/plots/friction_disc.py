@@ -25,13 +25,7 @@ def friction_disc(history: Results, step: int = -1, *, ax: Axes | None = None, u
 
     Parameters
     ----------
-    history : History
-    step : int
-        A stored step; negative ones count from the end.
-    ax : Axes, optional
-        Where to draw; by default on a new figure.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.units`.
+    history, step, ax, units : as of `friction_traction`
 
     Raises
     ------

@@ -61,23 +61,15 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
 
     Parameters
     ----------
-    history : History or Field
+    history, step : as of `energy_error`
+        Which says what is raised, too.
     displacement : callable (x, t) -> (m, 2)
         At points x (m, 2) and the instant t of the step.
-    step : int
-        A stored step; negative ones count from the end.
 
     Returns
     -------
     Measured
         In length squared; its reference is the L2 norm of the closed form.
-
-    Raises
-    ------
-    SceneError
-        That step was not stored, or the displacement is ill-shaped or not finite.
-    HistoryError
-        `history` is neither a history nor a field.
     """
     field = field_of(history, step, "l2_error")
     x, weights, owner = _cell_rule(field.space)

@@ -109,6 +109,11 @@ def test_every_elimination_gives_the_schur_complement_and_solves(linear, share, 
     assert np.abs(factor.solve(b) - x).max() < 1e-9
     assert np.array_equal(factor.solve(b[:, 1]), factor.solve(b[:, 1].copy()))
     assert factor.energy(b[:, 0]) == pytest.approx(x[:, 0] @ b[:, 0], rel=1e-10)
+    b = b[:, 0].copy()
+    b[last] = 7.0  # What acts on unknowns that are held does nothing.
+    held = factor.held(b, x[last, 0])
+    assert held is None or np.abs(held - x[:, 0]).max() < 1e-9
+    assert (held is None) == (isinstance(linear, SuperLU) or len(last) in (0, system.n))
     size = rng.uniform(1, 2, system.n)
     exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
     assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import vemcvx as vx
+from vemcvx.linear.factor import Factor
 from vemcvx.linear.ordering import nested_dissection
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
+absent = pytest.mark.skipif(find_spec("pymklpardiso") is None, reason="pymklpardiso is not installed")
+LINEAR = pytest.mark.parametrize("linear", [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=absent)], ids=str)
 
 
 @pytest.fixture(params=["connected", "two bodies", "nothing touched", "everything touched"])
@@ -27,9 +32,10 @@ def system(request):
     return vx.System(K, lambda t: np.full(n, t), norms)
 
 
-def test_schur_complement_and_recovery(system):
+@LINEAR
+def test_schur_complement_and_recovery(system, linear):
     K = system.K.toarray()
-    condensation = Condensation(system)
+    condensation = Condensation(system, linear=linear)
     c = condensation.retained
     i = np.setdiff1d(np.arange(system.n), c)
     S = K[np.ix_(c, c)] - K[np.ix_(c, i)] @ np.linalg.solve(K[np.ix_(i, i)], K[np.ix_(i, c)]) if len(i) else K
@@ -49,13 +55,14 @@ def test_schur_complement_and_recovery(system):
 
 
 @pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
+@LINEAR
 @pytest.mark.parametrize("n", [4, 12])
-def test_rigid_motions_do_not_become_strain(n):
+def test_rigid_motions_do_not_become_strain(n, linear):
     """A block that nothing but its floor holds, moved far: inside, forces balance to the rounding of their parts."""
     press = vx.Traction((0.0, -2.0), on="top")
     floor = vx.UnilateralContact(on="bottom"), vx.TrescaFriction(bound=1.0, on="bottom")
     system = pose_scene(vx.Scene(vx.Elasticity(young=200.0, poisson=0.3), press, *floor), vx.meshes.squares(n)).system
-    condensation, f = Condensation(system), system.force(1.0)
+    condensation, f = Condensation(system, linear=linear), system.force(1.0)
     c = condensation.retained
     y_c = 1e-3 * np.random.default_rng(0).normal(size=len(c)) + system.kernel.modes[c] @ [3.0, -2.0, 1.0]
     y = condensation.recover(y_c, condensation.reduce(f))
@@ -67,9 +74,10 @@ def test_rigid_motions_do_not_become_strain(n):
     assert (left <= 18 * np.finfo(float).eps / 2 * parts).all()
 
 
-def test_energies_are_not_differences(system):
+@LINEAR
+def test_energies_are_not_differences(system, linear):
     """What pulls at touched unknowns, however hard, is no energy of the inside: y is the same whatever pulls there."""
-    K, condensation = system.K.toarray(), Condensation(system)
+    K, condensation = system.K.toarray(), Condensation(system, linear=linear)
     c = condensation.retained
     i = np.setdiff1d(np.arange(system.n), c)
     rng = np.random.default_rng(4)
@@ -94,7 +102,7 @@ def test_loads_that_are_combinations_cost_no_solve(system, monkeypatch):
     one, two = rng.normal(size=(2, system.n))
     calls = []
     solve = condensation.factor.solve
-    counted = type("Counted", (), {"solve": lambda _, b: (calls.append(1), solve(b))[1]})()
+    counted = type("Counted", (Factor,), {"solve": lambda _, b: (calls.append(1), solve(b))[1]})()
     monkeypatch.setattr(condensation, "factor", counted)
     counts = []
     for a, b in [(1.0, 0.0), (0.3, 0.0), (0.5, 2.0), (-7.0, 1e-3), (0.0, 0.0)]:

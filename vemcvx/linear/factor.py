@@ -54,6 +54,13 @@ class Factor(Protocol):
     def solve(self, b: Floats) -> Floats:
         """x with K x = b; (n,) or (n, k)."""
 
+    def held(self, b: Floats, x_c: Floats) -> Floats | None:
+        """x (n,) with x_c on the unknowns that were eliminated last and (K x)_i = b_i on all others.
+
+        None where it solves for all unknowns only.
+        """
+        return None
+
     def rough(self, b: Floats) -> Floats:
         """K^{-1} b (n,), for sizes: an iterative one is not sharp."""
         return self.solve(b)

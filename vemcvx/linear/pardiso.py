@@ -80,7 +80,8 @@ class PardisoFactor(Factor):
         if not (self._diagonal > 0).all():
             # PARDISO ends the process where an entry of the diagonal is missing.
             raise singular()
-        self._n, rising = K.shape[0], np.sort(last)
+        self._rising = np.argsort(last)
+        self._n, rising = K.shape[0], last[self._rising]
         # Roots are taken of the same numbers in all units.
         self._unit = float(power_of_two(self._diagonal.max(initial=0.0)))
         isolated = _schur_of_isolated(K, rising)
@@ -88,7 +89,7 @@ class PardisoFactor(Factor):
         self._pardiso = _with_values(_upper_triangle(K, self._unit), self._last)
         own = self._factorised()
         self._upper: Floats = _cholesky(own)
-        rank = np.argsort(np.argsort(last))
+        rank = np.argsort(self._rising)
         self.schur: Floats = (self._unit * own if isolated is None else isolated)[np.ix_(rank, rank)]
 
     def definite(self) -> PardisoFactor:
@@ -102,6 +103,13 @@ class PardisoFactor(Factor):
 
     def solve(self, b: Floats) -> Floats:
         return self._run(SOLVE, b) / self._unit if b.any() else np.zeros_like(b)
+
+    def held(self, b: Floats, x_c: Floats) -> Floats | None:
+        if len(self._last) == 0:
+            return None
+        x = self._run(FORWARD, b) / self._unit if b.any() else np.zeros_like(b)
+        x[self._last] = x_c[self._rising]
+        return self._run(BACKWARD, x)
 
     def energy(self, b: Floats) -> float:
         z = self._run(FORWARD, b) if b.any() else np.zeros_like(b)

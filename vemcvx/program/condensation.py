@@ -131,11 +131,17 @@ class Condensation:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
         y = f.inside.copy()
         if self._inner.any() and y_c.any():
-            held = np.zeros_like(y)
-            held[self.retained] = self._S @ y_c
-            y += self._with_retained(self.factor.solve(held), y_c)
+            y += self._dragged(y_c)
         y[self.retained] = y_c
         return y
+
+    def _dragged(self, y_c: Floats) -> Floats:
+        """K^{-1} (0, S y_c) (n,)."""
+        pushed = np.zeros(len(self._inner))
+        if (y := self.factor.held(pushed, y_c)) is not None:
+            return y
+        pushed[self.retained] = self._S @ y_c
+        return self._with_retained(self.factor.solve(pushed), y_c)
 
     def refine_interior(self, y: Floats, r: Floats) -> Floats:
         """y (n,) after one round of iterative refinement inside, for the residual r; retained unknowns stay."""
@@ -171,9 +177,13 @@ class Condensation:
     def inside(self, phi: Floats, x: Floats | None = None) -> Floats:
         """xi (n,) of a force phi (n,), whose response is x."""
         c = self.retained
+        if len(c) > 0 and not phi[self._inner].any():
+            return np.zeros_like(phi)
+        if len(c) > 0 and (alone := self.factor.held(phi, np.zeros(len(c)))) is not None:
+            return alone
         x = self.factor.solve(phi) if x is None else x
-        if len(c) == 0 or not phi[self._inner].any():
-            return x if len(c) == 0 else np.zeros_like(phi)
+        if len(c) == 0:
+            return x
         tau, size = self._S @ x[c], np.inf
         enough = HELD if self.operators.kernel is None else HELD_ANCHORED
         for _ in range(MOST_ROUNDS):

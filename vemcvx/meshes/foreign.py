@@ -67,17 +67,7 @@ def convert(other: Any) -> PolygonMesh | Any:
     Returns
     -------
     PolygonMesh or PolyhedralMesh
-        The mesh, checked.
-
-    Raises
-    ------
-    MeshError
-        It is no such object, or what it holds is no valid mesh.
-
-    Warns
-    -----
-    MeshWarning
-        As :func:`read`.
+        The mesh, checked; what is raised and warned of is as of :func:`read`.
     """
     return _with_methods(from_object(other))
 

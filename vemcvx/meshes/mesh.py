@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -11,9 +11,10 @@ from typing import Any, ClassVar, Self
 
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.arrays import Bools, Floats, Ints, read_only
+from vemcvx.errors import MeshError
 from vemcvx.meshes.box import Box, SpaceBox
-from vemcvx.meshes.checks.names import check_cell_data, check_datum_name
+from vemcvx.meshes.checks.names import check_cell_data, check_datum_name, choose
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.outline import Outline, in_a_line
 
@@ -58,6 +59,58 @@ class Mesh(ABC):
     def h(self) -> float:
         """Mesh size: the largest cell diameter."""
         return float(self.diameters.max())
+
+    @property
+    @abstractmethod
+    def _choice(self) -> tuple[Ints, Floats]:
+        """The parts of the boundary that no interface has, and their middles (m, dim)."""
+
+    @abstractmethod
+    def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
+        """Named parts of the boundary, or MeshError; `node_map` if their nodes have been numbered anew since."""
+
+    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
+        """Return this mesh with one more named part of its boundary.
+
+        Parameters
+        ----------
+        name : str
+            Its name; a part of that name is replaced, and parts may overlap.
+        predicate : callable
+            Takes the midpoints (m, 2) of all boundary edges, interfaces left out, in space the centroids (m, 3) of all
+            boundary faces; returns which belong: bool (m,).
+
+        Raises
+        ------
+        MeshError
+            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
+        """
+        parts, middles = self._choice
+        chosen = choose(name, predicate, middles, self.PARTS)
+        self._check_free([name])
+        return self._replace(_named={**self._named, name: read_only(parts[chosen])})
+
+    def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
+        """Return this mesh with more named parts of its boundary.
+
+        Parameters
+        ----------
+        boundaries : mapping of str to array_like
+            Name -> edges (m, 2), in either direction; in space faces: their numbers (m,), or their vertices, a row a
+            face, in any order.
+
+        Raises
+        ------
+        MeshError
+            A name is reserved or that of an interface, or an edge or face is not on the boundary.
+        """
+        self._check_free(boundaries)
+        return self._replace(_named={**self._named, **self._checked_parts(boundaries)})
+
+    def _check_free(self, names: Iterable[str]) -> None:
+        taken = [name for name in names if name in self.interfaces] if isinstance(names, Iterable) else []
+        if taken:
+            raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""

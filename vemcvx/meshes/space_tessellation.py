@@ -7,21 +7,21 @@ ones it has four coplanar faces. Neither cells nor faces need be convex.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints, read_only
+from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import SpaceBox
 from vemcvx.meshes.checks.face_names import box_sides, check_face_boundaries
-from vemcvx.meshes.checks.names import check_cell_data, choose
+from vemcvx.meshes.checks.names import check_cell_data
 from vemcvx.meshes.checks.space_mesh import checked_in_space
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons.shapes import diameters
@@ -54,7 +54,7 @@ class SpaceTessellation(Mesh):
         for note in mesh.notes:
             warnings.warn(note, MeshWarning, stacklevel=2)
         self._fill(mesh.points, *mesh.faces, node_map=mesh.node_map)
-        object.__setattr__(self, "_named", check_face_boundaries(boundaries, mesh.faces, mesh.node_map))
+        object.__setattr__(self, "_named", self._checked_parts(boundaries, mesh.node_map))
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
 
     @classmethod
@@ -165,35 +165,9 @@ class SpaceTessellation(Mesh):
         named = {name: read_only(np.flatnonzero(on & ~inside)) for name, on in sides.items()}
         return MappingProxyType({**named, **self._named, "boundary": self._boundary})
 
-    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
-        """Return this mesh with one more named part of its boundary.
+    @property
+    def _choice(self) -> tuple[Ints, Floats]:
+        return self._boundary, self.face_centroids[self._boundary]
 
-        Parameters
-        ----------
-        name : str
-            Its name; a part of that name is replaced, and parts may overlap.
-        predicate : callable
-            Takes the centroids (m, 3) of all boundary faces, returns which belong: bool (m,).
-
-        Raises
-        ------
-        MeshError
-            The name is reserved or no string, the answer is not (m,) bool, or it selects nothing.
-        """
-        chosen = choose(name, predicate, self.face_centroids[self._boundary], "faces")
-        return self._replace(_named={**self._named, name: read_only(self._boundary[chosen])})
-
-    def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
-        """Return this mesh with more named parts of its boundary.
-
-        Parameters
-        ----------
-        boundaries : mapping of str to array_like
-            Name -> faces: their numbers (m,), or their vertices, a row a face, in any order.
-
-        Raises
-        ------
-        MeshError
-            A name is reserved, or a face is not on the boundary.
-        """
-        return self._replace(_named={**self._named, **check_face_boundaries(boundaries, self.faces, None)})
+    def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
+        return check_face_boundaries(boundaries, self.faces, node_map)

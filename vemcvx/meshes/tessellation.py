@@ -7,21 +7,21 @@ lie on a straight line between its neighbours (a hanging node of the cell next d
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints, read_only
-from vemcvx.errors import MeshError, MeshWarning
+from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import Box
 from vemcvx.meshes.checks.mesh import checked
-from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, choose, side_edges
+from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, side_edges
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons import shapes as geometry
@@ -52,8 +52,7 @@ class Tessellation(Mesh):
         for note in mesh.notes:
             warnings.warn(note, MeshWarning, stacklevel=2)
         self._fill(mesh.points, mesh.offsets, mesh.vertices, node_map=mesh.node_map)
-        named = check_boundaries(boundaries, self._boundary, self.n_nodes, mesh.node_map)
-        object.__setattr__(self, "_named", named)
+        object.__setattr__(self, "_named", self._checked_parts(boundaries, mesh.node_map))
         matched = on_boundary(mesh.interfaces, self._boundary, self.n_nodes, mesh.node_map)
         object.__setattr__(self, "interfaces", MappingProxyType(matched))
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
@@ -116,43 +115,14 @@ class Tessellation(Mesh):
         """Pairs of cells that share an edge, (m, 2)."""
         return read_only(topology.neighbours(self.offsets, self.vertices, self.n_nodes))
 
-    def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
-        """Return this mesh with one more named part of its boundary.
-
-        Parameters
-        ----------
-        name : str
-            Its name; a part of that name is replaced, and parts may overlap.
-        predicate : callable
-            Takes the midpoints (m, 2) of all boundary edges, interfaces left out, returns which belong: bool (m,).
-
-        Raises
-        ------
-        MeshError
-            The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
-        """
+    @property
+    def _choice(self) -> tuple[Ints, Floats]:
         inner = [side for found in self.interfaces.values() for side in (found.edges, found.partners)]
         free = np.ones(len(self._boundary), dtype=bool)
         if inner:
             free[topology.positions(np.concatenate(inner), self._boundary, self.n_nodes)] = False
         edges = self._boundary[free]
-        chosen = choose(name, predicate, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]]))
-        self._check_free([name])
-        return self._replace(_named={**self._named, name: read_only(edges[chosen])})
+        return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
 
-    def with_boundaries(self, boundaries: Mapping[str, ArrayLike]) -> Self:
-        """Return this mesh with more named parts of its boundary: name -> edges (m, 2), in either direction.
-
-        Raises
-        ------
-        MeshError
-            A name is reserved or that of an interface, or an edge is not on the boundary.
-        """
-        self._check_free(boundaries)
-        added = check_boundaries(boundaries, self._boundary, self.n_nodes, None)
-        return self._replace(_named={**self._named, **added})
-
-    def _check_free(self, names: Iterable[str]) -> None:
-        taken = [name for name in names if name in self.interfaces] if isinstance(names, Iterable) else []
-        if taken:
-            raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
+    def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
+        return check_boundaries(boundaries, self._boundary, self.n_nodes, node_map)

@@ -22,12 +22,10 @@ class Direct(Solver):
 
     accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC})
 
-    def prepare(self, operators: Operators) -> _PreparedDirect:
-        return _PreparedDirect()
+    def prepare(self, operators: Operators) -> Direct:
+        return self
 
-
-class _PreparedDirect:
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        return Answer(
-            program.operators.factor.solve(program.g), np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e)
-        )
+        """Answer one scaled step."""
+        d = program.operators.factor.solve(program.g)
+        return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))

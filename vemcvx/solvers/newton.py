@@ -82,16 +82,12 @@ class Newton(Solver):
     def limited(self, max_iterations: int) -> Newton:
         return replace(self, max_iterations=max_iterations)
 
-    def prepare(self, operators: Operators) -> _PreparedNewton:
-        return _PreparedNewton(self.max_iterations)
-
-
-class _PreparedNewton:
-    def __init__(self, max_iterations: int):
-        self._max_iterations = max_iterations
+    def prepare(self, operators: Operators) -> Newton:
+        return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        run = _Search(program, target, self._max_iterations)
+        """Answer one scaled step."""
+        run = _Search(program, target, self.max_iterations)
         shift = Shifts.of(program.operators)
         pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
         start = Iterate(np.zeros(len(program.g)), _overrelaxed(program, lam), pressed)

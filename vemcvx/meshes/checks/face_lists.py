@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Ints, plain
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.topology import cell_of_corner, offsets_of
+from vemcvx.meshes.checks.mesh import check_polygons
+from vemcvx.meshes.polygons.topology import offsets_of
 from vemcvx.meshes.polyhedra.topology import Listed
 
 WANTED = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
@@ -33,22 +34,7 @@ def check_face_lists(cells: Any, n_nodes: int) -> Listed:
     if len(few):
         count = cell_offsets[few[0] + 1] - cell_offsets[few[0]]
         raise MeshError(f"cell {few[0]} has {count} faces; a polyhedron has at least 4.")
-    sizes = np.diff(offsets)
-    few = np.flatnonzero(sizes < 3)
-    if len(few):
-        raise MeshError(f"{_face(few[0], cell_offsets)} has {sizes[few[0]]} vertices; a polygon has at least 3.")
-    owner = cell_of_corner(offsets)
-    bad = np.flatnonzero((vertices < 0) | (vertices >= n_nodes))
-    if len(bad):
-        raise MeshError(
-            f"{_face(owner[bad[0]], cell_offsets)} names node {vertices[bad[0]]}; the {n_nodes} nodes are numbered 0 "
-            f"to {n_nodes - 1}."
-        )
-    keys = np.sort(owner * n_nodes + vertices)
-    twice = keys[1:][np.diff(keys) == 0]
-    if len(twice):
-        face, node = divmod(int(twice[0]), n_nodes)
-        raise MeshError(f"{_face(face, cell_offsets)} names node {node} twice; every vertex must appear once.")
+    check_polygons(offsets, vertices, n_nodes, lambda face: _face(face, cell_offsets))
     return Listed(offsets, vertices, cell_offsets)
 
 

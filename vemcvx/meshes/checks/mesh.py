@@ -6,7 +6,7 @@ checks is that in which faults can be told: numbers, places of nodes, single cel
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,24 +97,30 @@ def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
 def check_cell_lists(cells: Sequence[ArrayLike] | NDArray[np.integer], n_nodes: int) -> tuple[Ints, Ints]:
     """Offsets and vertices of cells of at least three different nodes that exist, or MeshError."""
     offsets, vertices = _flattened(cells)
-    counts = np.diff(offsets)
-    if not len(counts):
+    if len(offsets) < 2:
         raise MeshError("a mesh needs at least one cell; got none.")
-    if counts.min() < 3:
-        cell = int(np.flatnonzero(counts < 3)[0])
-        raise MeshError(f"cell {cell} has {counts[cell]} vertices; a polygon has at least 3.")
+    check_polygons(offsets, vertices, n_nodes, lambda cell: f"cell {cell}")
+    return offsets, vertices
+
+
+def check_polygons(offsets: Ints, vertices: Ints, n_nodes: int, named: Callable[[int], str]) -> None:
+    """Raise MeshError unless polygons have at least three different nodes that exist; `named` tells which it is."""
+    few = np.flatnonzero(np.diff(offsets) < 3)
+    if len(few):
+        count = offsets[few[0] + 1] - offsets[few[0]]
+        raise MeshError(f"{named(few[0])} has {count} vertices; a polygon has at least 3.")
     owner = cell_of_corner(offsets)
     bad = np.flatnonzero((vertices < 0) | (vertices >= n_nodes))
     if len(bad):
         raise MeshError(
-            f"cell {owner[bad[0]]} names node {vertices[bad[0]]}; the {n_nodes} nodes are numbered 0 to {n_nodes - 1}."
+            f"{named(owner[bad[0]])} names node {vertices[bad[0]]}; the {n_nodes} nodes are numbered 0 to "
+            f"{n_nodes - 1}."
         )
-    order = np.lexsort((vertices, owner))
-    twice = np.flatnonzero((np.diff(vertices[order]) == 0) & (np.diff(owner[order]) == 0))
+    keys = np.sort(owner * n_nodes + vertices)
+    twice = keys[1:][np.diff(keys) == 0]
     if len(twice):
-        k = order[twice[0]]
-        raise MeshError(f"cell {owner[k]} names node {vertices[k]} twice; every vertex must appear once.")
-    return offsets, vertices
+        polygon, node = divmod(int(twice[0]), n_nodes)
+        raise MeshError(f"{named(polygon)} names node {node} twice; every vertex must appear once.")
 
 
 def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, Ints]:

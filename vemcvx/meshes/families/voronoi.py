@@ -14,7 +14,6 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import (
     UNIT_BOX,
-    Box,
     Corners,
     Count,
     cell_counts,
@@ -66,7 +65,8 @@ def voronoi(
         As `squares`, or ``shortest`` not in [0, 0.1].
     """
     rectangle = check_box(box)
-    count = _number_of_cells(n, rectangle, size, cells)
+    nx, ny = cell_counts(n, rectangle, size) if cells is None else (check_total(check_whole("cells", cells)), 1)
+    count = nx * ny
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     # Lengths below are in roots of the mean cell area, whatever the units of the rectangle.
@@ -89,13 +89,6 @@ def voronoi(
 def _by_rows(points: Floats) -> Ints:
     """An order of points by rows one cell high: neighbours lie near in memory, and assembly is a quarter faster."""
     return np.lexsort((points[:, 0], np.floor(points[:, 1])))
-
-
-def _number_of_cells(n: Count | None, box: Box, size: float | None, cells: int | None) -> int:
-    if cells is not None:
-        return check_total(check_whole("cells", cells))
-    nx, ny = cell_counts(n, box, size)
-    return nx * ny
 
 
 def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:

@@ -8,6 +8,7 @@ rounding alone keeps them apart.
 
 from __future__ import annotations
 
+import math
 from itertools import chain
 
 import numpy as np
@@ -15,7 +16,6 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import (
     UNIT_CUBE,
-    SpaceBox,
     SpaceCorners,
     SpaceCount,
     check_space_box,
@@ -66,7 +66,8 @@ def voronoi3(
         As `cubes`.
     """
     whole = check_space_box(box)
-    count = _number_of_cells(n, whole, size, cells)
+    counts = space_counts(n, whole, size) if cells is None else (check_total(check_whole("cells", cells)),)
+    count = math.prod(counts)
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     # Lengths below are in widths of a cell, whatever the units of the box.
     lengths = np.array(whole.lengths)
@@ -88,13 +89,6 @@ def voronoi3(
 def _by_layers(points: Floats) -> Ints:
     """An order of points by layers and rows one cell high: neighbours lie near in memory."""
     return np.lexsort((points[:, 0], np.floor(points[:, 1]), np.floor(points[:, 2])))
-
-
-def _number_of_cells(n: SpaceCount | None, box: SpaceBox, size: float | None, cells: int | None) -> int:
-    if cells is not None:
-        return check_total(check_whole("cells", cells))
-    nx, ny, nz = space_counts(n, box, size)
-    return nx * ny * nz
 
 
 def _volumes_and_centroids(points: Floats, faces: Faces) -> tuple[Floats, Floats]:

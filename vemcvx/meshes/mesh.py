@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -86,9 +86,7 @@ class Mesh(ABC):
             The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
         """
         parts, middles = self._choice
-        chosen = choose(name, predicate, middles, self.PARTS)
-        self._check_free([name])
-        return self._replace(_named={**self._named, name: read_only(parts[chosen])})
+        return self._with_named({name: read_only(parts[choose(name, predicate, middles, self.PARTS)])})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
         """Return this mesh with more named parts of its boundary.
@@ -104,13 +102,13 @@ class Mesh(ABC):
         MeshError
             A name is reserved or that of an interface, or an edge or face is not on the boundary.
         """
-        self._check_free(boundaries)
-        return self._replace(_named={**self._named, **self._checked_parts(boundaries)})
+        return self._with_named(self._checked_parts(boundaries))
 
-    def _check_free(self, names: Iterable[str]) -> None:
-        taken = [name for name in names if name in self.interfaces] if isinstance(names, Iterable) else []
+    def _with_named(self, added: Mapping[str, Ints]) -> Self:
+        taken = [name for name in added if name in self.interfaces]
         if taken:
             raise MeshError(f"{taken[0]!r} is an interface of this mesh; choose another name.")
+        return self._replace(_named={**self._named, **added})
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""

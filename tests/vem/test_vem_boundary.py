@@ -83,11 +83,21 @@ def test_tiny_edge_on_an_inclined_side_is_no_corner():
     assert np.abs(rows.normals - [direction[1], -direction[0]]).max() < 1e-12
 
 
-def test_normals_that_differ_by_more_stay_apart():
-    bend = 1e-8
-    mesh = polygon((0, 0), (1, 0), (2, bend), (1, 3)).mesh
-    part = Space(mesh.with_boundary("base", lambda x: x[:, 1] < 0.5)).part("base", "test")
-    assert list(part.node_normals.nodes) == [0, 1, 1, 2]
+@pytest.mark.parametrize(("degrees", "nodes"), [(44.0, [0, 1, 2]), (45.0, [0, 1, 1, 2]), (46.0, [0, 1, 1, 2])])
+def test_sides_that_turn_by_45_degrees_make_a_corner(degrees, nodes):
+    end = 1 + np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    mesh = polygon((0, 0), (1, 0), end, (0, 3)).mesh
+    part = Space(mesh.with_boundary("base", lambda x: (x[:, 0] > 0.1) & (x[:, 1] < 0.5))).part("base", "test")
+    assert list(part.node_normals.nodes) == nodes
+
+
+def test_sides_of_a_curve_go_out_together():
+    """A regular polygon's corners go out by more than its sides, by one over the cosine of half its turns."""
+    corners = [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 13)[:-1]]
+    rows = Space(polygon(*corners).mesh).part("boundary", "test").node_normals
+    assert len(rows.nodes) == 12
+    assert np.allclose(rows.normals, corners, rtol=0, atol=1e-15)
+    assert np.allclose(rows.cosines, np.cos(np.pi / 12), rtol=1e-15)
 
 
 def test_equal_normals_are_averaged_by_length():

@@ -14,9 +14,9 @@ from vemcvx.vem import Space
 class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`.
 
-    The contact boundary Gamma_C is piecewise straight and may be inclined. At a corner u . n = 0 for both normals,
-    which fixes the node; sides of an interface between bodies that turn by less than 45 degrees are a curve, along
-    which they slide. Clamps and prescribed displacements take precedence at nodes that they share with contact.
+    The contact boundary Gamma_C may be inclined. At a corner u . n = 0 for both normals, which fixes the node; sides
+    that turn by less than 45 degrees are a curve, along which nodes slide. Clamps and prescribed displacements take
+    precedence at nodes that they share with contact.
 
     Parameters
     ----------

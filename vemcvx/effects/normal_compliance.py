@@ -35,7 +35,8 @@ class NormalCompliance(Effect):
         Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
         and n the outward normal of the first.
     gap : number or callable f(x, t) -> (m,)
-        Distance to the obstacle along the outward normal before anything moves, >= 0.
+        Distance to the obstacle along the outward normal before anything moves. Negative where they overlap: the body
+        is then pressed back, either from the start with ``initial="settled"``, or by a gap that falls from zero.
     """
 
     stiffness: data.Datum

@@ -30,7 +30,8 @@ class PrescribedDisplacement(Effect):
         Boundary names.
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward; "tangent" is, in the plane, the normal turned by +90 degrees, so that the body lies on its
-        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed.
+        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed; sides that turn by
+        less than 45 degrees are a curve: its nodes move so that all sides go outward by the value.
     """
 
     value: data.Datum
@@ -43,11 +44,11 @@ class PrescribedDisplacement(Effect):
         if self.direction is None:
             whole = self._whole(part.nodes, space.mesh.points[part.nodes], subject)
             return Contribution(supports=(whole,), given=self._given(part, data.vector, subject))
-        nodes, directions = self._rows(part, space, subject)
+        nodes, directions, cosines = self._rows(part, space, subject)
         points = space.mesh.points[nodes]
 
         def value(t: float) -> Floats:
-            return data.scalar(self.value, points, t, subject)
+            return data.scalar(self.value, points, t, subject) / cosines
 
         support = Support(subject, nodes, directions, points, value)
         return Contribution(supports=(support,), given=self._given(part, data.scalar, subject))
@@ -71,14 +72,15 @@ class PrescribedDisplacement(Effect):
         repeated = np.repeat(nodes, dim)
         return Support(subject, repeated, np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0), value)
 
-    def _rows(self, part: Part, space: Space, subject: str) -> tuple[Ints, Floats]:
+    def _rows(self, part: Part, space: Space, subject: str) -> tuple[Ints, Floats, Floats]:
+        """Nodes, directions, and by which the values of sides are to be divided."""
         if isinstance(self.direction, str):
             rows = part.node_normals
             if self.direction == "normal":
-                return rows.nodes, rows.normals
+                return rows.nodes, rows.normals, rows.cosines
             if self.direction == "tangent":
                 space.require_plane(f"{subject}: direction 'tangent'", "give a vector along the boundary")
-                return rows.nodes, rows.tangents
+                return rows.nodes, rows.tangents, np.ones(len(rows.nodes))
             raise SceneError(
                 f"{subject}: found direction {self.direction!r}; there are 'normal', 'tangent', a vector, "
                 "or None (all components)."
@@ -90,4 +92,5 @@ class PrescribedDisplacement(Effect):
             raise SceneError(f"{subject}: found direction {brief(self.direction)}; wanted {wanted}.")
         # Its largest component first: the square of 1e200 would overflow.
         direction = direction / np.abs(direction).max()
-        return part.nodes, np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1))
+        directions = np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1))
+        return part.nodes, directions, np.ones(len(part.nodes))

@@ -15,11 +15,12 @@ from vemcvx.vem import Space
 
 @dataclass(frozen=True)
 class Symmetry(Effect):
-    """Line of symmetry, or rollers: u . n = 0 on a piecewise straight part of the boundary, which is free to slide.
+    """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
 
     The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
-    not in `history.contact`, and it does not yield to other supports. A prescribed displacement that contradicts it at
-    a shared node is an error. At a corner u . n = 0 for both normals, which fixes the node.
+    not in `history.contact` (unless BilateralContact is there, too), and it does not yield to other supports. A
+    prescribed displacement that contradicts it at a shared node is an error. At a corner u . n = 0 for both normals,
+    which fixes the node; along sides that turn by less than 45 degrees, a curve, nodes slide.
 
     Parameters
     ----------

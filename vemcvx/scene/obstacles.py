@@ -20,8 +20,9 @@ from vemcvx.scene.edges import borne, lengths_of, united
 from vemcvx.scene.freedom import normal_is_free, normal_rows, on_free
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.laws import FrictionLaw
+from vemcvx.scene.normals import merged
 from vemcvx.scene.supports import Supports
-from vemcvx.scene.terms import Terms, merged
+from vemcvx.scene.terms import Terms
 
 GAP_ROUNDINGS = 4
 """Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as much
@@ -43,6 +44,8 @@ class Obstacles:
     """t -> (r,)"""
     ends: sp.csr_matrix
     """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.edges`"""
+    names: Ints
+    """(e, 2) of each end its node, and the other node of its edge"""
     subjects: tuple[str, ...] = ()
     """whose they are, in words"""
     prescribed: Obstacles | None = None
@@ -54,9 +57,9 @@ class Obstacles:
         return self.jumps.nodes
 
 
-def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Supports) -> Obstacles:
-    """The limits of all obstacles, whose rows own `ends`, where something can move towards them."""
-    points = supports.points
+def gathered(obstacles: Sequence[Obstacle], owns: tuple[sp.csr_matrix, Ints], supports: Supports) -> Obstacles:
+    """The limits of all obstacles, whose rows own ends of edges (with their names), where something can move."""
+    points, (ends, names) = supports.points, owns
     jumps, normals = Jumps.of(obstacles), np.concatenate([points[:0], *(o.normals for o in obstacles)])
     compliance = np.concatenate([np.zeros(0), *(o.compliance for o in obstacles)])
     first, limit = _limits(jumps, normals, compliance)
@@ -79,6 +82,7 @@ def gathered(obstacles: Sequence[Obstacle], ends: sp.csr_matrix, supports: Suppo
             compliance=compliance[kept],
             gap=gap,
             ends=ends[chosen],
+            names=names,
             subjects=tuple(o.subject for o in obstacles),
         )
 

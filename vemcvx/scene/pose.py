@@ -21,7 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.effects import ContactSurface, Contribution, Friction, GivenDatum, Load, Material, Obstacle
+from vemcvx.effects import Contribution, Friction, GivenDatum, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.ordering import nested_dissection
 from vemcvx.meshes import AnyMesh
@@ -33,10 +33,11 @@ from vemcvx.scene.edges import owned
 from vemcvx.scene.freedom import on_free
 from vemcvx.scene.inactive import active_parts
 from vemcvx.scene.laws import FrictionLaw
+from vemcvx.scene.normals import straightened
 from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits, out_of_reach
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import Scene
-from vemcvx.scene.supports import Supports, resolve
+from vemcvx.scene.supports import Supports, by_precedence, resolve
 from vemcvx.scene.surface import Surface, contact_surface
 from vemcvx.scene.terms import (
     Terms,
@@ -101,11 +102,12 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
     material = compose([p.material for p in parts if p.material is not None], mesh)
     prestress = initial_stresses(parts, material, space)
     loads = _chain(p.loads for p in parts) + (() if prestress is None else (prestress,))
-    frictions: tuple[Friction, ...] = _chain(p.frictions for p in parts)
-    stops: tuple[Obstacle, ...] = _chain(p.obstacles for p in parts)
-    surfaces: tuple[ContactSurface, ...] = _chain(p.surfaces for p in parts)
+    holds = by_precedence(_chain(p.supports for p in parts))
+    frictions: tuple[Friction, ...] = straightened(holds, _chain(p.frictions for p in parts))
+    stops: tuple[Obstacle, ...] = straightened((*holds, *frictions), _chain(p.obstacles for p in parts))
+    surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
     # Whatever refers to normals, so that nodal frames have them as axes.
-    supports = resolve(_chain(p.supports for p in parts), (*frictions, *stops), mesh.points)
+    supports = resolve(holds, (*frictions, *stops), mesh.points)
     forms, contact = _forms(parts), _contact(frictions, stops, supports, times)
     return PosedScene(
         scene=scene,
@@ -181,7 +183,7 @@ def _contact(
     ends, names = owned([*frictions, *stops])
     rubbing = sum(len(friction.nodes) for friction in frictions)
     terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
-    obstacles = gathered(stops, ends[rubbing:], supports)
+    obstacles = gathered(stops, (ends[rubbing:], names), supports)
     law = friction_law(terms, obstacles, ends[:rubbing], supports)
     return _Contact(terms, obstacles, law)
 

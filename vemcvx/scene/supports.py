@@ -25,9 +25,11 @@ from vemcvx.vem import tangents_of
 
 Forces = TypeVar("Forces", Floats, sp.csr_matrix)
 
-# Two directions closer than this are one: unit normals of straight sides agree to about 1e-15 h / |e|,
-# and no mesh is meant to resolve corners of 1e-9 rad.
 PARALLEL = 1e-9
+"""Rounding of unit directions that are one."""
+STRAIGHT = 1e-2
+"""Directions of several conditions that differ by less are one: no mesh is meant to resolve corners of half a degree,
+and straight sides with points of four digits have such."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +76,10 @@ class Supports:
         filled = np.zeros(len(each), dtype=np.int64)
         for slot in self.rows:
             mine = np.searchsorted(each, slot.sites)
-            new = (mine < len(each)) & (slot.length > 0)
+            new = (mine < len(each)) & slot.adds
             new[new] = each[mine[new]] == slot.sites[new]
+            if not new.any():
+                continue
             at = mine[new]
             held[at, filled[at], : slot.rows.shape[1]] = slot.rows[new, :size]
             contact[at, filled[at]] = slot.support.contact
@@ -141,6 +145,11 @@ class _Slot:
     """(m,) what remains of the row after projection"""
 
     @property
+    def adds(self) -> Bools:
+        """(m,) which rows are not dependent on earlier ones."""
+        return self.length > STRAIGHT
+
+    @property
     def still(self) -> bool:
         return self.support.value is None
 
@@ -151,9 +160,11 @@ class _Slot:
         wanted = np.zeros(len(self.chosen)) if self.support.value is None else self.support.value(t)[self.chosen]
         present = np.einsum("ij,ij->i", self.rows, now.reshape(self.rows.shape))
         missing = wanted - present
-        new = self.length > 0
+        new = self.adds
         scale = max(np.abs(wanted).max(initial=0.0), np.abs(present).max(initial=0.0))
-        wrong = ~new & (np.abs(missing) > PARALLEL * scale)
+        # What is not along earlier directions by no more than that reads motions across them.
+        across = 2.0 * self.length * np.abs(now).max(initial=0.0)
+        wrong = ~new & (np.abs(missing) > PARALLEL * scale + across)
         if wrong.any() and not self.support.contact:
             row = int(np.argmax(wrong * np.abs(missing)))
             nodes, directions = self.support.nodes[self.chosen], self.support.directions[self.chosen]
@@ -166,18 +177,22 @@ class _Slot:
         motion[self.members[new]] += step.reshape(now[new].shape)
 
 
+def by_precedence(supports: Sequence[Support]) -> list[Support]:
+    """Supports in canonical order, those of contact last: it yields to prescribed displacements."""
+    return sorted(supports, key=lambda s: s.contact)
+
+
 def resolve(supports: Sequence[Support], normals: Sequence[Friction | Obstacle], points: Floats) -> Supports:
     """Choose the frame of every site and split it into held and free directions.
 
     Parameters
     ----------
     supports, normals
-        In canonical order; contact yields to prescribed displacements. Of the second, the normals become axes, and
-        the tangents of jumps.
+        In canonical order. Of the second, the normals become axes, and the tangents of jumps.
     points : (n_nodes, dim) array
     """
-    ordered = sorted(supports, key=lambda s: s.contact)
     sites = Sites.joined_by(Jumps.of([*supports, *normals]), len(points))
+    ordered = by_precedence(supports)
     frames = [_frames(sites, members, ordered, normals, points) for members in sites.sizes]
     return _free(sites, frames, points)
 
@@ -247,11 +262,10 @@ def _layers(part: Support | Friction | Obstacle, place_of_node: Ints) -> list[tu
 
 
 def _append(frame: Floats, filled: Ints, sites: Ints, rows: Floats) -> tuple[Floats, Floats]:
-    """One Gram-Schmidt step at each of `sites` (distinct); returns the new unit vectors and remainders."""
+    """One Gram-Schmidt step at each of `sites` (distinct); returns the new unit vectors and what remains of rows."""
     rest = rows - np.einsum("nki,nkj,nj->ni", frame[sites], frame[sites], rows)
     length = np.linalg.norm(rest, axis=1)
-    length[length <= PARALLEL] = 0.0
-    new = length > 0
+    new = length > STRAIGHT
     unit = np.zeros_like(rest)
     unit[new] = rest[new] / length[new, None]
     frame[sites[new], filled[sites[new]]] = unit[new]

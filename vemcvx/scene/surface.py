@@ -13,8 +13,9 @@ from vemcvx.effects import ContactSurface, Friction, Obstacle
 from vemcvx.scene.edges import lengths_of, owned, united
 from vemcvx.scene.freedom import freedom
 from vemcvx.scene.jumps import Jumps, summing
+from vemcvx.scene.normals import merged
 from vemcvx.scene.supports import Supports
-from vemcvx.scene.terms import Terms, merged
+from vemcvx.scene.terms import Terms
 
 
 @dataclass(frozen=True)

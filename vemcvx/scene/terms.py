@@ -25,6 +25,7 @@ from vemcvx.scene.edges import lengths_of, united
 from vemcvx.scene.freedom import Moving, along, freedom, normal_is_free, on_free
 from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.laws import FrictionLaw
+from vemcvx.scene.normals import merged
 from vemcvx.scene.supports import PARALLEL, Supports
 from vemcvx.vem import tangents_of
 
@@ -51,9 +52,9 @@ class Terms:
     """how many of the m, the first, some free unknown moves"""
     dragged: Bools | None = None
     """(m,) which of them supports move along the boundary, in some direction at least"""
-    ends: sp.csr_matrix | None = None
+    ends: sp.csr_matrix
     """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.edges`"""
-    names: Ints | None = None
+    names: Ints
     """(e, 2) of each end its node, and the other node of its edge"""
     ground: Callable[[float], Floats] | None = None
     """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
@@ -228,24 +229,3 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
                 SceneWarning,
                 stacklevel=2,
             )
-
-
-def merged(jumps: Jumps, normals: Floats, signed: bool = False, kinds: Ints | None = None) -> tuple[Ints, Ints]:
-    """Rows of one jump, kind and normal (up to sign) are one term: its first row, and the term of every row."""
-    pairs, term = jumps.distinct[1], np.full(len(jumps), -1)
-    first = [term[:0]]
-    while (term < 0).any():
-        left = np.flatnonzero(term < 0)
-        lead = left[np.unique(pairs[left], return_index=True)[1]]
-        leader = np.full(pairs.max() + 1, -1)
-        leader[pairs[lead]] = np.arange(len(lead))
-        mine = leader[pairs[left]]
-        reference = normals[lead[mine]]
-        cosine = np.einsum("ij,ij->i", normals[left], reference)
-        apart = np.linalg.norm(normals[left] - cosine[:, None] * reference, axis=1)
-        same = (apart < PARALLEL) & ((cosine > 0) | (not signed))
-        if kinds is not None:
-            same &= kinds[left] == kinds[lead[mine]]
-        term[left[same]] = mine[same] + sum(map(len, first))
-        first.append(lead)
-    return np.concatenate(first), term

@@ -201,7 +201,7 @@ class DependentStep:
     @property
     def subject(self) -> str:
         """What contracts."""
-        return "Coulomb's fixed point" if self.norms.slip_law is None else "the fixed point of friction that sees slip"
+        return f"the fixed point of friction that {'follows contact' if self.norms.slip_law is None else 'sees slip'}"
 
     def still_changing(self, last: State, own: State) -> str:
         """What still changes, in words: of a program's answer, and of that answer under its own weights."""
@@ -218,8 +218,8 @@ class DependentStep:
         """What may help."""
         if self.norms.slip_law is None:
             return (
-                "Take a smaller coefficient, a cap, NormalCompliance in place of UnilateralContact, smaller steps, or "
-                "a sharper solver (Newton)."
+                "Take a smaller coefficient or bound, a cap, NormalCompliance in place of UnilateralContact, smaller "
+                "steps, or a sharper solver (Newton)."
             )
         if self.convex:
             return "The step has one answer, which is not found: let weights change more slowly with slip."

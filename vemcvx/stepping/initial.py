@@ -139,9 +139,10 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
                 f"{state.weights[worst]:.6g}."
             )
     held = "in equilibrium" if norms is None else "held by friction"
+    much = f"by {jump:.1e} of the energy norm, allowed is {JUMP:.0e}" if np.isfinite(jump) else "from rest"
     return (
-        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it by "
-        f"{jump:.1e} of the energy norm, allowed is {JUMP:.0e}.{where} If something acts from the start, say "
+        f"initial: the state at t = {state.t:.6g} is not {held} (condition (2.1)): one step there moves it {much}."
+        f"{where} If something acts from the start, say "
         "initial='settled', in a problem file too: the body begins at rest under it, one step from zero. Or start from "
         "'equilibrium' (no friction), from a given state, or with a load that begins at zero."
     )

@@ -1,7 +1,9 @@
 """Rows of a part of the boundary: one a node and distinct normal.
 
 Where a part has a corner, or an edge in space, conditions on the normal hold for all sides that meet there, each with
-the share of int phi_i ds of the sides that have its normal.
+the share of int phi_i ds of the sides that have its normal. Sides that turn by less than 45 degrees are a curve, or a
+straight side whose points are rounded, whose nodes have the mean of their normals (by length, as constant pressure
+pushes them): with both, a node could not slide, or would have to climb every corner, however fine the mesh is.
 """
 
 from __future__ import annotations
@@ -14,13 +16,10 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.vem.frames import tangents_of
 
-# Normals closer than this are one. Points that were rounded a few times turn an edge by a few EPS |x| / length
-# besides, and as much is granted: an edge of 1e-12 on a straight inclined side of length 1 is no corner.
-SAME_NORMAL = 1e-9
-# Between bodies sides that turn by less than 45 degrees are a curve, whose nodes have the mean of their normals (by
-# length, as constant pressure pushes them): with both, what slides along a curve would have to climb every corner.
-SMOOTH = 2.0 * float(np.sin(np.pi / 8))
+SMOOTH = (1.0 - 1e-6) * 2.0 * float(np.sin(np.pi / 8))
+"""Distance of unit normals that are those of one curve. Those of an octagon are at corners, all of them."""
 NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
+"""Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ class SideEnds:
             matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
             ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
             partners=read_only(partners),
-            cosines=read_only(np.where(partners < 0, 1.0, sizes / total)),
+            cosines=read_only(np.where(sizes < (1.0 - NORMAL_ROUNDING) * total, sizes / total, 1.0)),
         )
 
     def _grouped(self) -> tuple[Ints, Ints]:
@@ -117,6 +116,6 @@ class SideEnds:
 
     def _alike(self, one: Ints, other: Ints) -> Bools:
         apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
-        far = np.where(self.partners[one] < 0, SAME_NORMAL + self.noise[one] + self.noise[other], SMOOTH)
-        alike: Bools = (apart <= far) & (self.partners[one] == self.partners[other])
+        near = apart <= SMOOTH + self.noise[one] + self.noise[other]
+        alike: Bools = near & (self.partners[one] == self.partners[other])
         return alike

@@ -27,7 +27,7 @@ from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.effects import GivenDatum, Load
 from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
 from vemcvx.estimate.budget.skeleton import Skeleton
-from vemcvx.estimate.budget.surface_forces import Instant, at_ends, normals_of, pressures_at_ends
+from vemcvx.estimate.budget.surface_forces import Instant, at_ends, pressures_at_ends
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix
@@ -143,7 +143,7 @@ class DataOscillation:
             return none, none, np.zeros(none.shape, dtype=bool)
         size = np.linalg.norm(now.lam, axis=1)
         values = np.column_stack([size, now.weights, (now.worn > 0) * terms.lengths]) / terms.lengths[:, None]
-        size, bound, worn = np.moveaxis(at_ends(self.edges, terms.jumps, normals_of(terms), values), 2, 0)
+        size, bound, worn = np.moveaxis(at_ends(self.edges, terms, values), 2, 0)
         return size, bound, worn > 0
 
     def _of_jumps(self, values: Floats, unit: Floats) -> Floats:

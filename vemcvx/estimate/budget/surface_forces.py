@@ -13,15 +13,12 @@ from vemcvx.history import History
 from vemcvx.meshes.polygons.segments import right_of
 from vemcvx.meshes.polygons.topology import positions
 from vemcvx.scene.composition import InitialStresses
-from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.obstacles import Obstacles
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.terms import Terms
-from vemcvx.vem.rows import SMOOTH
 
 ALONG = 1e-6
-"""Normals of an edge and of a term at one of its ends that agree to this are those of one side."""
-CURVED = 1.0 - 0.5 * SMOOTH**2
-"""Cosine of the angle that is none at an interface."""
+"""Normals of an edge and of a term of an effect that names no edges agree to this."""
 
 
 @dataclass(frozen=True)
@@ -63,16 +60,11 @@ def _contact(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     terms, obstacles = posed.terms, posed.obstacles
     if len(terms.nodes):
         traction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-        total += _spread(edges, terms.jumps, normals_of(terms), traction)
+        total += _spread(edges, terms, traction)
     if obstacles is not None and len(obstacles.nodes):
         traction = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
-        total += _spread(edges, obstacles.jumps, obstacles.normals, traction)
+        total += _spread(edges, obstacles, traction)
     return total
-
-
-def normals_of(terms: Terms) -> Floats:
-    """The normals (m, 2) of norm terms, of either sign."""
-    return right_of(terms.tangents[:, 0])
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
@@ -80,7 +72,7 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
     obstacles = posed.obstacles
     if obstacles is None or len(obstacles.nodes) == 0:
         return np.zeros((len(edges.outer), 2))
-    return at_ends(edges, obstacles.jumps, obstacles.normals, (now.p / obstacles.lengths)[:, None])[..., 0]
+    return at_ends(edges, obstacles, (now.p / obstacles.lengths)[:, None])[..., 0]
 
 
 def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
@@ -91,34 +83,38 @@ def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     return total
 
 
-def _spread(edges: Skeleton, jumps: Jumps, normals: Floats, traction: Floats) -> Floats:
+def _spread(edges: Skeleton, rows: Terms | Obstacles, traction: Floats) -> Floats:
     """Integrals over edges of tractions given at nodes and sides, linear between them."""
-    force: Floats = 0.5 * edges.lengths[:, None] * at_ends(edges, jumps, normals, traction).sum(axis=1)
+    force: Floats = 0.5 * edges.lengths[:, None] * at_ends(edges, rows, traction).sum(axis=1)
     return force
 
 
-def at_ends(edges: Skeleton, jumps: Jumps, normals: Floats, values: Floats) -> Floats:
+def at_ends(edges: Skeleton, rows: Terms | Obstacles, values: Floats) -> Floats:
     """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none.
 
-    An edge is on the side of a row if it has its normal or, at an interface, is near to the mean that curves have, and
-    has the same body across. Where supports hold an end of an interface they bear what acts there, whatever it is: it
-    is taken to be as at the other end.
+    An edge counts for a row that owns its end or, of an effect that does not name its edges, has its normal, and has
+    the same body across. Where supports hold an end of an interface they bear what acts there, whatever it is: it is
+    taken to be as at the other end.
     """
-    nodes, size = jumps.nodes, edges.outer_edges.max() + 1
-    near = nodes < size
+    nodes, partners = rows.jumps.nodes, rows.jumps.partners
+    normals = right_of(rows.tangents[:, 0]) if isinstance(rows, Terms) else rows.normals
+    size = int(max(nodes.max(initial=0), edges.outer_edges.max())) + 1
+    owner, end = rows.ends.nonzero()
+    beyond = rows.names[end, 1]
+    owned, nameless = np.sort(owner[beyond >= 0] * size + beyond[beyond >= 0]), np.zeros(len(nodes), dtype=bool)
+    nameless[owner[beyond < 0]] = True
     found = np.zeros((len(edges.outer), 2, values.shape[1]))
     known = edges.joints.across < 0
-    side_of = np.where(jumps.partners < 0, 1 - ALONG, CURVED)
     order = np.argsort(nodes, kind="stable")
-    order = order[near[order]]
     for side in range(2):
-        ends = edges.outer_edges[:, side]
+        ends, others = edges.outer_edges[:, side], edges.outer_edges[:, 1 - side]
         start, stop = (np.searchsorted(nodes[order], ends, side=how) for how in ("left", "right"))
         for k in range(int((stop - start).max(initial=0))):
             has = np.flatnonzero(start + k < stop)
             row = order[start[has] + k]
             cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / edges.lengths[has]
-            same = (np.abs(cosine) > side_of[row]) & (jumps.partners[row] == edges.joints.across[has, side])
+            along = np.where(nameless[row], np.abs(cosine) > 1 - ALONG, np.isin(row * size + others[has], owned))
+            same = along & (partners[row] == edges.joints.across[has, side])
             found[has[same], side] += values[row[same]]
             known[has[same], side] = True
     for side in range(2):

@@ -197,3 +197,12 @@ def test_a_body_that_is_carried_stores_nothing(family, condense):
     assert (run.norm <= np.cumsum(np.sqrt(2 * run.gap) + np.sqrt(2 * run.floor)) + blur).all()
     assert (run.energy >= 0).all()
     assert np.abs(run.work).max() <= 2 * (run.norm.max() + blur) * (np.sqrt(2 * run.floor).sum() + blur)
+
+
+def test_a_body_at_rest_stores_nothing_of_either_sign():
+    """Near incompressibility energies are products with K itself, of a state that is zero as well."""
+    pull = vx.Traction(lambda x, t: np.tile([t, 0.0], (len(x), 1)), on="left")
+    scene = vx.Scene(vx.Elasticity(100.0, 0.4999999999), vx.Clamp(on="right"), pull)
+    stored = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0]).energy[0]
+    assert stored == 0.0
+    assert not np.signbit(stored)

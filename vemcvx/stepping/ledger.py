@@ -147,7 +147,7 @@ def strain_energy(system: System, y: Floats, t: float) -> float:
     """1/2 a(u, u) of all unknowns y (n,)."""
     if system.motion is None:
         none = np.zeros_like(y)
-        return -0.5 * float(y @ residual(none, system.K, y, none))
+        return 0.5 * float(y @ -residual(none, system.K, y, none))
     seen = system.motion.frame(t, y)
     return 0.5 * system.motion.pair(seen, seen)
 

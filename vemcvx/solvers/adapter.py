@@ -58,11 +58,14 @@ class Adapted(Solver):
         asked of it, without `semidefinite` it is given a positive definite K only.
     """
 
+    accepts: frozenset[str] = FEATURES
+    semidefinite: bool = False
+
     def __init__(self, own: Solves):
-        self._own = own
+        self._own, self._asks = own, _asks_for(own)
         self.accuracy = getattr(own, "accuracy", Solver.accuracy)
-        self._accepts = _features(getattr(own, "accepts", FEATURES), self.name)
-        self._semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
+        self.accepts = _features(getattr(own, "accepts", FEATURES), self.name)
+        self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
 
     def __repr__(self) -> str:
         """Its name, and those of its public attributes that are plain: they say the same in every process."""
@@ -75,27 +78,14 @@ class Adapted(Solver):
     def name(self) -> str:
         return type(self._own).__name__
 
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._accepts
-
-    @property
-    def semidefinite(self) -> bool:
-        return self._semidefinite
-
-    def prepare(self, operators: Operators) -> _PreparedOwn:
-        return _PreparedOwn(self._own, self.name)
-
-
-class _PreparedOwn:
-    def __init__(self, own: Solves, name: str):
-        self._own, self._name = own, name
-        self._asks = _asks_for(own)
+    def prepare(self, operators: Operators) -> Adapted:
+        return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        """Answer one scaled step."""
         begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
         given = {name: begin[name] for name in self._asks}
-        return read_answer(self._own.solve(program, target, **given), program, self._name)
+        return read_answer(self._own.solve(program, target, **given), program, self.name)
 
 
 def _features(raw: Any, name: str) -> frozenset[str]:

@@ -8,7 +8,7 @@ problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
 
 # No annotations from __future__: subclasses in other modules inherit the fields, and pdoc reads their types there.
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -49,9 +49,14 @@ def installed() -> tuple[str, ...]:
 
 def known() -> frozenset[str]:
     """Names of the solvers that cvxpy can call, here or elsewhere."""
+    return frozenset().union(*_interfaces())
+
+
+def _interfaces() -> tuple[Mapping[str, object], Mapping[str, object]]:
+    """Those of cvxpy to solvers of conic and of quadratic programs, by name."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
-    return frozenset({*SOLVER_MAP_CONIC, *SOLVER_MAP_QP})
+    return SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
 
 @dataclass(frozen=True)
@@ -112,18 +117,14 @@ class ThroughCvxpy(Solver):
     def cones(self) -> bool:
         """Whether the solver takes second-order cones."""
         import cvxpy as cp
-        from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC
 
-        known = self.solver in SOLVER_MAP_CONIC
-        constraints: Sequence[object] = SOLVER_MAP_CONIC[self.solver].SUPPORTED_CONSTRAINTS if known else ()
-        return cp.SOC in constraints
+        return cp.SOC in getattr(_interfaces()[0].get(self.solver), "SUPPORTED_CONSTRAINTS", ())
 
     @property
     def accepts(self) -> frozenset[str]:
-        from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
-
+        conic, quadratic = _interfaces()
         # Solvers of linear programs (SciPy's, GLPK, CBC) are conic ones to cvxpy, without second-order cones.
-        linear_only = self.solver in SOLVER_MAP_CONIC and self.solver not in SOLVER_MAP_QP and not self.cones
+        linear_only = self.solver in conic and self.solver not in quadratic and not self.cones
         return LINEAR | {SECOND_ORDER_CONES} if self.cones else LINEAR - ({QUADRATIC} if linear_only else set())
 
     def prepare(self, operators: Operators) -> "_PreparedConic":

@@ -92,28 +92,12 @@ class PolyhedralMesh(SpaceTessellation, Exported):
 
         Parameters
         ----------
-        values : (n_cells,) array_like or str, optional
-            One number a cell, or the name of a cell datum.
-        ax : matplotlib Axes3D, optional
-            Where to draw; by default on a new figure (``ax.figure.savefig(...)`` saves it).
-        displacement : (n_nodes, 3) array_like, optional
-            Added to the points.
+        values, ax, displacement : as of `PolygonMesh.plot`
+            The axes are three-dimensional; what is returned and raised is the same, too.
         on : str
             The part of the boundary to draw.
         **style
             Passed to matplotlib's Poly3DCollection (``cmap``, ``edgecolor``, ``linewidth``, ``alpha`` ...).
-
-        Returns
-        -------
-        Axes
-            The axes drawn on.
-
-        Raises
-        ------
-        VemcvxError
-            matplotlib is not installed.
-        MeshError
-            ``values``, ``displacement`` or ``on`` do not fit the mesh, or ``ax`` is plane.
         """
         if not isinstance(on, str) or on not in self.boundaries:
             raise MeshError(f"there is no boundary {on!r}; this mesh has {', '.join(self.boundaries)}.")

@@ -36,13 +36,11 @@ def energy_ledger(
 
     Parameters
     ----------
-    history : History
+    history, units : as of `friction_traction`
     ax : Axes, or two of them, optional
         Where to draw the energies, and the certificates if there are two; by default on a new figure.
     limits : (low, high), optional
         Ends of the axis of energies.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.units`.
 
     Raises
     ------

@@ -30,11 +30,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
 
     Parameters
     ----------
-    history : History
-    ax : Axes, optional
-        Where to draw; by default on a new figure.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.units`.
+    history, ax, units : as of `friction_traction`
 
     Raises
     ------

@@ -35,15 +35,11 @@ def wear(
 
     Parameters
     ----------
-    history : History
+    history, ax, units : as of `friction_traction`
     steps : sequence of int, optional
         Stored steps, at most `MOST`; by default as many, evenly apart, the last among them.
-    ax : Axes, optional
-        Where to draw; by default on a new figure.
     limits : (low, high), optional
         Ends of the axis of wear; by default from 0 to a little more than the largest of all steps.
-    units : mapping of str to str, optional
-        Names of units: see :mod:`vemcvx.plots.units`.
 
     Raises
     ------

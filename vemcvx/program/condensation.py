@@ -23,6 +23,7 @@ tau do not know it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -226,13 +227,5 @@ def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | N
 def _unanchored(operators: Operators, anchor: Floats, modes: Floats) -> Operators:
     """The operators of K itself, from those of K with the anchors' stiffness."""
     kernel = np.linalg.qr(modes)[0]
-    return Operators(
-        K=shifted(operators.K, -anchor),
-        B=operators.B,
-        block=operators.block,
-        given_factor=operators.factor,
-        kernel=kernel,
-        anchor=anchor,
-        D=operators.D,
-        compliance=operators.compliance,
-    )
+    K = shifted(operators.K, -anchor)
+    return replace(operators, K=K, given_factor=operators.factor, kernel=kernel, anchor=anchor)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -79,8 +79,7 @@ class Operators(ArrayRecord):
         """The operators with K + diag(anchor), which is positive definite; itself where there is no kernel."""
         if self.anchor is None:
             return self
-        K = shifted(self.K, self.anchor)
-        return Operators(K, self.B, self.block, self.given_factor, D=self.D, compliance=self.compliance)
+        return replace(self, K=shifted(self.K, self.anchor), kernel=None, anchor=None)
 
     @cached_property
     def kernel_balance(self) -> KernelBalance:

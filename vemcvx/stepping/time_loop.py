@@ -56,12 +56,7 @@ def march(
         Zero; a given state; K y = load(t_0), without friction; or one step from zero at t_0.
     store : "all", "last", int or sequence of int
         Which states to keep: every one, the last, every so many and the last, or those of these steps and the last.
-    check : bool
-        Raise NotCertified when a step misses the solver's accuracy; otherwise go on.
-    condense : bool
-        Eliminate the unknowns that no norm term touches (default), or hand over the full program.
-    linear : LinearSolver, optional
-        SuperLU(), Pardiso() or Multigrid(); by default by size and what is installed.
+    check, condense, linear : as of :func:`vemcvx.simulate`
     progress : callable (step, steps), optional
     storage : Storage, optional
         Where rows are kept; a Folder that holds an interrupted run of the same system is gone on with.

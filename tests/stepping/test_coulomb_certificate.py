@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -19,10 +18,9 @@ from coulomb_scenes import converged, coulomb_scene, energy_norm
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.redundant_rows import independent
-from vemcvx.stepping.backward_euler import step
+from vemcvx.stepping.backward_euler import QuasistaticSteps
 from vemcvx.stepping.ledger import step_data
 
-euler = sys.modules["vemcvx.stepping.backward_euler"]
 ROUNDING = 3e-11
 """Relative energy error of the reference: its programs are certified to 1e-11."""
 pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact")
@@ -30,10 +28,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*nothing but friction or one-si
 
 def judged(monkeypatch, system, times, solver):
     """[(true error, certified error + floor, estimate?)] of all steps that have a reference, relative to the scale."""
-    found = []
+    found, step = [], QuasistaticSteps.step
 
-    def watched(run, before, n, t):
-        state = step(run, before, n, t)
+    def watched(steps, before, n, t):
+        run, state = steps.run, step(steps, before, n, t)
         reference = converged(run, before, step_data(run.system, run.condensation, t))
         if reference is not None:
             scale = max(state.scale, np.finfo(float).tiny)
@@ -42,7 +40,7 @@ def judged(monkeypatch, system, times, solver):
             found.append((away, (own.error + own.error_floor) / scale, own.estimate))
         return state
 
-    monkeypatch.setattr(euler, "step", watched)
+    monkeypatch.setattr(QuasistaticSteps, "step", watched)
     run = vx.march(system, times, solver=solver)
     monkeypatch.undo()
     return run, found

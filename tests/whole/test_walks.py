@@ -18,6 +18,7 @@ from vemcvx.solvers import conic
 
 ROOT = Path(vx.__file__).parent
 NUMBER = 4 * math.e / math.pi
+STEP = "QuasistaticSteps.step"
 CHECKS = {"arrays.py", "arguments.py", "effects/data.py", "program/checks.py"}
 """They hand back what they are given."""
 
@@ -81,11 +82,11 @@ def simulated(given, **options):
 
 def bound_to_cone(folder):
     conic.installed()  # cvxpy is imported, and not traced
-    return traced(lambda: simulated(scene(bound=varying), solver=vx.Clarabel(), condense=False), since="step")
+    return traced(lambda: simulated(scene(bound=varying), solver=vx.Clarabel(), condense=False), since=STEP)
 
 
 def bound_to_newton(folder):
-    return traced(lambda: simulated(scene(bound=varying)), since="step")
+    return traced(lambda: simulated(scene(bound=varying)), since=STEP)
 
 
 def young_to_stiffness(folder):

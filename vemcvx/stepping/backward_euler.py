@@ -46,32 +46,26 @@ class QuasistaticSteps:
         return pose_step(self.run, before, step_data(self.run.system, self.run.condensation, t), w)
 
     def step(self, before: State, n: int, t: float) -> State:
-        """The state at `t`, one step after `before`."""
-        return step(self.run, before, n, t)
+        """The state at `t`, one step after `before`.
 
-
-def step(run: PreparedRun, before: State, n: int, t: float) -> State:
-    """The state at `t`, one step after `before`.
-
-    Raises
-    ------
-    NotCertified
-        The step misses the solver's accuracy, and the run is to be checked.
-    """
-    now = step_data(run.system, run.condensation, t)
-    attempt = pose_step(run, before, now)
-    same = now.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
-    # A given start may be out of balance by more than a step's accuracy.
-    if same and before.accepted(run.accuracy):
-        guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
-        state = attempt.state_after(guess, before.certificate, before.capped_weights)
-    else:
-        state = solved(attempt, n)
-    if run.refines:
-        state = refined_state(attempt, state)
-    if run.check:
-        require_certified(run, state, n)
-    return state
+        Raises
+        ------
+        NotCertified
+            The step misses the solver's accuracy, and the run is to be checked.
+        """
+        run, attempt = self.run, self.posed(before, n, t)
+        same = attempt.data.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
+        # A given start may be out of balance by more than a step's accuracy.
+        if same and before.accepted(run.accuracy):
+            guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
+            state = attempt.state_after(guess, before.certificate, before.capped_weights)
+        else:
+            state = solved(attempt, n)
+        if run.refines:
+            state = refined_state(attempt, state)
+        if run.check:
+            require_certified(run, state, n)
+        return state
 
 
 def solved(attempt: PosedStep, n: int) -> State:

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, shaped
 from vemcvx.errors import SceneError
-from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import energy_norm
 from vemcvx.stepping.acceptance import data_norms, require_certified
 from vemcvx.stepping.backward_euler import solved
@@ -54,14 +53,9 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     scale = max(state.ledger.norm, energy_norm(run.system.K, now.pushed.x))
     if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
-    return _beginning(
-        run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=_off(settled, jump))
-    )
-
-
-def _off(settled: State, jump: float) -> Certificate:
-    """How far a given state may be from one that obeys (2.1): its jump to the state settled, and the error of that."""
-    return settled.certificate.away(jump + settled.certificate.error)
+    # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
+    away = settled.certificate.away(jump + settled.certificate.error)
+    return _beginning(run, replace(settled, y=state.y, full=y, unbalanced=state.unbalanced, certificate=away))
 
 
 def settled_from(run: PreparedRun, t: float, y: Floats) -> State:

@@ -23,7 +23,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.estimate.budget.data_in_time import Course, course, divided
-from vemcvx.stepping.backward_euler import step
+from vemcvx.stepping.backward_euler import QuasistaticSteps
 from vemcvx.stepping.initial import settled_from
 from vemcvx.stepping.state import PreparedRun
 
@@ -100,6 +100,6 @@ def _followed(run: PreparedRun, times: Floats, initial: Floats) -> tuple[Floats,
     found = np.empty((len(times), len(state.y)))
     found[0] = state.y
     for n, t in enumerate(times[1:], start=1):
-        state = step(run, state, n, float(t))
+        state = QuasistaticSteps(run).step(state, n, float(t))
         found[n] = state.y
     return found, state.scale

@@ -61,7 +61,7 @@ from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.palette import MARKERS, SERIES
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.conic import installed
-from vemcvx.stepping.backward_euler import step
+from vemcvx.stepping.backward_euler import QuasistaticSteps
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
@@ -146,7 +146,7 @@ def reference(name, form, n):
     run = prepare(system, vx.Newton(accuracy=FLOOR), check=False, condense=FORMS[form])
     states = [initial_state(run, 0.0, None)]
     for k in range(1, len(levels)):
-        states.append(step(run, states[-1], k, float(k)))
+        states.append(QuasistaticSteps(run).step(states[-1], k, float(k)))
     return Reference(name, form, system, (*states[:-1], certified_in_full(run, states[-1])))
 
 
@@ -160,8 +160,8 @@ def measured(exact, name, solver, repeats):
         return None
     setup, earlier, later = time.process_time() - start, [], []
     for _ in range(repeats):
-        earlier.append(timed(step, run, states[-3], last - 1, last - 1.0)[0])
-        seconds, found = timed(step, run, states[-2], last, float(last))
+        earlier.append(timed(QuasistaticSteps(run).step, states[-3], last - 1, last - 1.0)[0])
+        seconds, found = timed(QuasistaticSteps(run).step, states[-2], last, float(last))
         later.append(seconds)
     found = certified_in_full(run, found)
     apart = length(exact.system.K, found.full - exact.answer.full)

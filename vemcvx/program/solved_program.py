@@ -46,8 +46,7 @@ class SolvedProgram(StepProgram):
     @classmethod
     def of(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:
         """A program with its answer."""
-        data = program.operators, program.g, program.w, program.b, program.e
-        return cls(*data, answer=answer, step=step, t=t)
+        return cls(program.operators, *program.data, answer=answer, step=step, t=t)
 
     @cached_property
     def certificate(self) -> Certificate:

@@ -135,7 +135,7 @@ class ThroughCvxpy(Solver):
                 f"solver {self.solver!r}: cvxpy does not find it here; it finds {', '.join(sorted(installed()))}. "
                 "Install it, or choose one of those."
             )
-        return _PreparedConic(self, operators)
+        return _PreparedConic(self)
 
     def asks_with(self, gap: float, *, semidefinite: bool, again: bool) -> dict[str, Any]:
         """The solver's options for a duality gap of a scaled program: tuned ones, the user's last."""
@@ -200,8 +200,8 @@ class _PreparedConic:
     A parameter of load length compiles for 26 s at 33k unknowns, one of the length of the terms in milliseconds.
     """
 
-    def __init__(self, settings: ThroughCvxpy, operators: Operators):
-        self._settings, self._form = settings, operators
+    def __init__(self, settings: ThroughCvxpy):
+        self._settings = settings
         self._compiled: dict[bool, CvxpyStep] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
@@ -209,12 +209,12 @@ class _PreparedConic:
         answer = self._ask(program, target, cones)
         more = self._settings.tuned and worth_asking_again(self._settings.solver)
         if more and program.duality_gap(answer.d, answer.lam, answer.p) > target:
-            again = self._ask(program, target, cones and self._form.block > 1, again=True)
+            again = self._ask(program, target, cones and program.operators.block > 1, again=True)
             answer = replace(again, iterations=again.iterations + answer.iterations)
         return polished(program, answer) if self._settings.polish else answer
 
     def _ask(self, program: StepProgram, target: float, cones: bool, again: bool = False) -> Answer:
-        posed, semidefinite = self._posed(program, cones), self._form.kernel is not None
+        posed, semidefinite = self._posed(program, cones), program.operators.kernel is not None
         options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
         status, iterations = _run(posed, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((program.operators.count, program.operators.block)), 0 * program.e
@@ -224,7 +224,7 @@ class _PreparedConic:
         return Answer(d, lam, iterations, status, p=p)
 
     def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
-        operators, corners = self._form, self._settings.corners
+        operators, corners = program.operators, self._settings.corners
         with COMPILING:
             if sp.issparse(operators.K):
                 return to_cvxpy(operators, program.data, cones, corners)

@@ -135,8 +135,7 @@ class PosedStep:
         scaled = scales.scale(self.program, alpha, free)
         target, guess = scales.energy(gap, alpha), scales.guess(near.lam, near.p, alpha)
         with named_failures(name):
-            answer = self.run.after(spent).prepared.solve(scaled, target, *guess)
-        answer = fitting(answer, scaled, name)
+            answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *guess), scaled, name)
         d, lam, p = scaled.admissible_point(answer.d, answer.lam, answer.p)
         certificate = scaled.certificate_at(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)

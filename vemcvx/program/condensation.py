@@ -137,12 +137,15 @@ class Condensation:
         return y
 
     def _dragged(self, y_c: Floats) -> Floats:
-        """K^{-1} (0, S y_c) (n,)."""
+        """K^{-1} (0, S y_c) (n,), with the retained unknowns y_c."""
+        y = self.factor.held(np.zeros(len(self._inner)), y_c)
+        return self._with_retained(self.response(y_c), y_c) if y is None else y
+
+    def response(self, y_c: Floats) -> Floats:
+        """K^{-1} (0, S y_c) (n,), whose retained unknowns are y_c but for what S and the solver lose."""
         pushed = np.zeros(len(self._inner))
-        if (y := self.factor.held(pushed, y_c)) is not None:
-            return y
         pushed[self.retained] = self._S @ y_c
-        return self._with_retained(self.factor.solve(pushed), y_c)
+        return self.factor.solve(pushed)
 
     def refine_interior(self, y: Floats, r: Floats) -> Floats:
         """y (n,) after one round of iterative refinement inside, for the residual r; retained unknowns stay."""

@@ -15,7 +15,7 @@ class BilateralContact(Effect):
     """Contact without separation: u . n = 0 at the nodes of `on`.
 
     The contact boundary Gamma_C may be inclined. At a corner u . n = 0 for both normals, which fixes the node; sides
-    that turn by less than 45 degrees are a curve, along which nodes slide. Clamps and prescribed displacements take
+    that turn by less than 42.5 degrees are a curve, along which nodes slide. Clamps and prescribed displacements take
     precedence at nodes that they share with contact.
 
     Parameters
@@ -37,7 +37,8 @@ class BilateralContact(Effect):
             contact=True,
             partners=rows.partners,
         )
-        return Contribution(supports=(support,), surfaces=(ContactSurface.of(rows),))
+        curves = (f"BilateralContact on {where(self.on)}",) if rows.curved else ()
+        return Contribution(supports=(support,), surfaces=(ContactSurface.of(rows),), curves=curves)
 
     def describe(self) -> str:
         return f"BilateralContact: u.n = 0 on {where(self.on)}"

@@ -217,9 +217,8 @@ class ContactSurface:
     nodes: Ints
     normals: Floats
     lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with that normal."""
     ends: EdgeEnds | None = None
-    """the edges of each row, as of friction"""
+    """lengths, and the edges of each row, as of friction"""
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1"""
 
@@ -317,4 +316,5 @@ class Contribution:
     viscosity: sp.csr_matrix | None = None
     """matrix of b^h, stress in proportion to the rate of strain"""
     given: tuple[GivenDatum, ...] = ()
-    """data that vary in space"""
+    curves: tuple[str, ...] = ()
+    """data that vary in space; subjects whose conditions on normals hold along curves"""

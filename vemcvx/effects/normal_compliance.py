@@ -62,7 +62,8 @@ class NormalCompliance(Effect):
             k = stiffness(x)
             return np.stack([k * np.maximum(outward - distance(self.gap, subject, x, t), 0.0), k])
 
-        compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths)
+        # On a curve edges that move out by d move the node by d over the cosine, and push with as much less along n.
+        compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths * rows.cosines**2)
         made = obstacle(space, rows, subject, self.gap, compliance)
         given = GivenDatum(subject, "spring", spring, part.sides)
         return replace(made, given=(given,) if data.varies(self.stiffness, self.gap) else ())

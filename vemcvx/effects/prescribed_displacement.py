@@ -31,7 +31,7 @@ class PrescribedDisplacement(Effect):
     direction : None, (dim,) vector, "normal" or "tangent"
         "normal" is outward; "tangent" is, in the plane, the normal turned by +90 degrees, so that the body lies on its
         left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed; sides that turn by
-        less than 45 degrees are a curve: its nodes move so that all sides go outward by the value.
+        less than 42.5 degrees are a curve: its nodes move so that all sides go outward by the value.
     """
 
     value: data.Datum
@@ -51,7 +51,9 @@ class PrescribedDisplacement(Effect):
             return data.scalar(self.value, points, t, subject) / cosines
 
         support = Support(subject, nodes, directions, points, value)
-        return Contribution(supports=(support,), given=self._given(part, data.scalar, subject))
+        curved = isinstance(self.direction, str) and part.node_normals.curved
+        given = self._given(part, data.scalar, subject)
+        return Contribution(supports=(support,), given=given, curves=(subject,) if curved else ())
 
     def _given(self, part: Part, read: Callable[..., Floats], subject: str) -> tuple[GivenDatum, ...]:
         def at(x: Floats, t: float) -> Floats:

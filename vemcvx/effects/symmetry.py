@@ -20,7 +20,7 @@ class Symmetry(Effect):
     The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
     not in `history.contact` (unless BilateralContact is there, too), and it does not yield to other supports. A
     prescribed displacement that contradicts it at a shared node is an error. At a corner u . n = 0 for both normals,
-    which fixes the node; along sides that turn by less than 45 degrees, a curve, nodes slide.
+    which fixes the node; along sides that turn by less than 42.5 degrees, a curve, nodes slide.
 
     Parameters
     ----------
@@ -33,7 +33,8 @@ class Symmetry(Effect):
     def contribute(self, space: Space) -> Contribution:
         rows = space.part(self.on, "Symmetry").node_normals
         subject = f"Symmetry on {where(self.on)}"
-        return Contribution(supports=(Support(subject, rows.nodes, rows.normals, space.mesh.points[rows.nodes]),))
+        support = Support(subject, rows.nodes, rows.normals, space.mesh.points[rows.nodes])
+        return Contribution(supports=(support,), curves=(subject,) if rows.curved else ())
 
     def describe(self) -> str:
         return f"Symmetry: u.n = 0, free along {where(self.on)}"

@@ -72,6 +72,7 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
             ),
         ),
         surfaces=(ContactSurface.of(rows),),
+        curves=(subject,) if rows.curved else (),
     )
 
 

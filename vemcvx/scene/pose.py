@@ -76,6 +76,8 @@ class PosedScene:
     """sentences: effects that do nothing in this scene, and so were left out"""
     given: tuple[GivenDatum, ...] = ()
     """data that vary in space, of inactive effects, too: they may be zero only at the points that were evaluated"""
+    curves: tuple[str, ...] = ()
+    """what has conditions on normals along curves, whose corners finer meshes keep"""
 
     viscosity: sp.csr_matrix | None = None
     """(n_u, n_u) matrix of the form of rates over all nodal values; None if there is none"""
@@ -124,6 +126,7 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
         springs=forms.springs,
         inactive=(*inactive, *out_of_reach(contact.terms, stops, supports)),
         given=_chain(p.given for p in parts),
+        curves=_chain(p.curves for p in parts),
         viscosity=forms.viscosity,
     )
 

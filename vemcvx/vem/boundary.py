@@ -114,6 +114,7 @@ class BoundaryPart:
         ends = SideEnds(
             nodes=self.edges.ravel(),
             normals=np.repeat(self.normals, 2, axis=0),
+            curvature=1.0 / length,
             noise=NORMAL_ROUNDING * np.abs(self.points).max() / length,
             lengths=0.5 * length,
             beyond=self.edges[:, ::-1].ravel(),

@@ -86,11 +86,21 @@ class FacePart:
         return SideEnds(
             nodes=np.concatenate([group.nodes.ravel() for group, _, _ in each]),
             normals=self.normals[side],
+            curvature=np.concatenate([_curvature(group, n).ravel() for group, _, n in each]),
             noise=(NORMAL_ROUNDING * np.abs(self.mesh.points).max() * noise)[side],
             lengths=np.concatenate([group.shares.ravel() for group, _, _ in each]),
             beyond=self.sides[side],
             partners=np.full(len(side), -1),
         )
+
+
+def _curvature(group: FaceGroup, n: int) -> Floats:
+    """sin(alpha) / (|a| |b|) of the edges a and b of each face at its vertices, (f, n)."""
+    corners = group.corners[:, :n]
+    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
+    weights: Floats = np.linalg.norm(np.cross(a, b), axis=2) / lengths
+    return weights
 
 
 def _outline(group: FaceGroup, n: int) -> Floats:

@@ -1,9 +1,14 @@
 """Rows of a part of the boundary: one a node and distinct normal.
 
 Where a part has a corner, or an edge in space, conditions on the normal hold for all sides that meet there, each with
-the share of int phi_i ds of the sides that have its normal. Sides that turn by less than 45 degrees are a curve, or a
-straight side whose points are rounded, whose nodes have the mean of their normals (by length, as constant pressure
-pushes them): with both, a node could not slide, or would have to climb every corner, however fine the mesh is.
+the share of int phi_i ds of the sides that have its normal. Sides that turn by less than 42.5 degrees are a curve, or a
+straight side whose points are rounded, whose nodes have a mean of their normals: with both, a node could not slide, or
+would have to climb every corner, however fine the mesh is.
+
+The mean is that by 1 / length; in space by sin(alpha) / (|a| |b|), a and b being the edges of a face at the node and
+alpha their angle (N. Max, J. Graphics Tools 4 (1999)). It is exact for nodes on a circle, or a sphere, whatever their
+distances. By length, what slides along a curve of unequal sides would be pressed by forces that do not vanish with the
+mesh. Sides far shorter than those beside them have no say: rounding turns them.
 """
 
 from __future__ import annotations
@@ -16,8 +21,12 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.vem.frames import tangents_of
 
-SMOOTH = (1.0 - 1e-6) * 2.0 * float(np.sin(np.pi / 8))
-"""Distance of unit normals that are those of one curve. Those of an octagon are at corners, all of them."""
+SMOOTH = 2.0 * float(np.sin(0.5 * np.radians(42.5)))
+"""Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
+however their points are rounded."""
+SHORT = 0.03
+"""Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals."""
+CURVED = float(np.cos(0.5 * np.radians(1.5)))
 NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
 """Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
 
@@ -43,7 +52,7 @@ class BoundaryRows:
     nodes: Ints
     """(k,)"""
     normals: Floats
-    """(k, dim) outward unit normals, averaged by length over the edges or faces they stand for"""
+    """(k, dim) outward unit normals, means of those of the edges or faces they stand for"""
     lengths: Floats
     """(k,) int phi_i ds over the edges or faces of this row"""
     points: Floats
@@ -59,6 +68,11 @@ class BoundaryRows:
     """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
 
     @property
+    def curved(self) -> bool:
+        """Whether sides turn somewhere by more than a degree and a half."""
+        return bool((self.cosines < CURVED).any())
+
+    @property
     def tangents(self) -> Floats:
         """(k, dim) the first tangent of each, in the plane along the boundary with the body on the left."""
         return tangents_of(self.normals)[:, 0]
@@ -71,6 +85,8 @@ class SideEnds:
     nodes: Ints
     normals: Floats
     """(e, dim) of the sides"""
+    curvature: Floats
+    """(e,) by which the normals of a curve are averaged: see above"""
     noise: Floats
     """(e,) by which rounding may have turned the side"""
     lengths: Floats
@@ -86,11 +102,11 @@ class SideEnds:
         k = row.max(initial=-1) + 1
         nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
         nodes[row], partners[row] = self.nodes[order], self.partners[order]
-        lengths = self.lengths[order]
+        lengths, total = self.lengths[order], totals(row, self.lengths[order], k)
         normals = np.zeros((k, self.normals.shape[1]))
-        np.add.at(normals, row, lengths[:, None] * self.normals[order])
-        sizes, total = np.linalg.norm(normals, axis=1), totals(row, lengths, k)
-        normals = normals / sizes[:, None] + 0.0
+        np.add.at(normals, row, self._weights(order, row, k)[:, None] * self.normals[order])
+        normals = normals / np.linalg.norm(normals, axis=1)[:, None] + 0.0
+        along = totals(row, lengths * np.einsum("ei,ei->e", normals[row], self.normals[order]), k)
         each = matrix[order].tocoo()
         return BoundaryRows(
             nodes=read_only(nodes),
@@ -100,8 +116,20 @@ class SideEnds:
             matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
             ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
             partners=read_only(partners),
-            cosines=read_only(np.where(sizes < (1.0 - NORMAL_ROUNDING) * total, sizes / total, 1.0)),
+            cosines=read_only(np.where(along < (1.0 - NORMAL_ROUNDING) * total, along / total, 1.0)),
         )
+
+    def _weights(self, order: Ints, row: Ints, k: int) -> Floats:
+        """By which the normals of ends that make k rows are averaged, (e,)."""
+        length, curvature = self.lengths[order], self.curvature[order]
+        longest, most = np.zeros(k), np.zeros(k)
+        np.maximum.at(longest, row, length)
+        np.maximum.at(most, row, curvature)
+        part = (length / longest[row]) ** 4
+        # Where no face has an angle at a node that hangs in its edges, areas count alone.
+        share = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
+        weights: Floats = share * part / (part + SHORT**4) + NORMAL_ROUNDING * part
+        return weights
 
     def _grouped(self) -> tuple[Ints, Ints]:
         """The ends ordered by node, and the row of each: one normal and partner, one row."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arguments import LARGEST, is_real, part
 from vemcvx.arrays import Bools, Floats, Ints, brief
-from vemcvx.errors import SceneError
+from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.adapt.marking import cells_to_refine, split_steps
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.data_in_time import course
@@ -153,6 +154,12 @@ def adapt(
     progress : callable, optional
         Called with each finished :class:`Pass`.
 
+    Warns
+    -----
+    SceneWarning
+        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse one, as what slides
+        along it feels.
+
     Raises
     ------
     SceneError
@@ -257,6 +264,14 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
     """
     posed = pose_scene(scene, mesh)
     check_estimable(posed, "adapt")
+    if posed.curves:
+        warnings.warn(
+            f"adapt: {' and '.join(posed.curves)} acts along a curve, of which finer meshes keep the corners: answers "
+            "go towards that of the polygon, over whose corners nothing slides, and estimates are of errors to that. "
+            "If bodies slide there, simulate on finer meshes of the curve itself.",
+            SceneWarning,
+            stacklevel=3,
+        )
     run = prepare(posed.system, None, False, True)
     state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
     known, times = course(posed.system, wanted), wanted

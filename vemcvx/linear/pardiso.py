@@ -5,11 +5,11 @@ S = K_cc - K_ci K_ii^{-1} K_ic, m x m numbers at the beginning of the solution a
 factors. Phase 333 is the backward substitution of K = L L' alone: of z normal, x = L'^{-1} z has the covariance K^{-1}.
 With a Schur complement it takes x_c as it is, so that x_c = R^{-1} z_c there, S = R'R.
 
-It orders the unknowns by itself (METIS) and runs on one thread in the wheel of that package. Unknowns whose rows have
-the same pattern, those of a node, it takes as one (iparm[36] = -100: variable blocks, of equal rows only). On the
-paper's reference (131k unknowns) the factorisation with 256 x 256 numbers of S takes .22 of the time of SciPy's SuperLU
-and one solve; without blocks .28, and with one level instead of two (iparm[23] = 0) .34, all of the difference in
-finding the order.
+It orders the unknowns by itself (METIS) and runs on one thread in the wheel of that package. On the paper's reference
+(131k unknowns) the factorisation with 256 x 256 numbers of S takes .27 of the time of SciPy's SuperLU and one solve;
+with one level instead of two (iparm[23] = 0) .34, all of the difference in finding the order. Variable blocks
+(iparm[36] = -100: unknowns of equal rows as one) would save a fifth more, but end the process where cells of hundreds
+of vertices make blocks of as many unknowns.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SEEN = 0.1
 """Of a (K^{-1})_ii, by the mean of SAMPLES squares: it is less once in a thousand times."""
 POSITIVE_DEFINITE = 2
 FACTORISE, SOLVE, FORWARD, BACKWARD = 12, 33, 331, 333
-OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO, EQUAL_ROWS = (0, 1), (1, 2), (23, 1), (34, 1), (36, -100)
+OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO = (0, 1), (1, 2), (23, 1), (34, 1)
 SCHUR_AND_FACTORS = (35, 2)
 
 
@@ -174,7 +174,7 @@ def _with_values(upper: sp.csr_matrix, last: Ints) -> Any:
             "(x86-64 on Linux and Windows), or use SuperLU()."
         )
     n, solver = upper.shape[0], kind(POSITIVE_DEFINITE, 0)
-    for number, value in (OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO, EQUAL_ROWS):
+    for number, value in (OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO):
         solver.set_iparm(number, value)
     if len(last):
         solver.set_iparm(*SCHUR_AND_FACTORS)

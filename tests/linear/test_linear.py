@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from blocks_in_space import block, on_floor
+from installed import needs
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
@@ -18,12 +19,6 @@ from vemcvx.linear.default import foreseen_memory
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.kernel import Kernel
 from vemcvx.scene.pose import pose_scene
-
-
-def needs(package):
-    """A mark: skipped where the package is not installed."""
-    return pytest.mark.skipif(find_spec(package) is None, reason=f"{package} is not installed")
-
 
 DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
 TIMES = np.linspace(0.0, 1.0, 7)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from installed import needs
 
 import vemcvx as vx
 from vemcvx.linear.factor import Factor
@@ -15,8 +14,8 @@ from vemcvx.program.condensation import Condensation
 from vemcvx.scene.pose import pose_scene
 
 pytestmark = pytest.mark.arithmetic
-absent = pytest.mark.skipif(find_spec("pymklpardiso") is None, reason="pymklpardiso is not installed")
-LINEAR = pytest.mark.parametrize("linear", [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=absent)], ids=str)
+EACH = [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=needs("pymklpardiso"))]
+LINEAR = pytest.mark.parametrize("linear", EACH, ids=str)
 
 
 @pytest.fixture(params=["connected", "two bodies", "nothing touched", "everything touched"])

@@ -218,9 +218,8 @@ class ContactSurface:
     normals: Floats
     lengths: Floats
     ends: EdgeEnds | None = None
-    """lengths, and the edges of each row, as of friction"""
     partners: Ints | None = None
-    """(m,) nodes of other bodies, or -1"""
+    """(m,) nodes of other bodies, or -1; lengths and edges are those of friction"""
 
     @classmethod
     def of(cls, rows: BoundaryRows) -> ContactSurface:
@@ -316,5 +315,6 @@ class Contribution:
     viscosity: sp.csr_matrix | None = None
     """matrix of b^h, stress in proportion to the rate of strain"""
     given: tuple[GivenDatum, ...] = ()
+    """data that vary in space"""
     curves: tuple[str, ...] = ()
-    """data that vary in space; subjects whose conditions on normals hold along curves"""
+    """subjects whose conditions on normals hold along curves"""

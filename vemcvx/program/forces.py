@@ -176,8 +176,7 @@ class SolvedForces:
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
-        self._basis: list[tuple[Floats, float, SolvedForce]] = []
-        self._sizes: list[float] = []
+        self._basis: list[tuple[Floats, float, float, SolvedForce]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
         """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
@@ -190,7 +189,7 @@ class SolvedForces:
         rest = entries / unit
         size, found = float(np.sqrt(rest @ rest)), Parts()
         known = size
-        for (q, square, one), whole in zip(self._basis, self._sizes, strict=True) if size > 0.0 else ():
+        for q, square, whole, one in self._basis if size > 0.0 else ():
             share = float(q @ rest) / square
             rest = rest - share * q
             known += abs(share) * whole
@@ -201,8 +200,7 @@ class SolvedForces:
         if len(self._basis) == MOST_FIELDS:
             return self.afresh(self._expand(entries))
         new = self._solved(self._expand(rest), len(self._basis))
-        self._basis.append((rest, left, new))
-        self._sizes.append(size)
+        self._basis.append((rest, left, size, new))
         return {**found, new: unit}
 
     def afresh(self, phi: Floats) -> Parts:
@@ -232,7 +230,7 @@ class SolvedForces:
     def _touch(self, rows: Ints) -> None:
         """Count these among the unknowns that some force loads."""
         loaded = np.union1d(self._loaded, rows)
-        self._basis = [(self._expand(q)[loaded], square, one) for q, square, one in self._basis]
+        self._basis = [(self._expand(q)[loaded], square, size, one) for q, square, size, one in self._basis]
         self._loaded, self._places = loaded, {}
 
     def _expand(self, compressed: Floats) -> Floats:

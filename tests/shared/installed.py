@@ -1,0 +1,12 @@
+"""Tests that need packages of extras."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import pytest
+
+
+def needs(package):
+    """A mark: skipped where the package is not installed."""
+    return pytest.mark.skipif(find_spec(package) is None, reason=f"{package} is not installed")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
@@ -142,6 +144,29 @@ KINDS = {
     ),
     "viscosity": vx.Scene(*paper_scene(cyclic), vx.Viscosity(0.1, 0.1)),
 }
+
+
+OF_ONE_BLOCK = """
+import numpy as np, scipy.sparse as sp
+from vemcvx.linear import Pardiso
+K = np.ones(({n}, {n})) + {n} * np.eye({n})
+K[{size}:-1, -1] = K[-1, {size}:-1] = 0
+factor, S = Pardiso().eliminate(sp.csr_matrix(K), np.arange({n}), np.array([0, {n} - 1]))
+inner = np.arange(1, {n} - 1)
+c = [0, {n} - 1]
+wanted = K[np.ix_(c, c)] - K[np.ix_(c, inner)] @ np.linalg.solve(K[np.ix_(inner, inner)], K[np.ix_(inner, c)])
+assert np.abs(S - wanted).max() < 1e-12 * {n}
+assert np.abs(K @ factor.solve(np.ones({n})) - 1).max() < 1e-12
+"""
+
+
+@pytest.mark.parametrize("size", [2, 100, 256, 257, 300])
+@needs("pymklpardiso")
+def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
+    # A block of 257 unknowns whose rows are equal, beside others, ends the process: hence one of its own.
+    code = OF_ONE_BLOCK.format(n=2 * size + 1, size=size)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
 
 
 @pytest.mark.parametrize("linear", DIRECT[1:], ids=str)

@@ -71,6 +71,10 @@ def test_matrices_are_copied():
     system = vx.System(given, load)
     given.data[:] = 0.0
     assert np.array_equal(system.K.toarray(), K)
+    # What nobody may write to need not be.
+    fixed = sp.csr_matrix(K)
+    fixed.data.flags.writeable = False
+    assert np.shares_memory(vx.System(fixed, load).K.data, fixed.data)
 
 
 def spoil(x, t=0.0):

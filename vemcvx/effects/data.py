@@ -118,7 +118,7 @@ def _shaped(raw: Any, shape: tuple[int, ...], subject: str, wanted: str, place: 
     # two for two points' scalars would be ambiguous nowhere, because the shapes are fixed by `shape`.
     if array.shape not in (shape, shape[1:]):
         raise SceneError(f"{subject}: found {shape_in_words(array)}; wanted {wanted}.")
-    whole = np.array(np.broadcast_to(array, shape))
+    whole = array if array.shape == shape else np.array(np.broadcast_to(array, shape))
     bad = ~np.isfinite(whole)
     if bad.any():
         first = int(np.argwhere(bad)[0, 0])

@@ -5,11 +5,10 @@ S = K_cc - K_ci K_ii^{-1} K_ic, m x m numbers at the beginning of the solution a
 factors. Phase 333 is the backward substitution of K = L L' alone: of z normal, x = L'^{-1} z has the covariance K^{-1}.
 With a Schur complement it takes x_c as it is, so that x_c = R^{-1} z_c there, S = R'R.
 
-It orders the unknowns by itself (METIS) and runs on one thread in the wheel of that package. On the paper's reference
-(131k unknowns) the factorisation with 256 x 256 numbers of S takes .27 of the time of SciPy's SuperLU and one solve;
-with one level instead of two (iparm[23] = 0) .34, all of the difference in finding the order. Variable blocks
-(iparm[36] = -100: unknowns of equal rows as one) would save a fifth more, but end the process where cells of hundreds
-of vertices make blocks of as many unknowns.
+It orders the unknowns by itself (METIS) and runs on one thread in the wheel of that package. Unknowns whose rows have
+the same pattern, those of a node, it takes as one (iparm[36] = -100: variable blocks, of equal rows only), which saves
+a fifth. Blocks of more than 256 unknowns, those of cells of as many vertices, end the process. So blocks are asked for
+where rows are short: unknowns of a block are all coupled to each other, and none is larger than a row.
 """
 
 from __future__ import annotations
@@ -34,7 +33,9 @@ SEEN = 0.1
 POSITIVE_DEFINITE = 2
 FACTORISE, SOLVE, FORWARD, BACKWARD = 12, 33, 331, 333
 OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO = (0, 1), (1, 2), (23, 1), (34, 1)
-SCHUR_AND_FACTORS = (35, 2)
+SCHUR_AND_FACTORS, EQUAL_ROWS = (35, 2), (36, -100)
+LONGEST = 128
+"""Entries of a row up to which blocks are asked for: half of the largest block that PARDISO takes."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,8 @@ class PardisoFactor(Factor):
         self._unit = float(power_of_two(self._diagonal.max(initial=0.0)))
         isolated = _schur_of_isolated(K, rising)
         self._last = rising if isolated is None else rising[:0]
-        self._pardiso = _with_values(_upper_triangle(K, self._unit), self._last)
+        longest = np.diff(K.indptr).max(initial=0)
+        self._pardiso = _with_values(_upper_triangle(K, self._unit), self._last, longest <= LONGEST)
         own = self._factorised()
         self._upper: Floats = _cholesky(own)
         rank = np.argsort(self._rising)
@@ -166,8 +168,8 @@ def _solver_class() -> Any:
     return None
 
 
-def _with_values(upper: sp.csr_matrix, last: Ints) -> Any:
-    """A solver of the package that holds a matrix, given by its upper triangle."""
+def _with_values(upper: sp.csr_matrix, last: Ints, blocks: bool) -> Any:
+    """A solver of the package that holds a matrix, given by its upper triangle, unknowns of equal rows in `blocks`."""
     if (kind := _solver_class()) is None:
         raise NotAccepted(
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
@@ -178,6 +180,8 @@ def _with_values(upper: sp.csr_matrix, last: Ints) -> Any:
         solver.set_iparm(number, value)
     if len(last):
         solver.set_iparm(*SCHUR_AND_FACTORS)
+    if blocks:
+        solver.set_iparm(*EQUAL_ROWS)
     if n == 0:
         return solver
     solver.set_pattern(ia=upper.indptr.astype(np.int64), ja=upper.indices.astype(np.int64), n=n)

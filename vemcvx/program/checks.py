@@ -30,10 +30,14 @@ def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject
 
 
 def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
-    """A sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given."""
+    """A sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given.
+
+    It is a copy, unless nobody may write to the entries of the one given.
+    """
     sparse = sp.issparse(raw)
     if sparse and raw.dtype.kind in "biuf":
-        matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=True)
+        open_to_change = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
+        matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=open_to_change)
     else:
         dense = as_real_array(raw, subject, "a matrix of real numbers")
         if dense.ndim != 2:
@@ -82,7 +86,7 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
-    x, largest = np.cos(np.arange(1.0, K.shape[0] + 1.0) ** 2), max(K.data.max(), -K.data.min())
+    x, largest = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0]), max(K.data.max(), -K.data.min())
     doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * largest
     apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
     if apart.nnz and apart.data.max() > SYMMETRIC * largest:

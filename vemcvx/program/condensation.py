@@ -93,12 +93,6 @@ class Condensation:
         self._rows = system.K[self.retained]
         self._fields = SolvedForces(n, self._done)
 
-    @cached_property
-    def absolute(self) -> sp.csr_matrix:
-        """|K|, entry by entry, on the pattern of K itself."""
-        K = self.system.K
-        return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
-
     def _order(self) -> Ints:
         """The order of elimination of the system; if it has none, one computed from K."""
         order = self.system.elimination_order()
@@ -132,18 +126,15 @@ class Condensation:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
         y = f.inside.copy()
         if self._inner.any() and y_c.any():
-            y += self._dragged(y_c)
+            y += self._with_retained(self.response(y_c), y_c)
         y[self.retained] = y_c
         return y
-
-    def _dragged(self, y_c: Floats) -> Floats:
-        """K^{-1} (0, S y_c) (n,), with the retained unknowns y_c."""
-        y = self.factor.held(np.zeros(len(self._inner)), y_c)
-        return self._with_retained(self.response(y_c), y_c) if y is None else y
 
     def response(self, y_c: Floats) -> Floats:
         """K^{-1} (0, S y_c) (n,), whose retained unknowns are y_c but for what S and the solver lose."""
         pushed = np.zeros(len(self._inner))
+        if (held := self.factor.held(pushed, y_c)) is not None:
+            return held
         pushed[self.retained] = self._S @ y_c
         return self.factor.solve(pushed)
 
@@ -163,9 +154,12 @@ class Condensation:
 
     def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats]:
         """x, xi and tau of a force phi (n,)."""
-        x, c = self.factor.solve(phi), self.retained
-        xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
-        N = self.operators.kernel
+        c, N = self.retained, self.operators.kernel
+        if (xi := self.factor.held(phi, np.zeros(len(c)))) is not None:
+            x = xi + self.response(self.operators.factor.solve(phi[c] - self._rows @ xi))
+        else:
+            x = self.factor.solve(phi)
+            xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
         tau = self._S @ x[c] if N is None else phi[c] - self._rows @ xi
         if N is not None:
             # Whatever digits xi has lost, the force on K's kernel is that of phi.

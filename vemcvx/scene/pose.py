@@ -20,7 +20,7 @@ from typing import TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.effects import Contribution, Friction, GivenDatum, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.ordering import nested_dissection
@@ -218,7 +218,9 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     if supports.columns is not None:
-        return A[supports.columns][:, supports.columns]
+        K = A[supports.columns][:, supports.columns]
+        read_only(K.data)  # so that a System need not copy it
+        return K
     K = supports.P.T @ A @ supports.P
     # The triple product rounds (i, j) and (j, i) differently.
     return sp.csr_matrix(0.5 * (K + K.T))

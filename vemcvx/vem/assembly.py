@@ -31,27 +31,26 @@ def assemble_cells(
     """
     some = filled.any() and not filled.all()
     groups = [group.part(np.flatnonzero(filled[group.cells])) if some else group for group in space.groups]
-    pairs = sum(group.nodes.size * group.nodes.shape[1] for group in groups)
-    block = space.mesh.points.shape[1] ** 2
-    blocks = np.empty((pairs, block))
-    start = 0
+    dim = space.mesh.points.shape[1]
+    found, which, first = list[Floats](), list[Ints](), 0
     for group in groups:
         for chunk in group.chunks(CHUNK):
-            stop = start + chunk.nodes.size * chunk.nodes.shape[1]
+            pairs = chunk.nodes.shape[1] ** 2
             own = [each[chunk.cells] for each in moduli]
+            cells = np.arange(len(chunk.cells), dtype=np.int32)
             if chunk.translates and all((each == each[:1]).all() for each in own):
-                chunk, own = chunk.part(slice(1)), [each[:1] for each in own]
-            matrices = local(chunk, *own)
-            blocks[start:stop].reshape(-1, matrices[0].size)[:] = matrices.reshape(len(matrices), -1)
-            start = stop
-    return assemble([group.nodes for group in groups], blocks, space.mesh.n_nodes)
+                chunk, own, cells = chunk.part(slice(1)), [each[:1] for each in own], np.zeros_like(cells)
+            found.append(local(chunk, *own).reshape(-1, dim * dim))
+            which.append((first + pairs * cells[:, None] + np.arange(pairs, dtype=np.int32)).ravel())
+            first += len(found[-1])
+    return assemble([group.nodes for group in groups], np.concatenate(found), np.concatenate(which), space.mesh.n_nodes)
 
 
-def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matrix:
+def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
     """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
 
-    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `blocks` (pairs, dim^2) are
-    row-major: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
+    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `which` (pairs,) of the `blocks` (k,
+    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
     """
     small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
     rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
@@ -60,7 +59,9 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, n_nodes: int) -> sp.csr_matr
     order = order[_counting_sort(rows[order], n_nodes)]
     rows, columns = rows[order], columns[order]
     first = np.flatnonzero(np.concatenate([[True], (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])]))
-    gather = sp.csr_matrix((np.ones(len(order)), order, np.append(first, len(order))), shape=(len(first), len(order)))
+    gather = sp.csr_matrix(
+        (np.ones(len(order)), which[order], np.append(first, len(order))), shape=(len(first), len(blocks))
+    )
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows[first], minlength=n_nodes))])
     dim = isqrt(blocks.shape[1])
     shape = (dim * n_nodes, dim * n_nodes)

@@ -89,7 +89,8 @@ class StepProgram(ArrayRecord):
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return self.operators.rows.pull(lam.ravel()) + self.operators.limits.pull(p)
+        force = self.operators.rows.pull(lam.ravel())
+        return force + self.operators.limits.pull(p) if len(p) else force
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
@@ -110,7 +111,7 @@ class StepProgram(ArrayRecord):
         """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
         if self.operators.block == 1:
             # The projection onto an interval is exact; scaling would leave one rounding error.
-            return np.clip(lam, -self.w[:, None], self.w[:, None])
+            return np.minimum(np.maximum(lam, -self.w[:, None]), self.w[:, None])
         size = np.linalg.norm(lam, axis=1)
         scale = np.divide(self.w, size, out=np.ones_like(size), where=size > self.w)
         return np.asarray(lam * scale[:, None])

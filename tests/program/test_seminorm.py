@@ -29,6 +29,10 @@ def slab(pull, course=np.sin, bound=BOUND):
     )
 
 
+def sides(mesh):
+    return {name: edges for name, edges in mesh.boundaries.items() if name != "boundary"}
+
+
 def swing(t):
     return np.sin(2 * np.pi * t)
 
@@ -162,6 +166,47 @@ def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):
     )
     with pytest.raises(vx.SceneError, match=r"against the translation \(1, 0\) .* there is no equilibrium"):
         vx.simulate(scene, vx.meshes.FAMILIES[family](3), [0.0, 0.2, 1.0], condense=condense)
+
+
+@pytest.mark.arithmetic
+@pytest.mark.parametrize("far", [1.0, 1e2, 1e3, 1e4, 1e5, 1e8])
+@pytest.mark.parametrize("solver", [vx.Newton(), vx.Clarabel()], ids=lambda s: s.name)
+def test_a_body_is_carried_as_far_as_it_is_taken(far, solver):
+    """Two nodes joined by a spring 1; a carriage on a spring 1 pulls the first by friction 1, .5 holds the second."""
+    K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    body = Kernel(np.array([[1.0], [1.0], [0.0]]), ("the translation",))
+    terms = vx.Norms(np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), np.array([1.0, 0.5]))
+    run = vx.march(vx.System(K, lambda t: np.array([0.0, 0.0, far * t]), terms, kernel=body), [0.0, 1.0], solver=solver)
+    # The carriage is held back by what holds the body; friction carries the first node, the second rubs.
+    wanted = np.array([far - 0.5, far - 1.0, far - 0.5]) if far > 1.0 else np.array([0.5, 0.0, 0.5])
+    allowed = run.certificate[-1] * run.norm[-1] + 1e-12 * far
+    assert np.sqrt((K @ (run.state[-1] - wanted)) @ (run.state[-1] - wanted)) <= allowed
+    assert np.abs(run.multipliers[-1].ravel() - [-0.5, 0.5]).max() <= allowed
+
+
+@few_families
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.7, 1.1])
+@pytest.mark.parametrize("limit", [vx.UnilateralContact, vx.NormalCompliance])
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+def test_ground_moves_under_a_body_between_rollers(family, angle, limit):
+    """Friction feels no motion of the body without strain, but for rounding, and what it does is that of any angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn, energies = np.array([[c, -s], [s, c]]), []
+    for rotation in (np.eye(2), turn):
+        plain = vx.meshes.FAMILIES[family](4)
+        mesh = vx.PolygonMesh(plain.points @ rotation.T, plain.cells, boundaries=sides(plain))
+        floor = {"stiffness": 300.0} if limit is vx.NormalCompliance else {}
+        scene = vx.Scene(
+            vx.Elasticity(100.0, 0.3),
+            vx.Symmetry(on="left"),
+            limit(**floor, on="bottom"),
+            vx.TrescaFriction(0.3, on="bottom", ground=lambda x, t, R=rotation: tuple(R @ (0.01 * t, 0.0))),
+            vx.Pressure(0.5, on="top"),
+        )
+        history = vx.simulate(scene, mesh, [0.0, 0.5, 1.0], initial="settled")
+        assert history.certificate.max() <= 1e-8
+        energies.append(history.energy)
+    assert np.abs(energies[1] - energies[0]).max() <= 1e-7 * energies[0].max()
 
 
 @pytest.mark.parametrize("block", [1, 2])

@@ -186,7 +186,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> sp.csr_matrix:
     size = np.maximum.reduceat(np.abs(shifted).max(axis=1), begin)
     modes = rigid_modes(shifted / size[piece, None]).reshape(len(piece), dim, -1)
     k = modes.shape[2]
-    products = np.add.reduceat(np.einsum("iak,ial->ikl", modes, modes), begin)
+    products = np.stack([(own := one.reshape(-1, k)).T @ own for one in np.split(modes, begin[1:])])
     norm = np.sqrt(np.einsum("pkk->pk", products))
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]

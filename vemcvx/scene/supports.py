@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import TypeVar
 
 import numpy as np
@@ -298,7 +298,8 @@ def _free(sites: Sites, frames: Sequence[_Frames], points: Floats) -> Supports:
         axes = frame.axes[site, k]
         rows.append(at.ravel())
         data.append(axes.ravel())
-        along_axes = (np.abs(axes).max(axis=1) == 1.0) & (axes.sum(axis=1) == 1.0)
+        # Column by column: reductions over two or three entries take six times as long.
+        along_axes = (reduce(np.maximum, np.abs(axes.T)) == 1.0) & (reduce(np.add, axes.T) == 1.0)
         place.append(np.where(along_axes, at[np.arange(len(at)), np.argmax(axes, axis=1)], -1))
     by_site = np.argsort(np.concatenate(owner), kind="stable")
     column = np.empty(len(by_site), dtype=np.int64)

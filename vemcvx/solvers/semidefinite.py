@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, lengths
 from vemcvx.program.answer import Answer, fitting
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
@@ -18,12 +18,19 @@ from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
 
 MOST_POINTS = 200
+UNFELT = 1e-9
+"""Motions of which rows of friction read less than that part of their largest entries are across it."""
 PATIENCE = 6
 """Proximal points in a row that may fail to halve the gap: solvers stop at their own rounding."""
 IMPATIENCE = 2
 """The same of solvers that do not count their iterations."""
 FARTHEST = 4.0
 """Lengths of its last move that a centre may move: of points that go on for ever, secants are rounding."""
+STEADY = 0.01
+"""Change of a proximal point's move, in parts of it, below which a constant force makes it, such as friction that
+slips: the body is carried far, and the centre goes where that ends."""
+MOST_MOVES = 2.0**40
+"""But no farther than so many moves, nor where moves are less than such a part of the way: these are rounding."""
 
 
 class ProximalPoints:
@@ -60,12 +67,13 @@ class ProximalPoints:
             centre = d
             d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
             gap = program.duality_gap(d, lam, p)
-            waited = 0 if gap <= 0.5 * least else waited + 1
+            waited = 0 if gap <= 0.5 * least else waited + (not centres.steady)
             if gap < least:
                 best, least = replace(answer, d=d, lam=lam, p=p), gap
             if least <= enough or waited >= patience or iterations >= self._most:
                 break
-            d = centres.next(centre, d)
+            ahead = centres.next(centre, d)
+            d = _carried(program, d, d - centre) if centres.steady else ahead
         return replace(best, iterations=iterations, safeguards=safeguards)
 
     def _answer(self, near: StepProgram, target: float, lam: Floats, p: Floats, spent: int) -> Answer:
@@ -78,10 +86,38 @@ class ProximalPoints:
 def _motion_nearest_to_b(program: StepProgram) -> Floats:
     """The motion without energy that goes best with b."""
     N = program.operators.kernel
-    if N is None:
+    if N is None or program.operators.count == 0:
         return np.zeros(len(program.g))
-    motion: Floats = N @ np.linalg.lstsq(program.operators.B @ N, program.b, rcond=None)[0]
+    B = program.operators.B
+    felt, rounding = B @ N, UNFELT * abs(B).max() * np.abs(N).max()
+    # Of motions across it friction feels rounding, by which b is not to be divided.
+    if (size := np.linalg.norm(felt, 2)) <= rounding:
+        return np.zeros(len(program.g))
+    motion: Floats = N @ np.linalg.lstsq(felt, program.b, rcond=rounding / size)[0]
     return motion
+
+
+def _carried(program: StepProgram, d: Floats, move: Floats) -> Floats:
+    """The point d + s v, s >= 0, of least energy: v is what K does not feel of the move, so that only w and e count."""
+    operators, N = program.operators, program.operators.kernel
+    v = move if N is None else N @ (N.T @ move)
+    slip, way, felt = program.slip(d), operators.blocks(operators.rows.read(v)), operators.limits.read(v)
+    excess, soft = program.excess(d), operators.compliance > 0
+
+    def falls(s: float) -> bool:
+        at, over = slip + s * way, np.maximum(excess + s * felt, 0.0)
+        if (over[~soft & (felt > 0)] > 0).any():
+            return False
+        size = lengths(at)
+        rubs = float(program.w @ (np.einsum("ij,ij->i", at, way) / np.where(size > 0, size, 1.0)))
+        return rubs + float(over[soft] / operators.compliance[soft] @ felt[soft]) < float(program.g @ v)
+
+    near, far = 0.0, 1.0
+    while far < MOST_MOVES and falls(far):
+        near, far = far, 2.0 * far
+    while near < (middle := 0.5 * (near + far)) < far:
+        near, far = (middle, far) if falls(middle) else (near, middle)
+    return d + far * v
 
 
 class _Centres:
@@ -95,6 +131,8 @@ class _Centres:
         self._at = anchored
         self._centres: list[Floats] = []
         self._moves: list[Floats] = []
+        self.steady = False
+        """Whether the last move was like the one before."""
 
     def next(self, centre: Floats, d: Floats) -> Floats:
         """The next centre (n,), after the proximal point d of `centre`."""
@@ -102,9 +140,11 @@ class _Centres:
         if self._moves and np.linalg.norm(move) > 2 * np.linalg.norm(self._moves[-1]):
             self._centres, self._moves = [], []
         self._centres, self._moves = [*self._centres, x][-len(x) - 1 :], [*self._moves, move][-len(x) - 1 :]
-        ahead = d.copy()
+        ahead, self.steady = d.copy(), False
         if len(self._moves) > 1:
             dx, df = np.diff(self._centres, axis=0).T, np.diff(self._moves, axis=0).T
+            length = np.linalg.norm(move)
+            self.steady = bool(np.linalg.norm(df[:, -1]) < STEADY * length and np.linalg.norm(x) < MOST_MOVES * length)
             step = move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
             size, far = np.linalg.norm(step), FARTHEST * np.linalg.norm(dx[:, -1])
             ahead[self._at] = x + (step * (far / size) if size > far else step)

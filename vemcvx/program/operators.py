@@ -97,6 +97,10 @@ class Operators(ArrayRecord):
         force: Floats = self.K @ d
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
+    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
+        """B'lam + D'p, the forces (n,) of norm terms and limits."""
+        return self.rows.force_of(lam.ravel()) + self.limits.force_of(p)
+
     @cached_property
     def rows(self) -> Rows:
         """B, ready to be applied."""

@@ -1,7 +1,7 @@
 """The rows B of a program's terms, which in a contact scene read one unknown each.
 
-Such rows are a selection with coefficients: reading and pulling are then index operations, a tenth of the
-cost of a small sparse product, and a sticking B_i d = b_i holds exactly.
+Such rows are a selection with coefficients: B d and B'lam are then index operations, a tenth of the cost
+of a small sparse product, and a sticking B_i d = b_i holds exactly.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Rows:
         """B d, (k,)."""
         return self.B @ d if self.columns is None else self.B.data * d[self.columns]
 
-    def pull(self, lam: Floats) -> Floats:
-        """B'lam, (n,)."""
+    def force_of(self, lam: Floats) -> Floats:
+        """B'lam, (n,): the force of multipliers."""
         if self.columns is None:
             return self._transposed @ lam
         force = np.zeros(self.B.shape[1])

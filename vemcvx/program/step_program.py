@@ -89,7 +89,7 @@ class StepProgram(ArrayRecord):
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return self.operators.rows.pull(lam.ravel()) + self.operators.limits.pull(p)
+        return self.operators.multiplier_force(lam, p)
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
@@ -235,7 +235,7 @@ class StepProgram(ArrayRecord):
         """
         operators = self.operators
         rows, size = operators.rows.absolute, np.abs(d)
-        held = rows.pull(np.abs(lam.ravel())) + operators.limits.absolute.pull(p)
+        held = rows.force_of(np.abs(lam.ravel())) + operators.limits.absolute.force_of(p)
         blur = EPS * (np.abs(self.g) + held + operators.absolute @ size)
         slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(self.b)
         slip_blur = EPS * operators.blocks(slip).sum(axis=1)
@@ -282,7 +282,7 @@ class StepProgram(ArrayRecord):
         if rows.columns is None or self.b.any() or (self.e < 0).any():
             return None
         lam = self.g[rows.columns] / self.operators.B.data
-        if (np.linalg.norm(self.operators.blocks(lam), axis=1) > self.w).any() or (self.g != rows.pull(lam)).any():
+        if (np.linalg.norm(self.operators.blocks(lam), axis=1) > self.w).any() or (self.g != rows.force_of(lam)).any():
             return None
         return self.operators.blocks(lam)
 

@@ -179,8 +179,7 @@ def advance(
         work += condensation.work(now.force + reaction, answer.d + moved.x[c], change + moved)
         work += now.carried.pair(now.carried.field, now.carried.field - last.carried.field)
         work += _crossed(condensation, moved, y + reaction.x[c])
-        held = condensation.operators.rows.pull(answer.lam.ravel()) + condensation.operators.limits.pull(answer.p)
-        work -= float(held @ moved.x[c])
+        work -= float(condensation.operators.multiplier_force(answer.lam, answer.p) @ moved.x[c])
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
     return _entered(past, now, stored=energy(condensation, y, now, answer.p), work=work, slip=slip, w=w)
 

@@ -49,7 +49,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         state,
         y=y[retained],
         full=y,
-        unbalanced=operators.rows.pull(lam.ravel()) + operators.limits.pull(p),
+        unbalanced=operators.multiplier_force(lam, p),
         lam=lam,
         p=p,
         slip=slip,

@@ -46,12 +46,12 @@ class Rows:
         force[self.columns] = self.B.data * lam
         return force
 
-    def nearest(self, force: Floats, ease: Floats) -> Floats:
-        """The multipliers lam (k,) with B'lam nearest to the force (n,); of those the least in sum lam^2 / ease."""
+    def nearest(self, force: Floats, inverse_metric: Floats) -> Floats:
+        """The multipliers lam (k,) with B'lam nearest to the force (n,); of those the least, in the metric given."""
         if self.columns is not None:
             own: Floats = force[self.columns] / self.B.data
             return own
-        (touched, A), root = self._touching, np.sqrt(ease)
+        (touched, A), root = self._touching, np.sqrt(inverse_metric)
         least: Floats = root * np.linalg.lstsq(A * root, force[touched], rcond=None)[0]
         return least
 

@@ -122,11 +122,11 @@ class StepProgram(ArrayRecord):
         """
         if self.operators.kernel is not None:
             push = self.operators.kernel.T @ self.g
-            lam, p, _ = self.operators.kernel_balance.nearest(lam, p, self.w, push, self._ease(d, p))
+            lam, p, _ = self.operators.kernel_balance.nearest(lam, p, self.w, push, self._inverse_metric(d, p))
         return self.project(lam), np.maximum(p, 0.0)
 
-    def _ease(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """(m,) and (r,) in (0, 1], how little gap it costs to change each multiplier at the increments `d`."""
+    def _inverse_metric(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """(m,) and (r,) in (0, 1], the larger the less gap it costs to change a multiplier at the increments `d`."""
         s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.operators.compliance * p)
         level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
         return level / (level + s), level / (level + z)
@@ -156,7 +156,7 @@ class StepProgram(ArrayRecord):
         known = known if p is None else (known[0], p)
         free = np.repeat([lam is None, p is None], [len(self.b), len(self.e)])
         rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
-        force, (slips, touches) = self.residual(d, *known), self._ease(d, known[1])
+        force, (slips, touches) = self.residual(d, *known), self._inverse_metric(d, known[1])
         found = rows.nearest(force, np.concatenate([np.repeat(slips, operators.block), touches])[free])
         if rows.columns is None and operators.block == 1:
             high = np.concatenate([self.w, np.full(len(self.e), np.inf)])[free]

@@ -231,6 +231,11 @@ class System(ArrayRecord):
         f = self.load_at(t)
         return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.bias_at(t)
 
+    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
+        """B'lam + D'p, the forces (n,) of norm terms and limits."""
+        force: Floats = self.B.T @ lam.ravel() + self.D.T @ p
+        return force
+
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""
         if not isinstance(self.load, ForceOnPart):

@@ -32,7 +32,7 @@ from vemcvx.arrays import Floats, lengths
 from vemcvx.program.answer import Answer
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced, on_part
-from vemcvx.program.iterative_refinement import pulled, residual
+from vemcvx.program.iterative_refinement import residual
 from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.system import System
 
@@ -205,7 +205,7 @@ def advance_in_full(
         work += float(now.force.phi @ d)
     else:
         seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
-        work += motion.pair(seen, seen - then) + float(pulled(system, answer.lam, answer.p) @ d)
+        work += motion.pair(seen, seen - then) + float(system.multiplier_force(answer.lam, answer.p) @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
     return _entered(past, now, stored=strain_energy(system, end, now.t), work=work, slip=slip, w=w)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
-from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
+from vemcvx.program.iterative_refinement import full_certificate, refined
 from vemcvx.program.operators import Operators
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full
@@ -53,7 +53,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         lam=lam,
         p=p,
         slip=slip,
-        certificate=full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), own),
+        certificate=full_certificate(run.condensation, force.phi, y, run.system.multiplier_force(lam, p), own),
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
     )

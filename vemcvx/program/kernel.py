@@ -147,7 +147,7 @@ class KernelBalance:
         units = 1 / np.sqrt(most + 1e-12 * most.sum())
         for _ in range(MOST_NEWTON):
             left = here.left
-            if here.balanced or self.loses(left, w, push):
+            if here.balanced or self.is_mechanism(left, w, push):
                 break
             slope = self._slope(here, w, inverse_metric)
             length, flat = 1.0, np.linalg.eigvalsh(units[:, None] * slope * units)[0] <= 1e-12
@@ -162,8 +162,8 @@ class KernelBalance:
             c, here = c + length * step, ahead
         return here.lam, here.p, here.left
 
-    def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
-        """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""
+    def is_mechanism(self, c: Floats, w: Floats, push: Floats) -> bool:
+        """Whether c is a collapse mechanism: it runs into no limit, and the load does more work than friction takes."""
         into = self.contact_modes @ c
         # A motion along all obstacles may be the sum of two that run into them, known to their rounding.
         rounding = 1e-12 * (np.abs(self.contact_modes) @ np.abs(c)).max(initial=0.0)
@@ -175,12 +175,12 @@ class KernelBalance:
         """A motion c (k,) that nothing holds against the load; None if there is none."""
         none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
         lam, p, left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))
-        if self.loses(left, w, push):
+        if self.is_mechanism(left, w, push):
             return left
         if (np.abs(left) <= self.imbalance(lam, p, push, np.abs(push))[1]).all():
             return None
         motion = self._most_powerful(w, push)
-        return motion if motion is not None and self.loses(motion, w, push) else None
+        return motion if motion is not None and self.is_mechanism(motion, w, push) else None
 
     def _most_powerful(self, w: Floats, push: Floats) -> Floats | None:
         """The motion c (k,), |c_a| <= 1, that runs into no limit and gains most: push . c - sum w_i |B_i N c|.
@@ -199,7 +199,7 @@ class KernelBalance:
             cuts += [sp.csr_matrix(sp.hstack([sp.csr_matrix(rows), -sp.identity(m)])) for rows in felt_along]
             A: Any = sp.csr_matrix(sp.vstack(cuts))
             x = linprog(cost, A_ub=A, b_ub=np.zeros(A.shape[0]), bounds=bounds).x
-            if x is None or self.loses(x[:k], w, push):
+            if x is None or self.is_mechanism(x[:k], w, push):
                 break
             s = self.friction_modes @ x[:k]
             size = np.linalg.norm(s, axis=1, keepdims=True)

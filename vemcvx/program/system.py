@@ -46,7 +46,7 @@ class Damping(ArrayRecord):
     C : (n, n) array or sparse matrix
         Symmetric, positive semidefinite.
     motion : Motion, optional
-        What moving supports add, with the matrix of b in place of that of a; drag and reach are those of a.
+        What moving supports add, with the matrix of b in place of that of a; its slips and gaps are not read.
     """
 
     C: sp.csr_matrix

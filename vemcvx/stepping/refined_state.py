@@ -31,9 +31,9 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     )
     # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
     slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
-    lawful = _lawful(attempt.run.operators, state.capped_weights, lam=lam, slip=slip, stick=stick)
-    y[retained[operators.rows.columns]] += (lawful - slip).ravel() / operators.B.data
-    slip, moved, excess = lawful, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
+    aligned = _aligned(attempt.run.operators, state.capped_weights, lam=lam, slip=slip, stick=stick)
+    y[retained[operators.rows.columns]] += (aligned - slip).ravel() / operators.B.data
+    slip, moved, excess = aligned, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
     over = limit_gaps(operators.compliance, p, excess, EPS * (np.abs(remaining_gap) + np.abs(excess)))
     # Bounds that act are as far as they were; what their difference of two places says of that is rounding.
     acts = state.p > 0
@@ -59,7 +59,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     )
 
 
-def _lawful(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
+def _aligned(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
     """Slips (m, block) that point where their multipliers do, but for those that stick.
 
     A slip that is turned by e costs an energy of about e^2 / 2 over the term's flexibility, and is left as it is where

@@ -57,7 +57,7 @@ def check_whole(given: Ints, boundary: Ints) -> None:
         )
 
 
-def choose(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
+def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
     """Which parts of the boundary the predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
     name = check_name(name)
     m, dimension = places.shape

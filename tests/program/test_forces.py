@@ -16,7 +16,7 @@ def counting():
 
     def solve(phi):
         solved.append(phi)
-        return phi, phi, phi[:3]
+        return phi, np.zeros(0), np.zeros(0), lambda: phi
 
     return SolvedForces(N, solve), solved
 

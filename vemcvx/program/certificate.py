@@ -31,6 +31,7 @@ between them does to r is of the size of what rounding does to B'lam anyway, whi
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -80,13 +81,13 @@ class Certificate(ArrayRecord):
         kind = self.estimate if estimate is None else estimate
         return Certificate(0.0, friction, self.floor, limits, distance=0.5 * error * error, estimate=kind)
 
-    @property
+    @cached_property
     def gap(self) -> float:
         """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing."""
         gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum()) + self.distance
         return gap if gap >= 0 else np.inf
 
-    @property
+    @cached_property
     def error(self) -> float:
         """|d - d*|_K <= error = sqrt(2 gap)."""
         return float(np.sqrt(2.0 * self.gap))

@@ -23,6 +23,7 @@ tau do not know it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -152,19 +153,19 @@ class Condensation:
         """phi'y, the work of the force phi on the state (y_c, f)."""
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
-    def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats]:
-        """x, xi and tau of a force phi (n,)."""
-        c, N = self.retained, self.operators.kernel
+    def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats, Callable[[], Floats]]:
+        """xi, tau and x_c of a force phi (n,), and what gives x."""
+        c, N, x = self.retained, self.operators.kernel, None
         if (xi := self.factor.held(phi, np.zeros(len(c)))) is not None:
-            x = xi + self.response(self.operators.factor.solve(phi[c] - self._rows @ xi))
+            x_c = self.operators.factor.solve(phi[c] - self._rows @ xi)
         else:
             x = self.factor.solve(phi)
-            xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
-        tau = self._S @ x[c] if N is None else phi[c] - self._rows @ xi
+            xi, x_c = np.zeros_like(phi) if self.whole else self.inside(phi, x), x[c]
+        tau = self._S @ x_c if N is None else phi[c] - self._rows @ xi
         if N is not None:
             # Whatever digits xi has lost, the force on K's kernel is that of phi.
             tau += N @ (self._motions.T @ phi - N.T @ tau)
-        return x, xi, tau
+        return xi, tau, x_c, lambda: xi + self.response(x_c) if x is None else x
 
     @cached_property
     def _motions(self) -> Floats:

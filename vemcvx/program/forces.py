@@ -50,28 +50,38 @@ class SolvedForce:
 
     Attributes
     ----------
-    phi, x, inside : (n,) arrays
-        The force; K^{-1} phi; xi, the response while the retained unknowns are held.
-    retained : (m,) array
-        tau, the force that it makes there.
+    phi, inside : (n,) arrays
+        The force; xi, the response while the retained unknowns are held.
+    retained, released : (m,) arrays
+        tau, the force that it makes there; how far it moves them if nothing holds them.
+    respond : callable () -> (n,)
+        K^{-1} phi, which few ask for.
     number : int or None
         Which of those that are remembered; None if it is not.
     """
 
     phi: Floats
-    x: Floats
     inside: Floats
     retained: Floats
+    released: Floats
+    respond: Callable[[], Floats]
     number: int | None = None
     _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
 
+    @cached_property
+    def x(self) -> Floats:
+        """K^{-1} phi (n,)."""
+        return self.respond()
+
     def products(self, other: SolvedForce) -> tuple[float, float]:
-        """phi'x and phi'xi, with the responses of another field."""
-        if self.number is None or other.number is None:
-            return float(self.phi @ other.x), float(self.phi @ other.inside)
-        if other.number not in self._products:
-            self._products[other.number] = float(self.phi @ other.x), float(self.phi @ other.inside)
-        return self._products[other.number]
+        """phi'x = phi'xi + tau'x_c and phi'xi, with the responses of another field."""
+        if self.number is not None and other.number in self._products:
+            return self._products[other.number]
+        inside = float(self.phi @ other.inside)
+        found = inside + float(self.retained @ other.released), inside
+        if self.number is not None and other.number is not None:
+            self._products[other.number] = found
+        return found
 
 
 Parts = dict[SolvedForce, float]
@@ -168,11 +178,11 @@ class SolvedForces:
     Parameters
     ----------
     n : int
-    solve : callable (n,) -> three arrays
-        x, xi and tau of a force.
+    solve : callable (n,) -> three arrays and a function
+        xi, tau and x_c of a force, and a function that gives x.
     """
 
-    def __init__(self, n: int, solve: Callable[[Floats], tuple[Floats, Floats, Floats]]):
+    def __init__(self, n: int, solve: Callable[[Floats], tuple[Floats, Floats, Floats, Callable[[], Floats]]]):
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}

@@ -99,7 +99,8 @@ class Operators(ArrayRecord):
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
-        return self.rows.force_of(lam.ravel()) + self.limits.force_of(p)
+        force = self.rows.force_of(lam.ravel())
+        return force + self.limits.force_of(p) if len(p) else force
 
     @cached_property
     def rows(self) -> Rows:

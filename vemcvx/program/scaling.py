@@ -83,7 +83,7 @@ class Scaling:
         force = self.kappa * alpha
         with np.errstate(over="ignore"):
             w = np.minimum(program.w * self.sigma / force, MOST)
-            e = np.clip(program.e / (alpha * self.tau), -MOST, MOST)
+            e = np.minimum(np.maximum(program.e / (alpha * self.tau), -MOST), MOST)
         b = program.b / (alpha * sigma)
         if self.operators.rows.columns is not None and self.operators.kernel is None and len(self.tau) == 0:
             w = np.minimum(w, CAP * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))

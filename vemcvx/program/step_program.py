@@ -110,7 +110,7 @@ class StepProgram(ArrayRecord):
         """The multipliers (m, block) nearest to `lam` with |lam_i| <= w_i."""
         if self.operators.block == 1:
             # The projection onto an interval is exact; scaling would leave one rounding error.
-            return np.clip(lam, -self.w[:, None], self.w[:, None])
+            return np.minimum(np.maximum(lam, -self.w[:, None]), self.w[:, None])
         size = np.linalg.norm(lam, axis=1)
         scale = np.divide(self.w, size, out=np.ones_like(size), where=size > self.w)
         return np.asarray(lam * scale[:, None])

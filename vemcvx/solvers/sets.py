@@ -93,8 +93,8 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     q = at.lam + shift.norms[:, None] * program.slip(at.d)
     size = lengths(q)
     stick = size <= program.w
-    slip, curvature = ~stick, np.zeros_like(size)
-    direction = np.divide(q, size[:, None], out=np.zeros_like(q), where=slip[:, None])
+    slip, curvature = ~stick, np.zeros(len(size))
+    direction = np.divide(q, size[:, None], out=np.zeros(q.shape), where=slip[:, None])
     if program.operators.block > 1:
         stiff = shift.norms[slip] * program.w[slip]
         least = stiff * program.operators.norm_flexibility[slip] / STIFFEST

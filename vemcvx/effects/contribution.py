@@ -152,7 +152,7 @@ class Friction:
     """the edges of each row; without, `lengths` are of an edge that no other part has"""
     slope: Callable[[float, Floats], Floats] | None = None
     """(t, normal forces (m,)) -> (m,), the derivative of `law`, which is piecewise affine; the right one at corners"""
-    warn_where_open: bool = False
+    in_the_air: bool = False
     """whether to warn if it rubs where one-sided contact is open"""
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""

@@ -176,7 +176,7 @@ class TrescaFriction(Effect):
             weights=bounds.weights,
             steady=not varies(self.bound, self.backward),
             bias=None if self.backward is None else bounds.bias,
-            warn_where_open=self.while_closed is None,
+            in_the_air=self.while_closed is None,
         )
 
     def describe(self) -> str:

@@ -59,7 +59,7 @@ def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
 def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> None:
     """Say how much of friction's work is done where contact is open, if nobody has said that it is meant to be."""
     terms, obstacles = posed.terms, posed.obstacles
-    asked = [friction for friction in terms.frictions if friction.warn_where_open]
+    asked = [friction for friction in terms.frictions if friction.in_the_air]
     if not asked or obstacles is None or len(obstacles.nodes) == 0:
         return
     first, place = obstacles.jumps.distinct

@@ -25,8 +25,6 @@ from vemcvx.plots.palette import SLIP
 
 YOUNG, POISSON, SIDE, HEIGHT = 1000.0, 0.25, 2.0, 0.5
 DEPTH, FRICTION, RADIUS = HEIGHT / 500, 0.3, 0.1
-SHARPEST = 0.208 * RADIUS
-"""The least radius of curvature of the way, in its two bends."""
 SMALL = {"n": 2, "steps": 32}
 
 

@@ -22,11 +22,6 @@ REACH = 20 * HALF_WIDTH
 SMALL = {"n": 14, "steps": 4}
 
 
-def force_for(half_width):
-    """P per length of the whole contact."""
-    return half_width**2 * np.pi * YOUNG / (4 * RADIUS * (1 - POISSON**2))
-
-
 def scene(radius=RADIUS, depth=9e-4):
     def down(x, t):
         return np.column_stack([np.zeros(len(x)), np.full(len(x), -depth * t)])

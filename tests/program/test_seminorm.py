@@ -218,19 +218,19 @@ def test_nearest_multipliers(block, modes, limited):
     for _ in range(50):
         grip, w = rng.normal(size=(12, block, modes)), rng.uniform(0.0, 1.0, 12) * (rng.random(12) < 0.8)
         stop = rng.normal(size=(3, modes)) if limited else np.zeros((0, modes))
-        hold, ease = KernelBalance(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
+        hold, inverse_metric = KernelBalance(grip, stop), 10.0 ** rng.uniform(-3, 0, 15)
         inside = rng.normal(size=(12, block))
         inside *= (w / np.linalg.norm(inside, axis=1))[:, None] * rng.uniform(0, 1, (12, 1))
         pressed = rng.uniform(0, 1, len(stop))
         push = np.einsum("ijk,ij->k", grip, inside) + stop.T @ pressed
         start, begin = rng.normal(size=(12, block)), rng.normal(size=len(stop))
-        lam, p, left = hold.nearest(start, begin, w, push, (ease[:12], ease[12 : 12 + len(stop)]))
+        lam, p, left = hold.nearest(start, begin, w, push, (inverse_metric[:12], inverse_metric[12 : 12 + len(stop)]))
         assert np.abs(left).max() < 1e-13 * 12
         assert (np.linalg.norm(lam, axis=1) <= w * (1 + 1e-15)).all()
         assert (p >= 0).all()
         assert (
-            np.sum((start - lam) * (inside - lam) / ease[:12, None])
-            + (begin - p) / ease[12 : 12 + len(stop)] @ (pressed - p)
+            np.sum((start - lam) * (inside - lam) / inverse_metric[:12, None])
+            + (begin - p) / inverse_metric[12 : 12 + len(stop)] @ (pressed - p)
             <= 1e-9
         )
         assert hold.unbalanced_motion(w, push) is None

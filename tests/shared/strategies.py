@@ -16,7 +16,6 @@ import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
 
 SEEDS = st.integers(0, 10_000)
-SQUARES = {"squares", "distorted"}
 HUGE = 1e6
 
 

@@ -6,7 +6,6 @@ import datetime
 import decimal
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -90,20 +89,11 @@ WRONG: dict[str, Callable[[], Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class Place:
-    """A parameter: how to use a value there, and which of the values above are right after all."""
-
-    use: Callable[[Any], object]
-    right: frozenset[str] = field(default_factory=frozenset)
-
-
 MESH = vx.meshes.squares(1)
 STEEL = vx.Elasticity(200.0, 0.3)
 HELD = vx.Clamp("right")
 PUSH = vx.Traction(lambda x, t: np.tile([t, -t], (len(x), 1)), "left")
 PRESSED = vx.Pressure(lambda x, t: t * np.ones(len(x)), "top")
-SHUT, GRIP = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
 K = np.array([[4.0, -1.0], [-1.0, 3.0]])
 
 

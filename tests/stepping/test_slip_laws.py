@@ -1,4 +1,4 @@
-"""Weights that see the slip, of the step and before it, with forces or not: a fixed point, and when it is proven."""
+"""Weights that depend on slip, of the step and before it, with forces or not: a fixed point, and when it is proven."""
 
 from __future__ import annotations
 
@@ -435,7 +435,7 @@ def test_the_slip_so_far_is_written_and_read_for_both_bodies(tmp_path):
 
 
 def test_there_is_no_error_budget_of_such_laws():
-    with pytest.raises(vx.SceneError, match="error_budget: there is no estimate for Law: its weights see the slip"):
+    with pytest.raises(vx.SceneError, match="error_budget: there is no estimate for Law: its weights depend on slip"):
         vx.error_budget(simulate(Law(weakening, 30.0)))
     with pytest.raises(vx.SceneError, match="adapt: there is no estimate for SlipWeakening"):
         vx.adapt(block(0.1)[0], vx.meshes.squares(4), [0.0, 1.0], target=0.1)

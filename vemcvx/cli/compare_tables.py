@@ -127,7 +127,8 @@ def remarks(found: Compared) -> list[str]:
     judged = found.judged
     if judged.most_certain is None:
         return []
-    lines = ["default: as the solver's library comes, through cvxpy"] if _has(found, "default") else []
+    default = any(row.settings == "default" for row in judged.rows)
+    lines = ["default: as the solver's library comes, through cvxpy"] if default else []
     lines.append("good: certified as asked, in all steps; rel.: to the largest energy norm so far")
     if sum(row.certified is not None for row in judged.rows) > 1:
         lines.append(f"distance: of the states to those by {judged.most_certain}, the most certain, in energy norm")
@@ -136,7 +137,3 @@ def remarks(found: Compared) -> list[str]:
         lines.append("allowed: no bound here, where weights follow the answer, or friction or rates meet limits")
     best = judged.most_certain
     return lines + [f"WRONG: {name} is farther from {best} than both certificates allow" for name in judged.liars]
-
-
-def _has(found: Compared, settings: str) -> bool:
-    return any(row.settings == settings for row in found.judged.rows)

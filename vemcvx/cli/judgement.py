@@ -128,11 +128,6 @@ def allowed(trajectory: Trajectory) -> Floats:
     return total
 
 
-def missed_steps(trajectory: Trajectory, accuracy: float) -> Ints:
-    """The steps whose certified error is above the accuracy."""
-    return np.flatnonzero(trajectory.certificate > accuracy)
-
-
 def distance(system: System, one: Trajectory, other: Trajectory) -> Apart:
     """How far two answers are apart: where the certificates allow less, else where it is largest."""
     apart = one.state - other.state
@@ -163,7 +158,7 @@ def _row(system: System, attempt: Attempt, best: Trajectory | None, rigorous: bo
     if run is None:
         return told
     apart = None if best is None or run is best or not _bounded(run) else distance(system, best, run)
-    missed = missed_steps(run, attempt.accuracy)
+    missed = np.flatnonzero(run.certificate > attempt.accuracy)
     return replace(
         told,
         outcome=MISSED if len(missed) else CERTIFIED,

@@ -77,7 +77,7 @@ class Elasticity(MaterialLaw):
             thermal_stress_moduli=thermal,
             plane=self._plane,
             cells=cells,
-            out_of_plane=space.across_plane(out_of_plane),
+            out_of_plane=out_of_plane if space.in_plane else None,
             stabilisation=stabilisation_factor(mu, self.stabilisation),
         )
 

@@ -15,7 +15,7 @@ from vemcvx.errors import SceneError
 
 @dataclass(frozen=True)
 class SlipLaw:
-    """Weights of friction that see the slip: of the step, and all that was before it.
+    """Weights of friction that depend on slip: that of the step, and all that was before it.
 
     Within a step weights follow its own slip, which follows them: a fixed point, of convex programs with given weights
     (:mod:`vemcvx.stepping.fixed_point`). Where they fall slowly enough it is the only one, and certificates are bounds.

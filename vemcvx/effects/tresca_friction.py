@@ -130,12 +130,8 @@ class TrescaFriction(Effect):
         subject = f"TrescaFriction on {where(self.on)}"
         choice(self.quadrature, subject, "quadrature", QUADRATURES)
         closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
-        if closed and self.backward is not None:
-            raise SceneError(
-                f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
-            )
         if self.backward is not None:
-            space.require_plane(f"{subject}: backward=", "tangents in space have no two directions; leave it out")
+            self._check_one_way(space, closed, subject)
         part = space.part(self.on, "TrescaFriction", contact=True)
         rows = part.node_normals
         points = space.mesh.points[rows.nodes]
@@ -148,17 +144,7 @@ class TrescaFriction(Effect):
             quadrature=self.quadrature,
         )
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        friction = replace(Friction.of(rows, subject), ground=ground)
-        if closed:
-            friction = replace(friction, law=bounds.ramp, slope=bounds.slope)
-        else:
-            friction = replace(
-                friction,
-                weights=bounds.weights,
-                steady=not varies(self.bound, self.backward),
-                bias=None if self.backward is None else bounds.bias,
-                in_the_air=self.while_closed is None,
-            )
+        friction = replace(self._friction(rows, bounds, closed), ground=ground)
 
         def given(x: Floats, t: float, pressure: Floats) -> Floats:
             return bounds.at(x, t, pressure if closed else None)
@@ -170,6 +156,27 @@ class TrescaFriction(Effect):
                 *((GivenDatum(subject, "bound", given, part.sides),) if varies(self.bound, self.backward) else ()),
                 *(() if ground is None else (ground.given(part.sides),)),
             ),
+        )
+
+    def _check_one_way(self, space: Space, closed: bool, subject: str) -> None:
+        """Raise SceneError where a second bound has no meaning."""
+        if closed:
+            raise SceneError(
+                f"{subject}: found backward= beside while_closed=True, which takes one bound for both ways."
+            )
+        space.require_plane(f"{subject}: backward=", "tangents in space have no two directions; leave it out")
+
+    def _friction(self, rows: BoundaryRows, bounds: _Bounds, closed: bool) -> Friction:
+        """The bounds as weights; as a law of the pressure where they act in closed contact only."""
+        friction = Friction.of(rows, bounds.subject)
+        if closed:
+            return replace(friction, law=bounds.ramp, slope=bounds.slope)
+        return replace(
+            friction,
+            weights=bounds.weights,
+            steady=not varies(self.bound, self.backward),
+            bias=None if self.backward is None else bounds.bias,
+            in_the_air=self.while_closed is None,
         )
 
     def describe(self) -> str:

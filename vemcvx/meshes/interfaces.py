@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import check_edges, check_name
+from vemcvx.meshes.checks.names import check_edges, check_mapping, check_name
 from vemcvx.meshes.polygons.segments import rounding
 from vemcvx.meshes.polygons.topology import smallest_linked
 
@@ -40,11 +40,8 @@ class Interface:
 
 def check_interfaces(interfaces: Mapping[str, Interface] | None, n_nodes: int) -> dict[str, Interface]:
     """Interfaces whose edges and partners are pairs of node numbers, or MeshError."""
-    interfaces = {} if interfaces is None else interfaces
-    if not isinstance(interfaces, Mapping):
-        raise MeshError(f"interfaces must map names to Interface; got {type(interfaces).__name__}.")
     found = {}
-    for name, given in interfaces.items():
+    for name, given in check_mapping(interfaces, "interfaces", "Interface").items():
         check_name(name)
         if not isinstance(given, Interface):
             raise MeshError(f"interface {name!r}: found {brief(given)} where an Interface is wanted.")

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Bools, Floats, Ints, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import Box, SpaceBox
-from vemcvx.meshes.checks.names import check_cell_data, check_datum_name, choose
+from vemcvx.meshes.checks.names import check_cell_data, check_datum_name, chosen_parts
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.outline import Outline, in_a_line
 
@@ -86,7 +86,7 @@ class Mesh(ABC):
             The name is reserved, that of an interface or no string, the answer is not (m,) bool, or it selects nothing.
         """
         parts, middles = self._choice
-        return self._with_named({name: read_only(parts[choose(name, predicate, middles, self.PARTS)])})
+        return self._with_named({name: read_only(parts[chosen_parts(name, predicate, middles, self.PARTS)])})
 
     def with_boundaries(self, boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]]) -> Self:
         """Return this mesh with more named parts of its boundary.

@@ -119,7 +119,7 @@ class Condensation:
         if not c.any():
             return f
         pulled = np.zeros(len(self._inner))
-        pulled[self.retained] = self.operators.rows.pull(c)
+        pulled[self.retained] = self.operators.rows.force_of(c)
         left = f - self.reduce(pulled, remembered)
         return Reduced(lambda: f.phi - pulled, left.parts, f.within, f.retained - pulled[self.retained])
 

@@ -33,13 +33,13 @@ TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
 """The quotient of F's distribution with 1 and SAMPLES degrees of freedom that is exceeded once in a million."""
 
 
-def residual(force: Floats, K: sp.csr_matrix, y: Floats, pulled: Floats) -> Floats:
-    """force - pulled - K y, (n,), in extended precision, rounded to double once; half as dear as one solve."""
+def residual(force: Floats, K: sp.csr_matrix, y: Floats, held: Floats) -> Floats:
+    """force - held - K y, (n,), in extended precision, rounded to double once; half as dear as one solve."""
     if not y.any():
-        return force - pulled
+        return force - held
     exact, r = y.astype(np.longdouble), np.empty(len(y))
     for part, rows in _pieces(K, lambda entries: entries.astype(np.longdouble)):
-        r[part] = force[part].astype(np.longdouble) - pulled[part] - rows @ exact
+        r[part] = force[part].astype(np.longdouble) - held[part] - rows @ exact
     return r
 
 
@@ -114,7 +114,7 @@ def refined(
     S_FF = operators.factor.within(K[F][:, F], F)
     best = np.inf
     for _ in range(ROUNDS):
-        r = residual(force, condensation.system.K, y, pulled(condensation.system, lam, p))
+        r = residual(force, condensation.system.K, y, condensation.system.multiplier_force(lam, p))
         left = condensation.reduce(r, remembered=False)
         step = np.zeros(len(held))
         step[F] = S_FF.solve(left.retained[F])
@@ -179,9 +179,3 @@ def rounding(condensation: Condensation, size: Floats) -> float:
     sum_k l_k x_k^2, x_k normal; their quotient spreads most where one l_k counts alone: Fisher's F.
     """
     return 0.5 * TAIL * EPS * EPS / 6 * condensation.factor.random_energy(size)
-
-
-def pulled(system: System, lam: Floats, p: Floats) -> Floats:
-    """B'lam + D'p, the forces (n,) of norm terms and limits on all unknowns."""
-    held: Floats = system.B.T @ lam.ravel() + system.D.T @ p
-    return held

@@ -116,14 +116,14 @@ class KernelBalance:
     contact_modes: Floats
 
     def nearest(
-        self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats]
+        self, lam: Floats, p: Floats, w: Floats, push: Floats, inverse_metric: tuple[Floats, Floats]
     ) -> tuple[Floats, Floats, Floats]:
         """The multipliers nearest to (lam, p) with |lam_i| <= w_i, p >= 0 and G'lam + H'p = push; what is left.
 
-        In the metric sum |dlam_i|^2 / ease_i + sum dp_j^2 / ease_j, with G the friction modes and H the contact modes:
-        lam(c) = P_w(lam + ease G c), p(c) = (p + ease H c)_+ with c the minimiser of a convex, piecewise smooth
-        function of k unknowns whose gradient is G'lam(c) + H'p(c) - push: a line-searched Newton method. Where there
-        are no such multipliers, c grows without bound and what is left points along a motion that nothing can hold.
+        In the metric sum |dlam_i|^2 / a_i + sum dp_j^2 / b_j, with G the friction modes and H the contact modes:
+        lam(c) = P_w(lam + a G c), p(c) = (p + b H c)_+ with c the minimiser of a convex, piecewise smooth function of
+        k unknowns whose gradient is G'lam(c) + H'p(c) - push: a line-searched Newton method. Where there are no such
+        multipliers, c grows without bound and what is left points along a motion that nothing can hold.
 
         Parameters
         ----------
@@ -132,24 +132,24 @@ class KernelBalance:
         w : (m,) array
         push : (k,) array
             N'g.
-        ease : pair of (m,) and (r,) arrays
-            How little it costs to change each multiplier, > 0.
+        inverse_metric : pair of (m,) and (r,) arrays
+            a and b > 0: the larger, the less it costs to change a multiplier.
         """
-        at = partial(self._at, lam, p, w=w, push=push, ease=ease)
+        at, (a, b) = partial(self._at, lam, p, w=w, push=push, inverse_metric=inverse_metric), inverse_metric
         c = np.zeros(len(push))
         here = at(c=c)
         if here.balanced:
             return here.lam, here.p, here.left
-        spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / ease[0]) + p * p @ (1 / ease[1]) + w * w @ (1 / ease[0]))
+        spread = float(np.einsum("ij,ij->i", lam, lam) @ (1 / a) + p * p @ (1 / b) + w * w @ (1 / a))
         # Of all second derivatives the largest: nothing is cut and everything pressed.
-        most = np.einsum("i,ijk->k", ease[0], self.friction_modes**2) + ease[1] @ self.contact_modes**2
+        most = np.einsum("i,ijk->k", a, self.friction_modes**2) + b @ self.contact_modes**2
         lift = 1e-6 * most.sum() * np.eye(len(most))
         units = 1 / np.sqrt(most + 1e-12 * most.sum())
         for _ in range(MOST_NEWTON):
             left = here.left
-            if here.balanced or self.loses(left, w, push):
+            if here.balanced or self.is_mechanism(left, w, push):
                 break
-            slope = self._slope(here, w, ease)
+            slope = self._slope(here, w, inverse_metric)
             length, flat = 1.0, np.linalg.eigvalsh(units[:, None] * slope * units)[0] <= 1e-12
             # Where (almost) everything is cut the second derivative vanishes, and the lift makes far too long a step.
             step = np.linalg.solve(slope + lift if flat else slope, left)
@@ -162,8 +162,8 @@ class KernelBalance:
             c, here = c + length * step, ahead
         return here.lam, here.p, here.left
 
-    def loses(self, c: Floats, w: Floats, push: Floats) -> bool:
-        """Whether the load wins on the motion c: it runs into no limit, and friction is too weak."""
+    def is_mechanism(self, c: Floats, w: Floats, push: Floats) -> bool:
+        """Whether c is a collapse mechanism: it runs into no limit, and the load does more work than friction takes."""
         into = self.contact_modes @ c
         # A motion along all obstacles may be the sum of two that run into them, known to their rounding.
         rounding = 1e-12 * (np.abs(self.contact_modes) @ np.abs(c)).max(initial=0.0)
@@ -175,12 +175,12 @@ class KernelBalance:
         """A motion c (k,) that nothing holds against the load; None if there is none."""
         none = np.zeros(self.friction_modes.shape[:2]), np.zeros(len(self.contact_modes))
         lam, p, left = self.nearest(*none, w, push, (np.ones(len(w)), np.ones(len(self.contact_modes))))
-        if self.loses(left, w, push):
+        if self.is_mechanism(left, w, push):
             return left
         if (np.abs(left) <= self.imbalance(lam, p, push, np.abs(push))[1]).all():
             return None
         motion = self._most_powerful(w, push)
-        return motion if motion is not None and self.loses(motion, w, push) else None
+        return motion if motion is not None and self.is_mechanism(motion, w, push) else None
 
     def _most_powerful(self, w: Floats, push: Floats) -> Floats | None:
         """The motion c (k,), |c_a| <= 1, that runs into no limit and gains most: push . c - sum w_i |B_i N c|.
@@ -199,7 +199,7 @@ class KernelBalance:
             cuts += [sp.csr_matrix(sp.hstack([sp.csr_matrix(rows), -sp.identity(m)])) for rows in felt_along]
             A: Any = sp.csr_matrix(sp.vstack(cuts))
             x = linprog(cost, A_ub=A, b_ub=np.zeros(A.shape[0]), bounds=bounds).x
-            if x is None or self.loses(x[:k], w, push):
+            if x is None or self.is_mechanism(x[:k], w, push):
                 break
             s = self.friction_modes @ x[:k]
             size = np.linalg.norm(s, axis=1, keepdims=True)
@@ -221,25 +221,29 @@ class KernelBalance:
     def _absolute(self) -> Floats:
         return np.abs(self._modes)
 
-    def _at(self, lam: Floats, p: Floats, w: Floats, push: Floats, ease: tuple[Floats, Floats], c: Floats) -> _Point:
-        q = lam + ease[0][:, None] * (self.friction_modes @ c)
-        pressed = np.maximum(p + ease[1] * (self.contact_modes @ c), 0.0)
+    def _at(
+        self, lam: Floats, p: Floats, w: Floats, push: Floats, inverse_metric: tuple[Floats, Floats], c: Floats
+    ) -> _Point:
+        a, b = inverse_metric
+        q = lam + a[:, None] * (self.friction_modes @ c)
+        pressed = np.maximum(p + b * (self.contact_modes @ c), 0.0)
         size = np.sqrt(np.einsum("ij,ij->i", q, q))
         share = np.where(size > w, w / np.where(size > 0, size, 1.0), 1.0)
         held, over = q * share[:, None], np.maximum(size - w, 0.0)
-        value = 0.5 * float((size * size - over * over) @ (1 / ease[0]) + pressed * pressed @ (1 / ease[1]))
+        value = 0.5 * float((size * size - over * over) @ (1 / a) + pressed * pressed @ (1 / b))
         left, blur = self.imbalance(held, pressed, push, np.abs(push))
         return _Point(lam=held, p=pressed, q=q, value=value - float(push @ c), left=left, size=blur / (8 * EPS))
 
-    def _slope(self, at: _Point, w: Floats, ease: tuple[Floats, Floats]) -> Floats:
+    def _slope(self, at: _Point, w: Floats, inverse_metric: tuple[Floats, Floats]) -> Floats:
         """(k, k) the (generalised) second derivative at a point."""
+        a, b = inverse_metric
         size = np.sqrt(np.einsum("ij,ij->i", at.q, at.q))
         cut, known = size > w, np.where(size > 0, size, 1.0)
         unit = (at.q * (cut / known)[:, None])[:, :, None]
         across = self.friction_modes - unit * (unit * self.friction_modes).sum(axis=1, keepdims=True)
         share = np.where(cut, w / known, 1.0)
-        across = (np.sqrt(ease[0] * share)[:, None, None] * across).reshape(-1, len(at.left))
-        against = self.contact_modes * np.sqrt(ease[1] * (at.p > 0))[:, None]
+        across = (np.sqrt(a * share)[:, None, None] * across).reshape(-1, len(at.left))
+        against = self.contact_modes * np.sqrt(b * (at.p > 0))[:, None]
         slope: Floats = across.T @ across + against.T @ against
         return slope
 

@@ -97,6 +97,11 @@ class Operators(ArrayRecord):
         force: Floats = self.K @ d
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 
+    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
+        """B'lam + D'p, the forces (n,) of norm terms and limits."""
+        force = self.rows.force_of(lam.ravel())
+        return force + self.limits.force_of(p) if len(p) else force
+
     @cached_property
     def rows(self) -> Rows:
         """B, ready to be applied."""

@@ -1,7 +1,7 @@
 """The rows B of a program's terms, which in a contact scene read one unknown each.
 
-Such rows are a selection with coefficients: reading and pulling are then index operations, a tenth of the
-cost of a small sparse product, and a sticking B_i d = b_i holds exactly.
+Such rows are a selection with coefficients: B d and B'lam are then index operations, a tenth of the cost
+of a small sparse product, and a sticking B_i d = b_i holds exactly.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ class Rows:
         """B d, (k,)."""
         return self.B @ d if self.columns is None else self.B.data * d[self.columns]
 
-    def pull(self, lam: Floats) -> Floats:
-        """B'lam, (n,)."""
+    def force_of(self, lam: Floats) -> Floats:
+        """B'lam, (n,): the force of multipliers."""
         if self.columns is None:
             return self._transposed @ lam
         force = np.zeros(self.B.shape[1])
         force[self.columns] = self.B.data * lam
         return force
 
-    def nearest(self, force: Floats, ease: Floats) -> Floats:
-        """The multipliers lam (k,) with B'lam nearest to the force (n,); of those the least in sum lam^2 / ease."""
+    def nearest(self, force: Floats, inverse_metric: Floats) -> Floats:
+        """The multipliers lam (k,) with B'lam nearest to the force (n,); of those the least, in the metric given."""
         if self.columns is not None:
             own: Floats = force[self.columns] / self.B.data
             return own
-        (touched, A), root = self._touching, np.sqrt(ease)
+        (touched, A), root = self._touching, np.sqrt(inverse_metric)
         least: Floats = root * np.linalg.lstsq(A * root, force[touched], rcond=None)[0]
         return least
 

@@ -89,8 +89,7 @@ class StepProgram(ArrayRecord):
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""
-        force = self.operators.rows.pull(lam.ravel())
-        return force + self.operators.limits.pull(p) if len(p) else force
+        return self.operators.multiplier_force(lam, p)
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
@@ -123,11 +122,11 @@ class StepProgram(ArrayRecord):
         """
         if self.operators.kernel is not None:
             push = self.operators.kernel.T @ self.g
-            lam, p, _ = self.operators.kernel_balance.nearest(lam, p, self.w, push, self._ease(d, p))
+            lam, p, _ = self.operators.kernel_balance.nearest(lam, p, self.w, push, self._inverse_metric(d, p))
         return self.project(lam), np.maximum(p, 0.0)
 
-    def _ease(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """(m,) and (r,) in (0, 1], how little gap it costs to change each multiplier at the increments `d`."""
+    def _inverse_metric(self, d: Floats, p: Floats) -> tuple[Floats, Floats]:
+        """(m,) and (r,) in (0, 1], the larger the less gap it costs to change a multiplier at the increments `d`."""
         s, z = np.linalg.norm(self.slip(d), axis=1), np.abs(self.excess(d) - self.operators.compliance * p)
         level = 1e-6 * max(s.max(initial=0.0), z.max(initial=0.0)) or 1.0
         return level / (level + s), level / (level + z)
@@ -157,7 +156,7 @@ class StepProgram(ArrayRecord):
         known = known if p is None else (known[0], p)
         free = np.repeat([lam is None, p is None], [len(self.b), len(self.e)])
         rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
-        force, (slips, touches) = self.residual(d, *known), self._ease(d, known[1])
+        force, (slips, touches) = self.residual(d, *known), self._inverse_metric(d, known[1])
         found = rows.nearest(force, np.concatenate([np.repeat(slips, operators.block), touches])[free])
         if rows.columns is None and operators.block == 1:
             high = np.concatenate([self.w, np.full(len(self.e), np.inf)])[free]
@@ -236,7 +235,7 @@ class StepProgram(ArrayRecord):
         """
         operators = self.operators
         rows, size = operators.rows.absolute, np.abs(d)
-        held = rows.pull(np.abs(lam.ravel())) + operators.limits.absolute.pull(p)
+        held = rows.force_of(np.abs(lam.ravel())) + operators.limits.absolute.force_of(p)
         blur = EPS * (np.abs(self.g) + held + operators.absolute @ size)
         slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(self.b)
         slip_blur = EPS * operators.blocks(slip).sum(axis=1)
@@ -283,7 +282,7 @@ class StepProgram(ArrayRecord):
         if rows.columns is None or self.b.any() or (self.e < 0).any():
             return None
         lam = self.g[rows.columns] / self.operators.B.data
-        if (np.linalg.norm(self.operators.blocks(lam), axis=1) > self.w).any() or (self.g != rows.pull(lam)).any():
+        if (np.linalg.norm(self.operators.blocks(lam), axis=1) > self.w).any() or (self.g != rows.force_of(lam)).any():
             return None
         return self.operators.blocks(lam)
 

@@ -46,7 +46,7 @@ class Damping(ArrayRecord):
     C : (n, n) array or sparse matrix
         Symmetric, positive semidefinite.
     motion : Motion, optional
-        What moving supports add, with the matrix of b in place of that of a; drag and reach are those of a.
+        What moving supports add, with the matrix of b in place of that of a; its slips and gaps are not read.
     """
 
     C: sp.csr_matrix
@@ -230,6 +230,11 @@ class System(ArrayRecord):
         """The load vector (n,) at the instant `t`, the bias of norm terms taken off."""
         f = self.load_at(t)
         return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.bias_at(t)
+
+    def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
+        """B'lam + D'p, the forces (n,) of norm terms and limits."""
+        force: Floats = self.B.T @ lam.ravel() + self.D.T @ p
+        return force
 
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""

@@ -130,7 +130,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     """
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
     normals, at = surface.normals, surface.jumps.find(terms.jumps)
-    length, pull, cohesion = _pulled(terms, trajectory.multipliers, at, normals)
+    length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
     jump = _jump(u, surface.jumps) - _ground(posed, trajectory, at, length)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
@@ -140,7 +140,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         points=posed.space.mesh.points[surface.nodes],
         normals=normals,
         slip=slip,
-        traction=-pull / np.where(length > 0, length, 1.0)[:, None],
+        traction=-force / np.where(length > 0, length, 1.0)[:, None],
         bound=bound,
         backward=backward,
         pressure=_pressure(posed, trajectory, forces) + cohesion / surface.lengths,
@@ -153,18 +153,18 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     )
 
 
-def _pulled(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
+def _friction_on_nodes(terms: Terms, lam: Floats, at: Ints, normals: Floats) -> tuple[Floats, Floats, Floats | float]:
     """Lengths (m,) of edges with friction, its multipliers on the nodes (S, m, dim), and (S, m) what holds normals.
 
     The last is of terms along given directions, and not in the one before.
     """
     m, each = len(normals), np.einsum("smb,mbd->smd", lam, terms.tangents)
-    pull, given = summed_columns(each, at, m), terms.directed
+    force, given = summed_columns(each, at, m), terms.directed
     if not given.any():
-        return totals(at, terms.lengths, m), pull, 0.0
+        return totals(at, terms.lengths, m), force, 0.0
     parts = [totals(at[kind], terms.lengths[kind], m) for kind in (given, ~given)]
     cohesion = np.einsum("smd,md->sm", summed_columns(each[:, given], at[given], m), normals)
-    return np.maximum(*parts), pull - cohesion[:, :, None] * normals, cohesion
+    return np.maximum(*parts), force - cohesion[:, :, None] * normals, cohesion
 
 
 def _largest(values: Floats, at: Ints, m: int) -> Floats:

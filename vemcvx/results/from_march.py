@@ -22,7 +22,7 @@ CLOSED = 1e-6
 
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
     """The results of a posed scene."""
-    _warn_of_rubbing_in_the_air(posed, trajectory)
+    _warn_of_friction_where_open(posed, trajectory)
     shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
     u, forces = storage.array("displacement", shape), storage.array("forces", shape)
     for row, n in enumerate(trajectory.stored):
@@ -46,7 +46,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         else np.ascontiguousarray(posed.material.out_of_plane[:, :3]),
         out_of_plane_prestress=_out_of_plane_prestress(posed, trajectory, storage),
         inactive=posed.inactive + _untouched(posed, trajectory),
-        **_rubbing(posed, trajectory),
+        **_friction_of_dragged(posed, trajectory),
     )
 
 
@@ -56,7 +56,7 @@ def displacement(posed: PosedScene, y: Floats, t: float) -> Floats:
     return u if posed.supports.still else u + posed.supports.motion(t)
 
 
-def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> None:
+def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> None:
     """Say how much of friction's work is done where contact is open, if nobody has said that it is meant to be."""
     terms, obstacles = posed.terms, posed.obstacles
     asked = [friction for friction in terms.frictions if friction.in_the_air]
@@ -83,7 +83,7 @@ def _warn_of_rubbing_in_the_air(posed: PosedScene, trajectory: Trajectory) -> No
         )
 
 
-def _rubbing(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
+def _friction_of_dragged(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
     """Friction on nodes that supports drag, edge by edge; nothing if there is none."""
     terms = posed.terms
     if terms.dragged is None or terms.ends is None or terms.names is None or not terms.dragged.any():

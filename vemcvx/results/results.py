@@ -84,7 +84,7 @@ class Results:
         Estimates are for friction that depends on pressure (Coulomb), in steps where what sticks, slips and touches
         does not settle or, in space, is too close to something else. A bound is then on the distance to *a* solution
         of the step, which for coefficients that are not small need not be the only one.
-        They are also for friction that sees its slip, unless it is known to weaken more slowly than the body gives way;
+        They are also for friction that depends on slip, unless it is known to weaken by less than the body is stiff;
         bounds are then on the distance to the only solution.
         """
         return self.trajectory.certificate_kind

@@ -16,7 +16,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle
 
 
-def owned(parts: Sequence[Friction | Obstacle | ContactSurface]) -> tuple[sp.csr_matrix, Ints]:
+def edge_ends(parts: Sequence[Friction | Obstacle | ContactSurface]) -> tuple[sp.csr_matrix, Ints]:
     """What the rows of all parts own, one after the other: (rows, e) half the length of each end of an edge.
 
     The names (e, 2) are each end's own node, and the other node of its edge; -1 for all that a part without `ends` has
@@ -39,7 +39,7 @@ def owned(parts: Sequence[Friction | Obstacle | ContactSurface]) -> tuple[sp.csr
     return sp.csr_matrix(values, shape=(count, len(names))), names
 
 
-def united(ends: sp.csr_matrix, group: Ints) -> sp.csr_matrix:
+def ends_of_groups(ends: sp.csr_matrix, group: Ints) -> sp.csr_matrix:
     """The ends that groups of rows own, (groups, e): what several rows of a group own counts once."""
     each = ends.tocoo()
     key, place = np.unique(group[each.row] * ends.shape[1] + each.col, return_inverse=True)
@@ -54,7 +54,7 @@ def lengths_of(ends: sp.csr_matrix) -> Floats:
     return np.asarray(ends.sum(axis=1)).ravel().astype(float)
 
 
-def borne(by: sp.csr_matrix, force: sp.csr_matrix) -> sp.csr_matrix:
+def force_shares(by: sp.csr_matrix, force: sp.csr_matrix) -> sp.csr_matrix:
     """(rows of `by`, rows of `force`) which share of a force the edges of each row bear."""
     common = sp.csr_matrix((by > 0).astype(float) @ force.T)
     return sp.csr_matrix(common @ sp.diags_array(1.0 / lengths_of(force)))

@@ -51,7 +51,7 @@ class FrictionLaw:
 
     @property
     def remembers(self) -> bool:
-        """Whether some see the slip."""
+        """Whether some depend on slip."""
         return any(f.slip_law is not None for f in self.frictions)
 
     @property

@@ -16,7 +16,7 @@ from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.effects import Friction, Obstacle
 from vemcvx.errors import SceneError
 from vemcvx.program.limits import Limits
-from vemcvx.scene.edges import borne, lengths_of, united
+from vemcvx.scene.edges import ends_of_groups, force_shares, lengths_of
 from vemcvx.scene.freedom import normal_is_free, normal_rows, on_free
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.laws import FrictionLaw
@@ -65,7 +65,7 @@ def gathered(obstacles: Sequence[Obstacle], owns: tuple[sp.csr_matrix, Ints], su
     first, limit = _limits(jumps, normals, compliance)
     rows = normal_rows(jumps[first], normals[first], points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
-    ends, rounding = united(ends, limit), GAP_ROUNDINGS * EPS * float(np.abs(points).max())
+    ends, rounding = ends_of_groups(ends, limit), GAP_ROUNDINGS * EPS * float(np.abs(points).max())
 
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
@@ -109,7 +109,7 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
         Nothing presses where friction depends on the pressure and the node is free to move.
     """
     k, r = len(friction.nodes), len(obstacles.nodes)
-    M = borne(ends, obstacles.ends)
+    M = force_shares(ends, obstacles.ends)
     free = normal_is_free(Jumps.of([friction]), friction.normals, supports)
     bare = (np.diff(M.indptr) == 0) & (free | (r == 0))
     if bare.any():

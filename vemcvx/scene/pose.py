@@ -29,7 +29,7 @@ from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, System
 from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
 from vemcvx.scene.driving import load_of, motion_of
-from vemcvx.scene.edges import owned
+from vemcvx.scene.edges import edge_ends
 from vemcvx.scene.freedom import on_free
 from vemcvx.scene.inactive import active_parts
 from vemcvx.scene.laws import FrictionLaw
@@ -183,7 +183,7 @@ class _Contact:
 def _contact(
     frictions: Sequence[Friction], stops: Sequence[Obstacle], supports: Supports, times: Sequence[float]
 ) -> _Contact:
-    ends, names = owned([*frictions, *stops])
+    ends, names = edge_ends([*frictions, *stops])
     rubbing = sum(len(friction.nodes) for friction in frictions)
     terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
     obstacles = gathered(stops, (ends[rubbing:], names), supports)

@@ -56,15 +56,10 @@ def floating_motions(
     piece, node = _pieces(space)
     count = np.bincount(node, minlength=space.mesh.n_nodes)
     R = _motions(piece, node, space.mesh.points)
-    k = R.shape[1] // (piece.max() + 1)
-    dim = space.mesh.points.shape[1]
+    k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
     free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
-    site = supports.sites.of_node
-    joined = sp.csr_matrix((np.ones(len(piece)), (piece, site[node])))
-    if springs is not None:
-        joined = joined @ (sp.eye_array(joined.shape[1]) + _coupled(springs, site, dim))
-    parts, label = connected_components(joined @ joined.T, directed=False)
+    parts, label = _connected(piece, supports.sites.of_node[node], _coupled(springs, supports.sites.of_node, dim))
     bodies = body_names(space.mesh, piece, node)
     fields_of, motions = [], list[tuple[Part, Floats]]()
     for number in range(parts):
@@ -84,9 +79,9 @@ def floating_motions(
         part = Part(which, tuple(bodies[one] for one in own), hinges)
         loose = _piece_by_piece(loose, k)
         field = fields @ loose
-        rank, rotated = _rank_revealing(friction @ field)
-        if rank < loose.shape[1]:
-            raise SceneError(floating(part, _piece_by_piece(loose @ rotated[:, rank:], k), space.mesh.points))
+        unfelt = loose @ _unfelt(friction @ field)
+        if unfelt.shape[1] > 0:
+            raise SceneError(floating(part, _piece_by_piece(unfelt, k), space.mesh.points))
         size = np.abs(field).max(axis=0)
         fields_of.append(field / size)
         motions += [(part, column) for column in (loose / size).T]
@@ -139,10 +134,10 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
     return ordered
 
 
-def _rank_revealing(rows: Floats) -> tuple[int, Floats]:
-    """How many independent combinations of the columns friction feels, and a basis with those first."""
+def _unfelt(rows: Floats) -> Floats:
+    """An orthonormal basis of the combinations of the columns that friction does not feel."""
     _, singular, rotated = np.linalg.svd(rows, full_matrices=len(rows) < rows.shape[1])
-    return int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()), rotated.T
+    return rotated[int((singular > FREE**0.5 * singular.max(initial=0.0)).sum()) :].T
 
 
 def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
@@ -155,11 +150,22 @@ def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
     return np.linalg.qr(free / size[:, None])[0]
 
 
-def _coupled(springs: sp.csr_matrix, site: Ints, dim: int) -> sp.csr_matrix:
-    """(sites, sites) which sites springs join, as ones."""
-    entries, n = springs.tocoo(), site.max() + 1
-    ones = np.ones(entries.nnz)
-    return sp.csr_matrix((ones, (site[entries.row // dim], site[entries.col // dim])), shape=(n, n))
+def _coupled(springs: sp.csr_matrix | None, site: Ints, dim: int) -> sp.csr_matrix:
+    """(sites, sites) which sites are one, or are joined by springs: nonzero there."""
+    n = site.max() + 1
+    one = sp.csr_matrix(sp.eye_array(n))
+    if springs is None:
+        return one
+    entries = springs.tocoo()
+    ends = site[entries.row // dim], site[entries.col // dim]
+    return sp.csr_matrix(one + sp.csr_matrix((np.ones(entries.nnz), ends), shape=(n, n)))
+
+
+def _connected(piece: Ints, site: Ints, coupled: sp.csr_matrix) -> tuple[int, Ints]:
+    """How many connected parts there are of the pieces, pairs of piece and site, and the part of each piece."""
+    joined = sp.csr_matrix((np.ones(len(piece)), (piece, site)), shape=(piece.max() + 1, coupled.shape[0])) @ coupled
+    parts, label = connected_components(joined @ joined.T, directed=False)
+    return parts, label.astype(np.int64)
 
 
 def _pieces(space: Space) -> tuple[Ints, Ints]:

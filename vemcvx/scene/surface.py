@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle
-from vemcvx.scene.edges import lengths_of, owned, united
+from vemcvx.scene.edges import edge_ends, ends_of_groups, lengths_of
 from vemcvx.scene.freedom import freedom
 from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.normals import merged
@@ -56,7 +56,7 @@ def contact_surface(
     np.logical_or.at(drawn, row, np.concatenate([drawn[:0], *moves]))
     rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
     kept = np.flatnonzero(held.slides | held.normal_only | rubs)
-    lengths = lengths_of(united(owned(surfaces)[0], row))[kept]
+    lengths = lengths_of(ends_of_groups(edge_ends(surfaces)[0], row))[kept]
     at, there = jumps[first][kept], normals[first][kept]
     lead, place = at.distinct
     normal, length = np.zeros((len(lead), dim)), np.zeros(len(lead))

@@ -21,7 +21,7 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.effects import Friction
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.norms import DraggedTerms, Norms
-from vemcvx.scene.edges import lengths_of, united
+from vemcvx.scene.edges import ends_of_groups, lengths_of
 from vemcvx.scene.freedom import Moving, along, freedom, normal_is_free, on_free
 from vemcvx.scene.jumps import Jumps, summing
 from vemcvx.scene.laws import FrictionLaw
@@ -96,7 +96,7 @@ def friction_terms(
     held = freedom(jumps[first], normals[first], supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
-    ends = united(owns[0], term)
+    ends = ends_of_groups(owns[0], term)
     if under is not None:
         _refuse_overlap(frictions, owns[0], ends)
     ends = ends[kept]

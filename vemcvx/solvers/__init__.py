@@ -2,7 +2,7 @@
 
 from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
-from vemcvx.solvers.default import choose
+from vemcvx.solvers.default import choose_solver
 from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Prepared, Solver
@@ -17,5 +17,5 @@ __all__ = [
     "Solves",
     "ThroughCvxpy",
     "as_solver",
-    "choose",
+    "choose_solver",
 ]

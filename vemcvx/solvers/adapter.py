@@ -45,10 +45,10 @@ def as_solver(given: Solver | Solves) -> Solver:
             f"solver: found {brief(given)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
             "for the smallest that accepts the program; any object with solve(program, target) is a solver."
         )
-    return Adapted(given)
+    return AdaptedSolver(given)
 
 
-class Adapted(Solver):
+class AdaptedSolver(Solver):
     """A solver around somebody's object with `solve`.
 
     Parameters
@@ -78,7 +78,7 @@ class Adapted(Solver):
     def name(self) -> str:
         return type(self._own).__name__
 
-    def prepare(self, operators: Operators) -> Adapted:
+    def prepare(self, operators: Operators) -> AdaptedSolver:
         return self
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:

@@ -165,7 +165,7 @@ def _from_sets(
             return None
         if found.holds(program, law, sets):
             return _Settled(sets, found)
-        point = found.leaning(program, law, sets)
+        point = found.next_point(program, law, sets)
     return None
 
 

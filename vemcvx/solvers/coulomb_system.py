@@ -82,7 +82,7 @@ class Found:
         still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
         return bool(within.all() and forth.all() and pressed.all() and still.all())
 
-    def leaning(self, program: StepProgram, law: WeightLaw, sets: Sets) -> Iterate:
+    def next_point(self, program: StepProgram, law: WeightLaw, sets: Sets) -> Iterate:
         """The point to take the next sets at, where others decide what discs do that share their nodes, at edges.
 
         A disc that sticks, but is moved by others, is to slip that way: one that slides along another face until it

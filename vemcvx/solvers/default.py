@@ -18,7 +18,7 @@ BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
 log = logging.getLogger("vemcvx")
 
 
-def choose(operators: Operators, given: Solver | Solves | None) -> Solver:
+def choose_solver(operators: Operators, given: Solver | Solves | None) -> Solver:
     """The solver for programs of `operators`.
 
     Raises

@@ -54,12 +54,12 @@ def proximal_points(program: StepProgram, start: Iterate, shift: Shifts) -> Iter
             grown, shift = GROWTH * grown, shift * GROWTH
 
 
-def _pulls(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
+def _unprojected(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
     return centre.lam + shift.norms[:, None] * program.slip(d), centre.p + shift.limits * program.excess(d)
 
 
 def _multipliers(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
-    q, x = _pulls(program, d, centre, shift)
+    q, x = _unprojected(program, d, centre, shift)
     return program.project(q), np.maximum(x, 0.0) / (1.0 + shift.limits * program.operators.compliance)
 
 
@@ -71,7 +71,7 @@ def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts
     """
     lam, p = _multipliers(program, d, centre, shift)
     gradient = -program.residual(d, lam, p)
-    hessian = _hessian(program, *_pulls(program, d, centre, shift), shift)
+    hessian = _hessian(program, *_unprojected(program, d, centre, shift), shift)
     step = program.operators.factor.within(hessian, np.arange(len(d))).solve(-gradient)
     slope = float(gradient @ step)
     start = _psi(program, d, centre, shift)
@@ -114,7 +114,7 @@ def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matri
 
 
 def _psi(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> float:
-    q, x = _pulls(program, d, centre, shift)
+    q, x = _unprojected(program, d, centre, shift)
     size = np.linalg.norm(q, axis=1)
     norms = size * size - np.maximum(size - program.w, 0.0) ** 2 - np.einsum("ij,ij->i", centre.lam, centre.lam)
     limits = np.maximum(x, 0.0) ** 2 / (1.0 + shift.limits * program.operators.compliance) - centre.p * centre.p

@@ -112,15 +112,15 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     soft = sets.act & (operators.compliance > 0)
     spring = np.zeros(len(operators.compliance))
     spring[soft] = 1.0 / operators.compliance[soft]
-    pull = program.w[:, None] * sets.direction
-    M, load = operators.K, program.g - program.multiplier_force(pull, -spring * program.e)
+    at_bound = program.w[:, None] * sets.direction
+    M, load = operators.K, program.g - program.multiplier_force(at_bound, -spring * program.e)
     S: sp.csr_matrix | None = None
     bends = sets.curvature.any()
     if bends or soft.any():
         H = sets.curvature[:, None, None] * transverse(sets.direction)
         S = operators.stiffening(H, spring)
         M = operators.plus(S)
-        load = load + operators.rows.pull(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
+        load = load + operators.rows.force_of(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
     stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
     stop = np.flatnonzero(sets.act & ~soft)
     own = operators.own_columns
@@ -131,7 +131,7 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
         iterative = not operators.factor.exact
         begin = _Near(near.d, sp.csr_matrix(M.shape) if S is None else S) if near and iterative else None
         d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
-    lam = (pull + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else pull).ravel()
+    lam = (at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound).ravel()
     lam[stick] = reaction
     p = spring * program.excess(d)
     p[stop] = stopped

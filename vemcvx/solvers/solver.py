@@ -57,7 +57,7 @@ class Solver(ABC):
         Whether it takes a K with a kernel, `operators.kernel`. A solver that does not is asked for proximal points
         (:mod:`vemcvx.program.kernel`): the K that it is given is always positive definite.
     max_iterations : float
-        How many of them a step may take; no end of them, if the solver does not count.
+        How many iterations a step may take; infinite if the solver does not count them.
     """
 
     accuracy: float = 1e-6

@@ -29,16 +29,16 @@ def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
     return replace(Dragged.nothing(terms.count, terms.block), weights=terms.weights(t, p, none, none))
 
 
-def drag(system: System, before: State, state: State) -> State:
-    """The state with what rubbed where supports dragged it since `before`: as loss, and as work of the supports."""
+def with_dragged_friction(system: System, before: State, state: State) -> State:
+    """The state with the friction of what supports dragged along since `before`: a loss, and work of the supports."""
     terms = system.dragged
     if terms is None:
         return state
     last, now = terms.position(before.t), terms.position(state.t)
     slip = (now - last).reshape(terms.count, terms.block)
     size = np.linalg.norm(slip, axis=1)
-    reach = np.maximum(np.abs(last), np.abs(now)).reshape(slip.shape).max(axis=1)
-    still = size <= DRAG_ROUNDING * reach
+    extent = np.maximum(np.abs(last), np.abs(now)).reshape(slip.shape).max(axis=1)
+    still = size <= DRAG_ROUNDING * extent
     past, size = before.dragged.slipped, np.where(still, 0.0, size)
     weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
     lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]

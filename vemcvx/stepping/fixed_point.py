@@ -93,7 +93,7 @@ class DependentStep:
     def start(self) -> Floats:
         """Weights (m,) of the first program."""
         w = self.attempt.program.w
-        # Where nothing else holds the body, friction of yesterday's pressures may not: begin with no end of it.
+        # Where nothing else holds the body, friction under the pressures before may not: begin with more than any load.
         held = self.run.operators.kernel is None
         return w if held else np.full(len(w), np.abs(self.attempt.program.g).sum())
 
@@ -164,7 +164,7 @@ class DependentStep:
             slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - AT_BOUND) * state.weights)
             along = np.divide(w, slip, out=np.zeros_like(w), where=slides)[:, None] * state.slip
             state = replace(state, lam=np.where(slides[:, None], along, state.lam))
-            return posed.under_own_weights(state, posed.convex(state, stability.margin))
+            return posed.under_own_weights(state, posed.convex_certificate(state, stability.margin))
         last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
         accuracy = self.run.accuracy
         quiet = 0.0 if self.norms.slip_law is None else QUIET * accuracy * state.unit(accuracy)
@@ -191,7 +191,7 @@ class DependentStep:
     def with_forces_of(self, state: State, near: State) -> State:
         """The motion of the state under the forces of a solution near it, and its distance to that."""
         error = self.distance(state, near) + near.certificate.error
-        return self.pose(near.weights).moved(state, near, near.certificate.away(error))
+        return self.pose(near.weights).with_forces_of(state, near, near.certificate.away(error))
 
     def law(self, state: State) -> Floats:
         """Weights (m,) under the forces and after the slip of a state."""

@@ -32,7 +32,7 @@ from vemcvx.arrays import Floats, lengths
 from vemcvx.program.answer import Answer
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced, on_part
-from vemcvx.program.iterative_refinement import pulled, residual
+from vemcvx.program.iterative_refinement import residual
 from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.system import System
 
@@ -139,8 +139,8 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
     if carried is None:
         return 0.5 * (condensation.square(y, now.force) + pressed)
     z, load = y + carried.dirichlet_force.x[condensation.retained], now.force + carried.dirichlet_force
-    crossed = _crossed(condensation, carried.dirichlet_force, z)
-    return 0.5 * (condensation.square(z, load) + carried.pair(carried.field, carried.field) + pressed) + crossed
+    anchor_work = _anchor_work(condensation, carried.dirichlet_force, z)
+    return 0.5 * (condensation.square(z, load) + carried.pair(carried.field, carried.field) + pressed) + anchor_work
 
 
 def strain_energy(system: System, y: Floats, t: float) -> float:
@@ -152,7 +152,7 @@ def strain_energy(system: System, y: Floats, t: float) -> float:
     return 0.5 * system.motion.pair(seen, seen)
 
 
-def _crossed(condensation: Condensation, dirichlet_force: Reduced, z: Floats) -> float:
+def _anchor_work(condensation: Condensation, dirichlet_force: Reduced, z: Floats) -> float:
     """a(u_m, Pz), the anchors' work; zero without."""
     anchor = condensation.operators.anchor
     return 0.0 if anchor is None else float(z @ (anchor * dirichlet_force.x[condensation.retained]))
@@ -178,11 +178,10 @@ def advance(
         moved = reaction - last.carried.dirichlet_force
         work += condensation.work(now.force + reaction, answer.d + moved.x[c], change + moved)
         work += now.carried.pair(now.carried.field, now.carried.field - last.carried.field)
-        work += _crossed(condensation, moved, y + reaction.x[c])
-        held = condensation.operators.rows.pull(answer.lam.ravel()) + condensation.operators.limits.pull(answer.p)
-        work -= float(held @ moved.x[c])
+        work += _anchor_work(condensation, moved, y + reaction.x[c])
+        work -= float(condensation.operators.multiplier_force(answer.lam, answer.p) @ moved.x[c])
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _entered(past, now, stored=energy(condensation, y, now, answer.p), work=work, slip=slip, w=w)
+    return _after_step(past, now, stored=energy(condensation, y, now, answer.p), work=work, slip=slip, w=w)
 
 
 def advance_in_full(
@@ -206,17 +205,17 @@ def advance_in_full(
         work += float(now.force.phi @ d)
     else:
         seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
-        work += motion.pair(seen, seen - then) + float(pulled(system, answer.lam, answer.p) @ d)
+        work += motion.pair(seen, seen - then) + float(system.multiplier_force(answer.lam, answer.p) @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _entered(past, now, stored=strain_energy(system, end, now.t), work=work, slip=slip, w=w)
+    return _after_step(past, now, stored=strain_energy(system, end, now.t), work=work, slip=slip, w=w)
 
 
-def _entered(past: Ledger, now: StepData, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
+def _after_step(past: Ledger, now: StepData, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
     """The ledger with a step's energy, its work but for the bias, and its slips."""
     # The bias is a force in the balance, and friction in the ledger.
-    tilt = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
-    way = lengths(slip)
-    rubbed = w * way + tilt
-    done = work + float(tilt.sum())
-    lost = past.dissipated + float(rubbed.sum())
-    return Ledger(stored, lost, past.work + done, past.worn + rubbed, past.slipped + way)
+    bias_work = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
+    distance = lengths(slip)
+    loss = w * distance + bias_work
+    done = work + float(bias_work.sum())
+    dissipated = past.dissipated + float(loss.sum())
+    return Ledger(stored, dissipated, past.work + done, past.worn + loss, past.slipped + distance)

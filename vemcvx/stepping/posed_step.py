@@ -163,7 +163,7 @@ class PosedStep:
         whole = replace(self, program=replace(self.program, w=w / up))
         return whole.state_after(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
 
-    def convex(self, state: State, margin: float) -> Certificate:
+    def convex_certificate(self, state: State, margin: float) -> Certificate:
         """The certificate of a state under the weights of its own slip, which is that of this program over the margin.
 
         See :mod:`vemcvx.stepping.softening`.
@@ -183,7 +183,7 @@ class PosedStep:
         d, lam = state.y - self.before.y, self.program.project(state.lam)
         return self.state_after(state.answer(d, lam, state.p), certificate)
 
-    def moved(self, state: State, under: State, certificate: Certificate) -> State:
+    def with_forces_of(self, state: State, under: State, certificate: Certificate) -> State:
         """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
         # y_n - y_{n-1} is d but for rounding, by which it may be beyond a bound, and that would cost no end of work.
         program, d = self.program, self.program.feasible(state.y - self.before.y)

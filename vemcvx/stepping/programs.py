@@ -17,7 +17,7 @@ from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
-from vemcvx.stepping.dragged import drag, nothing_dragged
+from vemcvx.stepping.dragged import nothing_dragged, with_dragged_friction
 from vemcvx.stepping.initial import initial_state, state_given
 from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.recorder import certified_in_full
@@ -45,7 +45,7 @@ def programs_of_march(
     before = certified_in_full(run, replace(first, dragged=nothing_dragged(system, first.t, first.p)))
     for n, t in enumerate(instants[1:].tolist(), start=1):
         with threads_of_steps(system, condense, run.condensation.linear):
-            state = drag(system, before, steps.step(before, n, t))
+            state = with_dragged_friction(system, before, steps.step(before, n, t))
             program = _solved_program(steps, before, state, n)
         yield program
         before = state

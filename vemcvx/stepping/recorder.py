@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arguments import is_whole
 from vemcvx.arrays import Bools, Floats, Ints, sizes_of
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.program.iterative_refinement import full_certificate, pulled, residual
+from vemcvx.program.iterative_refinement import full_certificate, residual
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.stepping.acceptance import require_certified, say_floor
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
@@ -56,7 +56,7 @@ def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None
     y = run.condensation.recover(state.y, state.data.force)
     force = state.data.force.phi if lost is None else state.data.force.phi - lost @ y
     own = state.certificate
-    held = pulled(run.system, state.lam, state.p)
+    held = run.system.multiplier_force(state.lam, state.p)
     if run.system.follows_answer:
         held = np.zeros_like(y)
         held[run.condensation.retained] = state.unbalanced

@@ -8,7 +8,7 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
-from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
+from vemcvx.program.iterative_refinement import full_certificate, refined
 from vemcvx.program.operators import Operators
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full
@@ -31,9 +31,9 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     )
     # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
     slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
-    lawful = _lawful(attempt.run.operators, state.capped_weights, lam=lam, slip=slip, stick=stick)
-    y[retained[operators.rows.columns]] += (lawful - slip).ravel() / operators.B.data
-    slip, moved, excess = lawful, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
+    aligned = _aligned(attempt.run.operators, state.capped_weights, lam=lam, slip=slip, stick=stick)
+    y[retained[operators.rows.columns]] += (aligned - slip).ravel() / operators.B.data
+    slip, moved, excess = aligned, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
     over = limit_gaps(operators.compliance, p, excess, EPS * (np.abs(remaining_gap) + np.abs(excess)))
     # Bounds that act are as far as they were; what their difference of two places says of that is rounding.
     acts = state.p > 0
@@ -49,17 +49,17 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         state,
         y=y[retained],
         full=y,
-        unbalanced=operators.rows.pull(lam.ravel()) + operators.limits.pull(p),
+        unbalanced=operators.multiplier_force(lam, p),
         lam=lam,
         p=p,
         slip=slip,
-        certificate=full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), own),
+        certificate=full_certificate(run.condensation, force.phi, y, run.system.multiplier_force(lam, p), own),
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
     )
 
 
-def _lawful(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
+def _aligned(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
     """Slips (m, block) that point where their multipliers do, but for those that stick.
 
     A slip that is turned by e costs an energy of about e^2 / 2 over the term's flexibility, and is left as it is where

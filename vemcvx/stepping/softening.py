@@ -51,7 +51,7 @@ class Stability:
 
     @property
     def margin(self) -> float:
-        """1 - rho where steps are convex, and not by a hair, else 0."""
+        """1 - rho where steps are convex with rho < STABLE, else 0."""
         return 1.0 - self.rho if self.rho < STABLE else 0.0
 
 

@@ -16,7 +16,7 @@ from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.system import System
-from vemcvx.solvers import Prepared, Solver, Solves, choose
+from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
 from vemcvx.solvers.response import Response
 from vemcvx.solvers.semidefinite import ProximalPoints
 from vemcvx.solvers.solver import named_failures
@@ -204,7 +204,7 @@ def prepare(
 ) -> PreparedRun:
     """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)
-    chosen = choose(condensation.operators, solver)
+    chosen = choose_solver(condensation.operators, solver)
     scales = scaling(condensation.operators)
     plain = condensation.operators.own_columns is not None and not condensation.operators.compliance.any()
     prepared = prepared_solver(chosen, scales.operators, system)

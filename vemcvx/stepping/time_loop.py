@@ -21,7 +21,7 @@ from vemcvx.linear.one_thread import one_thread
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps
-from vemcvx.stepping.dragged import drag, nothing_dragged
+from vemcvx.stepping.dragged import nothing_dragged, with_dragged_friction
 from vemcvx.stepping.initial import initial_state
 from vemcvx.stepping.recorder import Recorder, certified_in_full, stored_steps
 from vemcvx.stepping.state import PreparedRun, prepare
@@ -107,7 +107,7 @@ def _march(
         state = certified_in_full(run, state)
     advance = steps_of(run, instants)
     for n in range(begin + 1, steps + 1):
-        state = drag(system, state, advance.step(state, n, instants[n]))
+        state = with_dragged_friction(system, state, advance.step(state, n, instants[n]))
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)

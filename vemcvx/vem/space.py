@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, read_only
+from vemcvx.arrays import Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
 from vemcvx.vem.boundary import BoundaryPart
@@ -45,10 +45,6 @@ class Space:
     def in_plane(self) -> bool:
         """Whether stresses have a component across the plane that is no result of the displacements alone."""
         return self.dim == 2
-
-    def across_plane(self, values: Floats) -> Floats | None:
-        """What is said of the direction across the plane; None in space, where there is none."""
-        return values if self.in_plane else None
 
     @cached_property
     def groups(self) -> tuple[CellGroup, ...]:

@@ -10,7 +10,6 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.vem.assembly import CHUNK
 from vemcvx.vem.cells import CellGroup
-from vemcvx.vem.projection import vertex_values
 from vemcvx.vem.space import Space
 
 
@@ -18,17 +17,13 @@ def add_stabilisation(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
     """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
         return
-    stable = (tau * cells.stabilised_size)[:, None, None] * _products(cells.vertex_values())
+    stable = (tau * cells.stabilised_size)[:, None, None] * missed_products(cells.vertex_values())
     for axis in range(blocks.shape[-1]):
         blocks[..., axis, axis] += stable
 
 
-def missed_products(corners: Floats) -> Floats:
-    """(I - Pi)'(I - Pi), (c, n, n), of polygons (c, n, 2): scalar products of the vertex values that Pi misses."""
-    return _products(vertex_values(corners))
-
-
-def _products(Pi: Floats) -> Floats:
+def missed_products(Pi: Floats) -> Floats:
+    """(I - Pi)'(I - Pi), (c, n, n), of the projection of vertex values: scalar products of what it misses."""
     missed = np.eye(Pi.shape[1]) - Pi
     product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
     # A matrix product may sum (i, j) and (j, i) in different orders.

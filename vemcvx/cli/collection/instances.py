@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 VERSION = 2
@@ -57,62 +56,60 @@ SI = "young=2e11", "bound=4e9", "push=8e9", "press=1e7"
 TINY = "young=2e-4", "bound=4e-6", "push=8e-6", "press=1e-8"
 PAPER = "feng_han_huang"
 
-
-def _all() -> Iterator[Instance]:
-    for n in (8, 16):
-        for step in (4, 8):
-            yield Instance(grade="easy", problem=PAPER, n=n, of=8, step=step)
-        yield Instance(grade="easy", problem="frictional_hysteresis", n=n // 2, of=8, step=2)
-        yield Instance(grade="easy", problem="manufactured_full_slip", n=n, of=8, step=2)
-    for n in (32, 64):
-        for step in (4, 8):
-            yield Instance(grade="sizes", problem=PAPER, n=n, of=8, step=step)
-    for n in (8, 16, 32):
-        for step in (4, 8):
-            yield Instance(grade="sizes", problem=PAPER, n=n, of=8, step=step, condense=False)
-    yield Instance(grade="sizes", problem=PAPER, n=64, of=8, step=8, condense=False)
-    for problem, n, steps in (
-        ("hertz_contact", 6, (2, 8)),
-        ("hertz_contact", 12, (2, 8)),
-        ("block_between_dies", 6, (2,)),
-        ("block_between_dies", 12, (2,)),
-        ("beam_on_a_stop", 6, (2, 8)),
-    ):
-        for step in steps:
-            yield Instance(grade="bounds", problem=problem, n=n, of=8, step=step)
-    yield Instance(grade="bounds", problem="hertz_contact", n=6, of=8, step=8, condense=False)
-    for problem, n in (("cattaneo_mindlin", 6), ("janssen_silo", 4), ("block_with_grain", 6), ("block_with_grain", 12)):
-        for step in (2, 8):
-            yield Instance(grade="pressure", problem=problem, n=n, of=8, step=step)
-    yield Instance(grade="pressure", problem="block_with_grain", n=6, of=8, step=8, condense=False)
-    for n in (6, 12):
-        for step in (2, 8):
-            yield Instance(grade="soft", problem="rough_layer", n=n, of=8, step=step)
-    for step in (2, 5, 8):
-        yield Instance(grade="viscous", problem="kelvin_voigt_creep", n=6, of=8, step=step)
-    yield Instance(grade="viscous", problem="kelvin_voigt_creep", n=6, of=8, step=8, condense=False)
-    for problem in ("shear_lag", "thermal_expansion_blocked_by_friction"):
-        for step in (2, 5, 8):
-            yield Instance(grade="sticking", problem=problem, n=6, of=8, step=step)
-    for n in (8, 16):
-        for step in (6, 8):
-            yield Instance(grade="sticking", problem="l_shaped_bracket", n=n, of=8, step=step)
-            yield Instance(grade="degenerate", problem="l_shaped_bracket", n=n, of=8, step=step, degenerate=True)
-            yield Instance(grade="degenerate", problem=PAPER, n=2 * n, of=8, step=step, degenerate=True)
-    for poisson in ("0.499", "0.49999", "0.4999999"):
-        for condense in (True, False):
-            near = (f"poisson={poisson}",)
-            yield Instance(grade="incompressible", problem=PAPER, n=16, of=8, step=8, settings=near, condense=condense)
-    for settings in (SI, TINY):
-        for n in (8, 16):
-            yield Instance(grade="units", problem=PAPER, n=n, of=8, step=8, settings=settings)
-        yield Instance(grade="units", problem=PAPER, n=8, of=8, step=8, settings=settings, condense=False)
-    for problem, n, steps in (("block_in_space", 4, (4, 8)), ("circular_hysteresis", 2, (4, 8))):
-        for step in steps:
-            yield Instance(grade="discs", problem=problem, n=n, of=8, step=step)
-    yield Instance(grade="discs", problem="block_in_space", n=8, of=8, step=8)
-    yield Instance(grade="discs", problem="block_in_space", n=4, of=8, step=8, condense=False)
-    yield Instance(grade="discs", problem="block_dragged_along_a_curve", n=4, of=8, step=8)
-
-
-INSTANCES = tuple(_all())
+# grade, problem, cells per unit length, steps, settings
+Row = tuple[str, str, tuple[int, ...], tuple[int, ...], tuple[str, ...]]
+PLAIN: tuple[str, ...] = ()
+NEAR_HALF = ("poisson=0.499",), ("poisson=0.49999",), ("poisson=0.4999999",)
+CONDENSED: tuple[Row, ...] = (
+    ("easy", PAPER, (8, 16), (4, 8), PLAIN),
+    ("easy", "frictional_hysteresis", (4, 8), (2,), PLAIN),
+    ("easy", "manufactured_full_slip", (8, 16), (2,), PLAIN),
+    ("sizes", PAPER, (32, 64), (4, 8), PLAIN),
+    ("bounds", "hertz_contact", (6, 12), (2, 8), PLAIN),
+    ("bounds", "block_between_dies", (6, 12), (2,), PLAIN),
+    ("bounds", "beam_on_a_stop", (6,), (2, 8), PLAIN),
+    ("pressure", "cattaneo_mindlin", (6,), (2, 8), PLAIN),
+    ("pressure", "janssen_silo", (4,), (2, 8), PLAIN),
+    ("pressure", "block_with_grain", (6, 12), (2, 8), PLAIN),
+    ("soft", "rough_layer", (6, 12), (2, 8), PLAIN),
+    ("viscous", "kelvin_voigt_creep", (6,), (2, 5, 8), PLAIN),
+    ("sticking", "shear_lag", (6,), (2, 5, 8), PLAIN),
+    ("sticking", "thermal_expansion_blocked_by_friction", (6,), (2, 5, 8), PLAIN),
+    ("sticking", "l_shaped_bracket", (8, 16), (6, 8), PLAIN),
+    *(("incompressible", PAPER, (16,), (8,), near) for near in NEAR_HALF),
+    *(("units", PAPER, (8, 16), (8,), units) for units in (SI, TINY)),
+    ("discs", "block_in_space", (4,), (4, 8), PLAIN),
+    ("discs", "block_in_space", (8,), (8,), PLAIN),
+    ("discs", "circular_hysteresis", (2,), (4, 8), PLAIN),
+    ("discs", "block_dragged_along_a_curve", (4,), (8,), PLAIN),
+)
+ON_ALL_UNKNOWNS: tuple[Row, ...] = (
+    ("sizes", PAPER, (8, 16, 32), (4, 8), PLAIN),
+    ("sizes", PAPER, (64,), (8,), PLAIN),
+    ("bounds", "hertz_contact", (6,), (8,), PLAIN),
+    ("pressure", "block_with_grain", (6,), (8,), PLAIN),
+    ("viscous", "kelvin_voigt_creep", (6,), (8,), PLAIN),
+    *(("incompressible", PAPER, (16,), (8,), near) for near in NEAR_HALF),
+    *(("units", PAPER, (8,), (8,), units) for units in (SI, TINY)),
+    ("discs", "block_in_space", (4,), (8,), PLAIN),
+)
+DEGENERATE: tuple[Row, ...] = (
+    ("degenerate", "l_shaped_bracket", (8, 16), (6, 8), PLAIN),
+    ("degenerate", PAPER, (16, 32), (6, 8), PLAIN),
+)
+INSTANCES = tuple(
+    Instance(
+        grade=grade,
+        problem=problem,
+        n=n,
+        of=8,
+        step=step,
+        settings=settings,
+        condense=rows is not ON_ALL_UNKNOWNS,
+        degenerate=rows is DEGENERATE,
+    )
+    for rows in (CONDENSED, ON_ALL_UNKNOWNS, DEGENERATE)
+    for grade, problem, cells, steps, settings in rows
+    for n in cells
+    for step in steps
+)

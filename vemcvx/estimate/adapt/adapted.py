@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -187,29 +187,31 @@ def adapt(
         history = History.of(record(posed, trajectory, assembled, Memory()))
         near = len(passes) > 0 and passes[-1].space <= SOON * target
         budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
-        worst = budget.largest
-        now = Pass(
-            cells=mesh.n_cells,
-            unknowns=posed.system.n,
-            steps=len(instants) - 1,
-            algebra=worst["algebra"],
-            space=worst["space"],
-            time=worst["time"],
-            seconds=time.perf_counter() - start,
-        )
+        now = _pass_of(posed, budget, steps=len(instants) - 1, seconds=time.perf_counter() - start)
         passes.append(now)
-        for words in budget.jumps if not passes[:-1] else ():
-            log.info("%s", words)
-        log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
+        _log(passes, budget)
         if progress is not None:
             progress(now)
         marked, split = _next(budget, finer, instants, target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
-            history = replace(history, errors={**worst, "target": target})
+            history = replace(history, errors={**budget.largest, "target": target})
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
+
+
+def _pass_of(posed: PosedScene, budget: ErrorBudget, steps: int, seconds: float) -> Pass:
+    parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
+    return Pass(cells=posed.space.mesh.n_cells, unknowns=posed.system.n, steps=steps, seconds=seconds, **parts)
+
+
+def _log(passes: Sequence[Pass], budget: ErrorBudget) -> None:
+    """Log the last pass; beside the first, where data jump."""
+    for words in budget.jumps if len(passes) == 1 else ():
+        log.info("%s", words)
+    now = passes[-1]
+    log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
 
 
 def _judged(

@@ -14,7 +14,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats
 from vemcvx.estimate.budget import Finer
-from vemcvx.estimate.budget.data_in_time import HAIR
+from vemcvx.estimate.budget.data_in_time import ACROSS
 
 GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
@@ -48,7 +48,7 @@ def largest(values: Floats, part: float) -> Bools:
 def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
     """The instants (N + 1,) of a run, more where its steps lose most, if its energy error is beyond the one allowed."""
     error = float(finer.errors.max())
-    lost = np.where(np.diff(times) > HAIR * (times[-1] - times[0]), finer.added, 0.0)
+    lost = np.where(np.diff(times) > ACROSS * (times[-1] - times[0]), finer.added, 0.0)
     if error <= allowed or not lost.any():
         return times
     marked = largest(lost**2, SPLIT)

@@ -37,7 +37,7 @@ HALVINGS = 30
 STAYS = 0.25
 """Part of a change that is left, however short the interval, where data jump."""
 NEARBY = 1.0 / 64.0
-HAIR = 1e-9
+ACROSS = 1e-9
 """Steps of no more than this part of the run are those across a jump."""
 MOST = 200
 """Bends and jumps are looked for in no more intervals than this, the largest first."""
@@ -52,7 +52,7 @@ class Course:
     values: Floats
     """(q, k) weighted sums there, in parts of their largest size"""
     bends: Floats
-    """(b,) instants where they bend, turn or jump; those of a jump are two, a hair apart"""
+    """(b,) instants where they bend, turn or jump; those of a jump are two, ACROSS apart at most"""
     jumps: tuple[str, ...]
     """sentences"""
 
@@ -77,12 +77,12 @@ def course(system: System, times: Floats) -> Course:
 def divided(times: Floats, least: int, in_all: int) -> Floats:
     """The instants with every step in at least so many equal parts, and the run in at least `in_all`.
 
-    Steps that are a hair long, across a jump, stay whole.
+    Steps across a jump stay whole.
     """
     span = times[-1] - times[0]
     parts = []
     for a, b in pairwise(times):
-        count = 1 if b - a <= HAIR * span else max(least, int(np.ceil(in_all * (b - a) / span - 1e-9)))
+        count = 1 if b - a <= ACROSS * span else max(least, int(np.ceil(in_all * (b - a) / span - 1e-9)))
         parts.append(np.linspace(a, b, count + 1)[:-1])
     return np.concatenate([*parts, times[-1:]])
 
@@ -104,10 +104,10 @@ class _Sums:
 
     def _blocks(self, t: float) -> list[tuple[str, Floats]]:
         system = self._system
-        reach = system.remaining_gap(t)
-        blocks = [("load", system.force(t)), ("gap", reach)]
+        gap = system.remaining_gap(t)
+        blocks = [("load", system.force(t)), ("gap", gap)]
         if system.norms is not None:
-            blocks.append(("bound of friction", system.norms.weights_under(t, np.ones(len(reach)))))
+            blocks.append(("bound of friction", system.norms.weights_under(t, np.ones(len(gap)))))
             blocks += [] if system.norms.ground is None else [("ground", system.norms.moved(t))]
         if system.motion is not None:
             blocks.append(("support", system.motion.prescribed_slip(t)))

@@ -25,7 +25,7 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.effects import GivenDatum, Load
-from vemcvx.estimate.budget.sample_points import Places, in_cells, on_edges
+from vemcvx.estimate.budget.sample_points import SamplePoints, in_cells, on_edges
 from vemcvx.estimate.budget.skeleton import Skeleton
 from vemcvx.estimate.budget.surface_forces import Instant, at_ends, pressures_at_ends
 from vemcvx.meshes import plane_mesh
@@ -42,7 +42,7 @@ class DataOscillation:
 
     posed: PosedScene
     edges: Skeleton
-    on: tuple[tuple[GivenDatum, Places], ...] = field(init=False)
+    on: tuple[tuple[GivenDatum, SamplePoints], ...] = field(init=False)
 
     def __post_init__(self) -> None:
         points, given = self.posed.space.mesh.points, self.posed.given
@@ -50,8 +50,8 @@ class DataOscillation:
         object.__setattr__(self, "on", on)
 
     @cached_property
-    def inside(self) -> Places:
-        """Places in the cells."""
+    def inside(self) -> SamplePoints:
+        """SamplePoints in the cells."""
         return in_cells(self.posed.space)
 
     def squares(self, now: Instant, strain: Floats, volume: float) -> tuple[Floats, Floats]:
@@ -67,10 +67,10 @@ class DataOscillation:
             work += self._stress(now.t, strain)
         return residual, work
 
-    def _sum(self, places: Places, values: Floats) -> Floats:
+    def _sum(self, places: SamplePoints, values: Floats) -> Floats:
         return totals(places.owner, places.weights * values, len(self.edges.outer))
 
-    def _on_edges(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
+    def _on_edges(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
         if given.load is not None and given.load.edges is not None:
             return self._traction(given.load, given.load.edges, places, now.t)
         return ON_EDGES[given.kind](self, given, places, now)
@@ -107,7 +107,7 @@ class DataOscillation:
         squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[:, :, None])[:, :, 0])
         return totals(owner, places.weights * squares, mesh.n_cells)
 
-    def _traction(self, load: Load, edges: Ints, places: Places, t: float) -> Floats:
+    def _traction(self, load: Load, edges: Ints, places: SamplePoints, t: float) -> Floats:
         value = load.at(places.x, t).reshape(len(places.x), -1)
         point = np.unique(edges, axis=0, return_inverse=True)[1].ravel()
         assembled = load.at(load.points, t).reshape(len(point), -1)
@@ -116,7 +116,7 @@ class DataOscillation:
         edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
         return self.edges.weights * self._sum(places, np.sum((value - mean[edge]) ** 2, axis=1))
 
-    def _bound(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
+    def _bound(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
         lam, bound, slipped = self._friction(now)
         pressure = pressures_at_ends(self.posed, self.edges, now)
         ends = self.posed.space.mesh.points[self.edges.outer_edges]
@@ -153,13 +153,13 @@ class DataOscillation:
         found[joints.first] += found[joints.second]
         return found
 
-    def _outward(self, places: Places, now: Instant) -> Floats:
+    def _outward(self, places: SamplePoints, now: Instant) -> Floats:
         """u . n at the places, of the jump to another body where there is one."""
         across = self.edges.joints.across
         jump = now.u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, now.u[across], 0.0)
         return _between(np.einsum("bsd,bd->bs", jump, self.edges.units), places.owner, places.along)
 
-    def _gap(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
+    def _gap(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
         points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
         read = np.unique(owner)
         nodal = np.zeros((len(nodes), 2))
@@ -170,23 +170,24 @@ class DataOscillation:
         # Beyond the obstacle, or held away from it by both ends.
         beyond, away = np.minimum(self._outward(places, now), assembled) - gap, np.where(pressed, gap - assembled, 0.0)
         apart = np.maximum(np.maximum(beyond, away), 0.0)
-        eases = self._of_jumps(0.5 / self.edges.shear[self.edges.outer], self.edges.units)
-        return self._highest(places, apart) * np.divide(1.0, eases, out=np.zeros_like(eases), where=eases > 0)
+        compliance = self._of_jumps(0.5 / self.edges.shear[self.edges.outer], self.edges.units)
+        stiffness = np.divide(1.0, compliance, out=np.zeros_like(compliance), where=compliance > 0)
+        return self._highest(places, apart) * stiffness
 
-    def _highest(self, places: Places, apart: Floats) -> Floats:
+    def _highest(self, places: SamplePoints, apart: Floats) -> Floats:
         """(b,) the largest square on each edge."""
         highest = np.zeros(len(self.edges.outer))
         np.maximum.at(highest, places.owner, apart**2)
         return highest
 
-    def _spring(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
+    def _spring(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
         owner = places.owner
         pressure, k = given.value(places.x, now.t, self._outward(places, now))
         apart = pressure - _between(pressures_at_ends(self.posed, self.edges, now), owner, places.along)
         weight = self._of_jumps(self.edges.weights, self.edges.units)[owner]
         return self._sum(places, apart**2 * weight / (1.0 + k * weight))
 
-    def _foundation(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
+    def _foundation(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
         owner, nodes = places.owner, self.edges.outer_edges
         k = given.value(places.x)
         count = np.bincount(owner, minlength=len(self.edges.outer))
@@ -197,7 +198,7 @@ class DataOscillation:
         apart = (k - mean[:, owner]) * moved
         return self._sum(places, np.sum(apart**2 / (1.0 / self.edges.weights[owner] + k), axis=0))
 
-    def _displacement(self, given: GivenDatum, places: Places, now: Instant) -> Floats:
+    def _displacement(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
         points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
         value = given.value(places.x, now.t).reshape(len(owner), -1)
         start, stop = (given.value(points[nodes[owner, side]], now.t).reshape(value.shape) for side in range(2))

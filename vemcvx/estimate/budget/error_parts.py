@@ -172,8 +172,8 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
     for friction in posed.terms.frictions:
         if friction.slip_law is not None or friction.directions is not None:
             raise SceneError(
-                f"{subject}: there is no estimate for {friction.subject}: its weights see the slip, or act along given "
-                "directions; compare meshes and steps of your own choice."
+                f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or act along "
+                "given directions; compare meshes and steps of your own choice."
             )
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:

@@ -41,12 +41,12 @@ class Joints:
         back[self.second] = -force[self.first]
         return back
 
-    def normal_forces(self, pull: Floats, weights: Floats, units: Floats) -> Floats:
-        """(b, 2) what bilateral contact exerts on both bodies, by the stresses' pull (b, 2) on all edges."""
+    def normal_forces(self, traction: Floats, weights: Floats, units: Floats) -> Floats:
+        """(b, 2) what bilateral contact exerts on both bodies, by the tractions (b, 2) of the stresses on all edges."""
         one, other = self.first[self.bonded], self.second[self.bonded]
         n, w, v = units[one], weights[one], weights[other]
-        size = np.einsum("kd,kd->k", (w[:, None] * pull[one] - v[:, None] * pull[other]), n) / (w + v)
-        force = np.zeros_like(pull)
+        size = np.einsum("kd,kd->k", (w[:, None] * traction[one] - v[:, None] * traction[other]), n) / (w + v)
+        force = np.zeros_like(traction)
         force[one] = size[:, None] * n
         force[other] = -force[one]
         return force

@@ -71,8 +71,8 @@ def _jumps(edges: Skeleton, sigma: Floats) -> Floats:
 
 
 def _boundary(edges: Skeleton, sigma: Floats, force: Floats) -> Floats:
-    pull = _traction(sigma[edges.outer], edges.outer_normals)
-    rest = force + edges.joints.normal_forces(pull, edges.weights, edges.units) - pull
+    stress = _traction(sigma[edges.outer], edges.outer_normals)
+    rest = force + edges.joints.normal_forces(stress, edges.weights, edges.units) - stress
     rest = np.einsum("bij,bj->bi", edges.free, rest)
     part = edges.weights * np.einsum("bd,bd->b", rest, rest) / edges.lengths
     return totals(edges.outer, part, len(sigma))

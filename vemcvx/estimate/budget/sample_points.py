@@ -22,7 +22,7 @@ LEAST = 4
 
 
 @dataclass(frozen=True)
-class Places:
+class SamplePoints:
     """Points (q, 2) with the weights (q,) of a midpoint rule: lengths, or areas."""
 
     x: Floats
@@ -33,8 +33,8 @@ class Places:
     """(q,) in (0, 1), from the first end of the edge to the second; empty inside"""
 
 
-def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
-    """Places on boundary edges that are given by their nodes (m, 2)."""
+def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> SamplePoints:
+    """SamplePoints on boundary edges that are given by their nodes (m, 2)."""
     which = positions(chosen, edges.outer_edges, len(points))
     length = edges.lengths[which]
     size = np.ptp(points, axis=0).max()
@@ -43,11 +43,11 @@ def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> Places:
     place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = (place + 0.5) / counts[row]
     start, stop = (points[edges.outer_edges[which, side]][row] for side in range(2))
-    return Places(start + along[:, None] * (stop - start), (length / counts)[row], which[row], along)
+    return SamplePoints(start + along[:, None] * (stop - start), (length / counts)[row], which[row], along)
 
 
-def in_cells(space: Space) -> Places:
-    """Places in all cells: centroids of the triangles into which those of a cell are cut, in halves."""
+def in_cells(space: Space) -> SamplePoints:
+    """SamplePoints in all cells: centroids of the triangles into which those of a cell are cut, in halves."""
     pieces = convex_pieces(space)
     triangles, areas, owner = fans(pieces.corners, pieces.owner)
     spacing = np.ptp(space.mesh.points, axis=0).max() / INSIDE
@@ -59,7 +59,7 @@ def in_cells(space: Space) -> Places:
         count = x.shape[1]
         parts.append((x.reshape(-1, 2), np.repeat(areas[these] / count, count), np.repeat(owner[these], count)))
     x, weights, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Places(x, weights, cells, np.zeros(0))
+    return SamplePoints(x, weights, cells, np.zeros(0))
 
 
 def _centroids(times: int) -> Floats:

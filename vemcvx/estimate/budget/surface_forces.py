@@ -129,7 +129,7 @@ def _springs(springs: sp.csr_matrix, edges: Skeleton, u: Floats) -> Floats:
     sprung = stiff[edges.outer_edges].all(axis=1)
     half = 0.5 * edges.lengths[sprung]
     share = totals(edges.outer_edges[sprung].ravel(), np.repeat(half, 2), len(u))
-    pull = -(springs @ u.ravel()).reshape(-1, 2) / np.where(share > 0, share, 1.0)[:, None]
+    traction = -(springs @ u.ravel()).reshape(-1, 2) / np.where(share > 0, share, 1.0)[:, None]
     total = np.zeros(edges.outer_normals.shape)
-    total[sprung] = half[:, None] * pull[edges.outer_edges[sprung]].sum(axis=1)
+    total[sprung] = half[:, None] * traction[edges.outer_edges[sprung]].sum(axis=1)
     return total

@@ -57,17 +57,13 @@ def _flattened(cells: Any) -> Listed:
     try:
         listed = [list(cell) for cell in cells]
     except Exception:  # of whatever a user hands in
-        raise MeshError(f"{WANTED}; got {_kind(cells)}. {BY_VERTICES}") from None
+        raise MeshError(f"{WANTED}; got {type(cells).__name__}. {BY_VERTICES}") from None
     cell_offsets = offsets_of(np.array([len(cell) for cell in listed], dtype=np.int64))
     faces = list(chain.from_iterable(listed))
     found = _numbers(faces)
     if found is None:
         found = _one_by_one(faces, cell_offsets)
     return Listed(*found, cell_offsets)
-
-
-def _kind(cells: Any) -> str:
-    return type(cells).__name__
 
 
 def _numbers(faces: Sequence[Any]) -> tuple[Ints, Ints] | None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import SpaceBox
-from vemcvx.meshes.checks.names import WHOLE, check_name, check_whole
+from vemcvx.meshes.checks.names import WHOLE, check_mapping, check_name, check_whole
 from vemcvx.meshes.polygons.topology import offsets_of, spans
 from vemcvx.meshes.polyhedra.topology import Faces, same_faces
 
@@ -43,9 +43,7 @@ def check_face_boundaries(
     boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None, mesh: Faces, node_map: Ints | None
 ) -> dict[str, Ints]:
     """Named faces by their numbers, ascending; MeshError if one is not on the boundary."""
-    boundaries = {} if boundaries is None else boundaries
-    if not isinstance(boundaries, Mapping):
-        raise MeshError(f"boundaries must map names to faces; got {type(boundaries).__name__}.")
+    boundaries = check_mapping(boundaries, "boundaries", "faces")
     if WHOLE in boundaries:
         whole = _faces(WHOLE, boundaries[WHOLE], mesh, node_map)
         check_whole(whole, np.flatnonzero(mesh.face_cells[:, 1] < 0))

@@ -49,7 +49,7 @@ def misfit_of(points: Floats, ends: Ints, shortest: Floats, bodies: Ints | None 
     bodies : (m,) array of int, optional
         The body of each edge.
     """
-    return _contact(points, ends, shortest, bodies) or _covered(points, ends)
+    return _intersection(points, ends, shortest, bodies) or _covered(points, ends)
 
 
 def shortest_edges(points: Floats, ends: Ints) -> Floats:
@@ -64,7 +64,7 @@ def _lengths(points: Floats, ends: Ints) -> Floats:
     return lengths
 
 
-def _contact(points: Floats, ends: Ints, shortest: Floats, bodies: Ints | None) -> Misfit | None:
+def _intersection(points: Floats, ends: Ints, shortest: Floats, bodies: Ints | None) -> Misfit | None:
     """Edges must not cross, nor a node lie on or hardly beside another edge."""
     corners, lengths = points[ends], _lengths(points, ends)
     widest = NARROW if bodies is None else NARROW_BETWEEN_BODIES

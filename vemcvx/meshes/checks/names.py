@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,7 @@ from vemcvx.meshes.box import Box
 from vemcvx.meshes.polygons.topology import edge_keys
 
 WHOLE = "boundary"
+T = TypeVar("T")
 
 
 def side_edges(points: Floats, boundary: Ints, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
@@ -56,7 +57,7 @@ def check_whole(given: Ints, boundary: Ints) -> None:
         )
 
 
-def choose(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
+def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
     """Which parts of the boundary the predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
     name = check_name(name)
     m, dimension = places.shape
@@ -83,16 +84,22 @@ def choose(name: object, predicate: Callable[[Floats], Bools], places: Floats, p
     return chosen
 
 
+def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapping[str, T]:
+    """What is given by name, nothing for None; or MeshError."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise MeshError(f"{what} must map names to {wanted}; got {type(given).__name__}.")
+    return given
+
+
 def check_boundaries(
     boundaries: Mapping[str, ArrayLike] | None, boundary: Ints, n_nodes: int, node_map: Ints | None
 ) -> dict[str, Ints]:
     """Named edges as their cells run them, in the order of the boundary; MeshError if one is not on it."""
-    boundaries = {} if boundaries is None else boundaries
-    if not isinstance(boundaries, Mapping):
-        raise MeshError(f"boundaries must map names to edges (m, 2); got {type(boundaries).__name__}.")
     keys = edge_keys(boundary, n_nodes)
     named = {}
-    for name, given in boundaries.items():
+    for name, given in check_mapping(boundaries, "boundaries", "edges (m, 2)").items():
         name = name if name == WHOLE else check_name(name)
         given = check_edges(name, given, n_nodes if node_map is None else len(node_map))
         edges = given if node_map is None else node_map[given]
@@ -135,11 +142,8 @@ def check_datum_name(name: object) -> str:
 
 def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
     """Read-only copies of arrays with one row a cell, or MeshError."""
-    cell_data = {} if cell_data is None else cell_data
-    if not isinstance(cell_data, Mapping):
-        raise MeshError(f"cell_data must map names to arrays of {n_cells} rows; got {type(cell_data).__name__}.")
     checked = {}
-    for name, values in cell_data.items():
+    for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
         check_datum_name(name)
         array = _array(values).copy()
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":

@@ -8,7 +8,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.cells import brief_row
 from vemcvx.meshes.checks.plane_faces import PLANE
-from vemcvx.meshes.checks.surfaces import Contact, Surfaces
+from vemcvx.meshes.checks.surfaces import Intersection, Surfaces
 from vemcvx.meshes.polygons.segments import TOLERANCE
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
@@ -43,11 +43,11 @@ def check_space_tiling(points: Floats, faces: Faces, shapes: FaceShapes) -> None
         surface=surface,
         shortest=_shortest_edges(points, faces),
     )
-    contact = surfaces.contact()
-    if contact:
+    intersection = surfaces.intersection()
+    if intersection:
         cells = np.where(surface > 0, surface - 1, faces.face_cells[number, 0])
-        rows = [vertices[offsets[face] : offsets[face + 1]] for face in (contact.part, contact.other)]
-        raise MeshError(_sentence(contact, int(cells[contact.part]), int(cells[contact.other]), rows[1]))
+        rows = [vertices[offsets[face] : offsets[face + 1]] for face in (intersection.part, intersection.other)]
+        raise MeshError(_sentence(intersection, int(cells[intersection.part]), int(cells[intersection.other]), rows[1]))
     _check_winding(points, faces, shapes, boundary)
 
 
@@ -81,26 +81,26 @@ def _dented(points: Floats, faces: Faces, shapes: FaceShapes) -> Ints:
     return np.unique(np.concatenate(found))
 
 
-def _sentence(contact: Contact, cell: int, other: int, row: Ints) -> str:
-    face, edge = brief_row(row), brief_row(contact.nodes)
+def _sentence(intersection: Intersection, cell: int, other: int, row: Ints) -> str:
+    face, edge = brief_row(row), brief_row(intersection.nodes)
     both = f"cell {cell} crosses itself" if cell == other else f"cells {cell} and {other} overlap"
-    if contact.kind == "piercing":
+    if intersection.kind == "piercing":
         return f"{both}: the edge {edge} of cell {cell} pierces the face {face} of cell {other}. Correct the vertices."
-    if contact.kind == "crossing":
-        edges = f"edges {edge} and {brief_row(contact.crossed)} cross"
+    if intersection.kind == "crossing":
+        edges = f"edges {edge} and {brief_row(intersection.crossed)} cross"
         if cell == other:
             return f"{both}: its {edges}. Correct the vertices."
         return (
             f"{both}, or meet in part of a face: their {edges}. Two cells must meet in whole faces of both: cut the "
             "faces where those of the neighbours end, with a node at the crossing."
         )
-    if contact.kind == "across":
+    if intersection.kind == "across":
         return (
             f"the edge {edge} of cell {cell} runs across the face {face} of cell {other}. Two cells must meet in whole "
             f"faces of both: cut that face along the edge in cell {other}."
         )
-    place = f"{contact.distance:.3g} beside" if contact.distance else "on"
-    node = contact.nodes[0]
+    place = f"{intersection.distance:.3g} beside" if intersection.distance else "on"
+    node = intersection.nodes[0]
     if cell == other:
         return f"cell {cell} touches itself: its node {node} lies {place} its face {face}. Split the cell there."
     return (

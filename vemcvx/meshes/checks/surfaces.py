@@ -26,7 +26,7 @@ from vemcvx.meshes.polyhedra.touching import PAIRS_AT_ONCE, beside_faces, crossi
 
 
 @dataclass(frozen=True)
-class Contact:
+class Intersection:
     """A place where faces meet as they must not.
 
     Attributes
@@ -156,12 +156,12 @@ class Surfaces:
             places, faces, self.points, self.offsets, vertices=self.vertices, normals=self.shapes.normals
         )
 
-    def contact(self) -> Contact | None:
+    def intersection(self) -> Intersection | None:
         """Find a place where faces of one surface meet as they must not."""
         searches = (self._nodes_on_faces, self._across, self._crossing, self._piercing)
         return next((found for search in searches if (found := search())), None)
 
-    def _nodes_on_faces(self) -> Contact | None:
+    def _nodes_on_faces(self) -> Intersection | None:
         corners = self._corner_nodes
         nodes, owner = self.vertices[corners], self._face_of_corner[corners]
         places = self.points[nodes]
@@ -178,7 +178,7 @@ class Surfaces:
             return None
         k = bad[0]
         gap = float(distance[k]) if distance[k] > slack[k] else 0.0
-        return Contact("touching", int(owner[number[k]]), int(face[k]), (int(node[k]),), distance=gap)
+        return Intersection("touching", int(owner[number[k]]), int(face[k]), (int(node[k]),), distance=gap)
 
     @cached_property
     def _edges_and_faces(self) -> tuple[Ints, Ints]:
@@ -190,7 +190,7 @@ class Surfaces:
         """How many ends of edges (m, 2) are vertices of faces (m,)."""
         return self._is_vertex(ends[:, 0], faces).astype(np.int64) + self._is_vertex(ends[:, 1], faces)
 
-    def _piercing(self) -> Contact | None:
+    def _piercing(self) -> Intersection | None:
         corner, face = self._edges_and_faces
         apart = self._common_nodes(self._ends[corner], face) == 0
         corner, face = corner[apart], face[apart]
@@ -199,7 +199,7 @@ class Surfaces:
         through, places = piercing(self.points[a], self.points[b], *heights)
         return self._inside("piercing", corner[through], face[through], places[through])
 
-    def _across(self) -> Contact | None:
+    def _across(self) -> Intersection | None:
         corner, face = self._edges_and_faces
         number = self._edge_numbers[1]
         edges = number.max() + 1
@@ -208,16 +208,16 @@ class Surfaces:
         middles = self.points[self._ends[corner[both]]].mean(axis=1)
         return self._inside("across", corner[both], face[both], middles)
 
-    def _inside(self, kind: str, corner: Ints, face: Ints, places: Floats) -> Contact | None:
+    def _inside(self, kind: str, corner: Ints, face: Ints, places: Floats) -> Intersection | None:
         """The first edge whose place is inside its face."""
         bad = np.flatnonzero(self._beside(places, face)[1])
         if not len(bad):
             return None
         k = bad[0]
         edge = tuple(self._ends[corner[k]].tolist())
-        return Contact(kind, int(self._face_of_corner[corner[k]]), int(face[k]), edge)
+        return Intersection(kind, int(self._face_of_corner[corner[k]]), int(face[k]), edge)
 
-    def _crossing(self) -> Contact | None:
+    def _crossing(self) -> Intersection | None:
         (low, high, surface), corners = self._on_edges()
         ends = self._ends[corners]
         slack = TOLERANCE * np.maximum(np.abs(low), np.abs(high)).max(axis=1)
@@ -232,4 +232,4 @@ class Surfaces:
             return None
         i, j = one[bad[0]], other[bad[0]]
         part, other = self._face_of_corner[corners[[i, j]]].tolist()
-        return Contact("crossing", part, other, tuple(ends[i].tolist()), tuple(ends[j].tolist()))
+        return Intersection("crossing", part, other, tuple(ends[i].tolist()), tuple(ends[j].tolist()))

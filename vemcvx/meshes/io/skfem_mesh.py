@@ -46,17 +46,13 @@ def to_skfem(mesh: Tessellation | SpaceTessellation) -> tuple[Any, list[str]]:
     facets: Ints = made.facets.T.astype(np.int64)
     named = {name: parts for name, parts in mesh.boundaries.items() if name != WHOLE}
     if isinstance(mesh, SpaceTessellation):
-        faces = _numbers_of(mesh, facets)
+        # The number of the boundary face that each facet is, -1 inside.
+        faces = matching_faces(mesh.faces, np.arange(len(facets) + 1) * facets.shape[1], facets.ravel())
         sides = {name: np.flatnonzero(np.isin(faces, chosen)) for name, chosen in named.items()}
     else:
         sides = {name: positions(edges, facets, mesh.n_nodes) for name, edges in named.items()}
     sets = {name: np.flatnonzero(v) for name, v in mesh.cell_data.items() if v.ndim == 1 and np.isin(v, (0, 1)).all()}
     return made.with_boundaries(sides).with_subdomains(sets), sorted(set(mesh.cell_data) - set(sets))
-
-
-def _numbers_of(mesh: SpaceTessellation, facets: Ints) -> Ints:
-    """Number of the boundary face that each facet is, -1 inside."""
-    return matching_faces(mesh.faces, np.arange(len(facets) + 1) * facets.shape[1], facets.ravel())
 
 
 def _plane(mesh: Tessellation) -> Any:

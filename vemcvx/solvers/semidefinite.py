@@ -19,7 +19,7 @@ from vemcvx.solvers.solver import Solver
 
 MOST_POINTS = 200
 UNFELT = 1e-9
-"""Motions of which rows of friction read less than that part of their largest entries are across it."""
+"""Motions of which rows of B read less than that part of their largest entries are across these rows."""
 PATIENCE = 6
 """Proximal points in a row that may fail to halve the gap: solvers stop at their own rounding."""
 IMPATIENCE = 2
@@ -27,8 +27,8 @@ IMPATIENCE = 2
 FARTHEST = 4.0
 """Lengths of its last move that a centre may move: of points that go on for ever, secants are rounding."""
 STEADY = 0.01
-"""Change of a proximal point's move, in parts of it, below which a constant force makes it, such as friction that
-slips: the body is carried far, and the centre goes where that ends."""
+"""Change of a proximal point's move, in parts of it, below which a constant force makes it: all terms are far from where
+they bend, and the centre goes where that ends."""
 MOST_MOVES = 2.0**40
 """But no farther than so many moves, nor where moves are less than such a part of the way: these are rounding."""
 
@@ -90,7 +90,7 @@ def _motion_nearest_to_b(program: StepProgram) -> Floats:
         return np.zeros(len(program.g))
     B = program.operators.B
     felt, rounding = B @ N, UNFELT * abs(B).max() * np.abs(N).max()
-    # Of motions across it friction feels rounding, by which b is not to be divided.
+    # Of motions across them rows read rounding, by which b is not to be divided.
     if (size := np.linalg.norm(felt, 2)) <= rounding:
         return np.zeros(len(program.g))
     motion: Floats = N @ np.linalg.lstsq(felt, program.b, rcond=rounding / size)[0]

@@ -27,8 +27,8 @@ IMPATIENCE = 2
 FARTHEST = 4.0
 """Lengths of its last move that a centre may move: of points that go on for ever, secants are rounding."""
 STEADY = 0.01
-"""Change of a proximal point's move, in parts of it, below which a constant force makes it: all terms are far from where
-they bend, and the centre goes where that ends."""
+"""Change of a proximal point's move, in parts of it, below which a constant force makes it: all terms are far from
+where they bend, and the centre goes where that ends."""
 MOST_MOVES = 2.0**40
 """But no farther than so many moves, nor where moves are less than such a part of the way: these are rounding."""
 

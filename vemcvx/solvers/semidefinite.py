@@ -58,7 +58,7 @@ class ProximalPoints:
         d = _motion_nearest_to_b(program) if self._follows else np.zeros(len(program.g))
         p = np.zeros_like(program.e) if p is None else p
         best = Answer(d, lam, 0, "nothing answered", p=p)
-        least, waited, iterations, safeguards = np.inf, 0, 0, 0
+        least, waited, iterations, safeguards, carried = np.inf, 0, 0, 0, False
         anchor = program.operators.anchor
         centres = _Centres(np.flatnonzero(np.zeros(len(d)) if anchor is None else anchor))
         for _ in range(MOST_POINTS):
@@ -67,13 +67,14 @@ class ProximalPoints:
             centre = d
             d, lam, p = program.admissible_point(answer.d, answer.lam, answer.p)
             gap = program.duality_gap(d, lam, p)
-            waited = 0 if gap <= 0.5 * least else waited + (not centres.steady)
+            waited = 0 if gap <= 0.5 * least else waited + (not carried)
             if gap < least:
                 best, least = replace(answer, d=d, lam=lam, p=p), gap
             if least <= enough or waited >= patience or iterations >= self._most:
                 break
-            ahead = centres.next(centre, d)
-            d = _carried(program, d, d - centre) if centres.steady else ahead
+            ahead, v = centres.next(centre, d), _without_energy(program, d - centre)
+            carried = centres.steady and not _presses(program, v)
+            d = _carried(program, d, v) if carried else ahead
         return replace(best, iterations=iterations, safeguards=safeguards)
 
     def _answer(self, near: StepProgram, target: float, lam: Floats, p: Floats, spent: int) -> Answer:
@@ -97,20 +98,30 @@ def _motion_nearest_to_b(program: StepProgram) -> Floats:
     return motion
 
 
-def _carried(program: StepProgram, d: Floats, move: Floats) -> Floats:
-    """The point d + s v, s >= 0, of least energy: v is what K does not feel of the move, so that only w and e count."""
-    operators, N = program.operators, program.operators.kernel
-    v = move if N is None else N @ (N.T @ move)
+def _without_energy(program: StepProgram, move: Floats) -> Floats:
+    """What K does not feel of a move (n,)."""
+    N = program.operators.kernel
+    return move if N is None else N @ (N.T @ move)
+
+
+def _presses(program: StepProgram, v: Floats) -> bool:
+    """Whether a motion v changes how far limits with compliance are exceeded, and so the force that moves it."""
+    operators = program.operators
+    read = np.abs(operators.limits.read(v)) > UNFELT * np.abs(v).max(initial=0.0)
+    return bool((read & (operators.compliance > 0)).any())
+
+
+def _carried(program: StepProgram, d: Floats, v: Floats) -> Floats:
+    """The point d + s v, s >= 0, of least energy along a motion that K does not feel: only terms and bounds count."""
+    operators = program.operators
     slip, way, felt = program.slip(d), operators.blocks(operators.rows.read(v)), operators.limits.read(v)
-    excess, soft = program.excess(d), operators.compliance > 0
+    excess, bound, work = program.excess(d), (operators.compliance == 0) & (felt > 0), float(program.g @ v)
 
     def falls(s: float) -> bool:
-        at, over = slip + s * way, np.maximum(excess + s * felt, 0.0)
-        if (over[~soft & (felt > 0)] > 0).any():
-            return False
+        at = slip + s * way
         size = lengths(at)
-        rubs = float(program.w @ (np.einsum("ij,ij->i", at, way) / np.where(size > 0, size, 1.0)))
-        return rubs + float(over[soft] / operators.compliance[soft] @ felt[soft]) < float(program.g @ v)
+        against = program.w @ (np.einsum("ij,ij->i", at, way) / np.where(size > 0, size, 1.0))
+        return bool(against < work and not ((excess + s * felt)[bound] > 0).any())
 
     near, far = 0.0, 1.0
     while far < MOST_MOVES and falls(far):

@@ -18,7 +18,7 @@ from vemcvx.errors import SceneError
 from vemcvx.program.operators import energy_norm
 from vemcvx.stepping.acceptance import data_norms, require_certified
 from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.ledger import Ledger, StepData, energy, step_data, strain_energy
+from vemcvx.stepping.ledger import Ledger, StepData, energy, energy_in_full, step_data, strain_energy
 from vemcvx.stepping.posed_step import pose_step
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.refined_state import refined_state
@@ -112,7 +112,7 @@ def _beginning(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.data, state.p)
     if run.refines:
-        start = strain_energy(run.system, state.unknowns, state.t)
+        start = energy_in_full(run.system, state.unknowns, state.t, state.p)
     ledger = Ledger.opening(start, run.operators.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
     size, noise = data_norms(run.condensation, state.data, ledger.norm, floor, accuracy)

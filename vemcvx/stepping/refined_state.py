@@ -8,7 +8,7 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.certificate import limit_gaps, norm_gaps
-from vemcvx.program.iterative_refinement import full_certificate, pulled, refined
+from vemcvx.program.iterative_refinement import full_certificate, pulled, refined, residual
 from vemcvx.program.operators import Operators
 from vemcvx.solvers.sets import Shifts
 from vemcvx.stepping.ledger import advance_in_full
@@ -55,6 +55,21 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         certificate=full_certificate(run.condensation, force.phi, y, pulled(run.system, lam, p), own),
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
+    )
+
+
+def posed_sharply(attempt: PosedStep, refined: State) -> PosedStep:
+    """The step with the forces on the retained unknowns that a refined state shows to act there.
+
+    g = K d + B'lam + D'p and what the residual does there. On weak springs the response x to a load goes far, and g,
+    taken as S x_c, is known to a rounding error of S times that: too little for sets and pressures.
+    """
+    run, d = attempt.run, refined.y - attempt.before.y
+    held = pulled(run.system, refined.lam, refined.p)
+    r = residual(attempt.data.force.phi, run.system.K, refined.unknowns, held)
+    left = run.condensation.reduce(r, remembered=False)
+    return replace(
+        attempt, program=replace(attempt.program, g=refined.unbalanced + run.operators.force(d) + left.retained)
     )
 
 

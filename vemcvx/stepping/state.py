@@ -207,7 +207,7 @@ def prepare(
     chosen = choose(condensation.operators, solver)
     scales = scaling(condensation.operators)
     prepared = prepared_solver(chosen, scales.operators, system)
-    refines = condensation.operators.own_columns is not None and needs_refinement(condensation, chosen.accuracy)
+    refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,
         condensation=condensation,

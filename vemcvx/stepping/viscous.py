@@ -176,7 +176,8 @@ class ViscousSteps:
         work += float(stepped.data.bias @ stepped.slip.ravel())
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
-        return Ledger(energy_in_full(system, ahead, t, stepped.p), lost, past.work + work, past.worn + rubbed.worn, rubbed.slipped)
+        energy = energy_in_full(system, ahead, t, stepped.p)
+        return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn, rubbed.slipped)
 
 
 def shared_lengths(instants: Floats) -> Floats:

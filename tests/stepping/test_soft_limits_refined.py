@@ -8,6 +8,8 @@ from exact_steps import Steps
 from installed import needs
 
 import vemcvx as vx
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.iterative_refinement import refined
 from vemcvx.scene.pose import pose_scene
 
 EPS = float(np.finfo(float).eps)
@@ -71,6 +73,21 @@ def turned(mesh, angle=0.5):
     return vx.PolygonMesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.cells, boundaries=sides)
 
 
+def grazing(k, mesh):
+    """Contact that a node in the middle of the floor misses by 1e-9 of its way there; once refined it would touch."""
+
+    def with_gap(reach):
+        return vx.Scene(
+            vx.Elasticity(100.0, 0.3),
+            vx.ElasticFoundation(k, k, on="left"),
+            vx.NormalCompliance(STIFFNESS, on="bottom", gap=lambda x, t: np.where(np.abs(x[:, 0] - 1) < 0.1, reach, 0)),
+            vx.Pressure(1.0, on="top"),
+        )
+
+    way = -settled(with_gap(1.0), mesh).displacement[1, np.argmin(np.hypot(*(mesh.points - [1, 0]).T)), 1]
+    return with_gap(way * (1 + 1e-9))
+
+
 def joint(k):
     """A body on another, matched nowhere, held by soft contact and weak springs; its mesh."""
     lower, upper = vx.meshes.squares(3, box=((0, 2), (0, 1))), vx.meshes.squares(2, box=((0.3, 1.6), (1, 1.7)))
@@ -85,7 +102,7 @@ def joint(k):
     return scene, vx.meshes.bodies({"lower": lower, "upper": upper})
 
 
-@pytest.mark.parametrize("kind", [*FRICTION, "inclined", "joint"])
+@pytest.mark.parametrize("kind", [*FRICTION, "inclined", "joint", "grazing"])
 @pytest.mark.parametrize("k", [1e-4, 1e-6, 1e-8])
 def test_against_steps_in_512_bits(k, kind):
     """Certificate and floor bound the distance to the exact step.
@@ -95,6 +112,9 @@ def test_against_steps_in_512_bits(k, kind):
     mesh = vx.meshes.voronoi(3, box=((0, 2), (0, 1)))
     if kind == "joint":
         scene, mesh = joint(k)
+    elif kind == "grazing":
+        mesh = squares(4)
+        scene = grazing(k, mesh)
     elif kind == "inclined":
         scene, mesh = pressed(k, vx.TrescaFriction(0.5, on="bottom")), turned(mesh)
     else:
@@ -136,6 +156,20 @@ def test_the_ledger_of_refined_steps_has_what_soft_limits_store(friction):
     np.testing.assert_allclose(run.energy, [stored(*one) for one in zip(y, p, strict=True)], rtol=0, atol=blur)
     left = np.diff(run.work - run.energy - run.dissipated)
     np.testing.assert_allclose(left, stored(y[1] - y[0], p[1] - p[0]), rtol=0, atol=blur)
+
+
+def test_soft_limits_act_where_they_are_exceeded_whatever_pressed_before():
+    """Multipliers that begin at zero, or where nothing touches, end at those of the step: c p = z where z > 0."""
+    system = pose_scene(grazing(1e-4, squares(4)), squares(4)).system
+    run, condensation = vx.march(system, [0.0, 1.0], initial="settled"), Condensation(system)
+    y, p, none = run.state[1], run.pressures[1], np.zeros((0, 1))
+    given = {"gap": system.remaining_gap(1.0), "lam": none, "stick": none[:, 0] > 0, "slip": none}
+    assert 0 < (p == 0).sum() < len(p)
+    for start in (np.zeros_like(p), np.full_like(p, p.max())):
+        end, _, found = refined(condensation, condensation.operators, system.force(1.0), y, p=start, **given)
+        # Each round leaves 1e-16 E / k, 1e-10, of what was off; no spring but those of 1e-4 hold the body sideways.
+        np.testing.assert_allclose(found, p, rtol=0, atol=8 * EPS * p.max())
+        np.testing.assert_allclose(end, y, rtol=0, atol=8 * EPS * p.sum() / 1e-4)
 
 
 def test_what_cannot_be_refined_says_what_helps():

@@ -3,7 +3,15 @@
 Near incompressibility or at high contrast the Schur complement S carries the rounding of the factorisation,
 cond(K) times a unit: 1e-7 in energy at nu = .49999999. The residual of the full system, taken in extended
 precision, then drives corrections with the same factors: what sticks stays, what slips moves by S_FF^{-1} r_F, the
-multipliers of what sticks and the unknowns inside follow. On x86 a long double has 64 bits of mantissa against 53;
+multipliers of what sticks and the unknowns inside follow. A soft limit acts where z = D y - e > 0, and with
+
+    r = f - B'lam - D'p - K y,    q = z_+ / c - p of soft limits,    C^{-1} of those that act,
+
+the correction solves K dy = r - D'dp, dp = q + C^{-1} D dy, so that on the retained unknowns that are free
+
+    (S + D'C^{-1}D) dy_c = tau_r - D'q,
+
+and c p = z to rounding afterwards (q does not pass through K^{-1}, which weak springs make large). On x86 a long double has 64 bits of mantissa against 53;
 where it is no longer than a double, the rounding unit says so and nothing else changes.
 """
 
@@ -113,7 +121,7 @@ def refined(
     held[columns[act]] = True
     F = np.flatnonzero(~held)
     turns = _turning(lam, slip, stick)
-    best, springs, S_FF = np.inf, None, None
+    best, springs, S_FF = np.inf, np.zeros_like(p), None
     for _ in range(ROUNDS):
         r = residual(force, condensation.system.K, y, pulled(condensation.system, lam, p))
         left = condensation.reduce(r, remembered=False)
@@ -123,16 +131,16 @@ def refined(
             S_FF = operators.factor.within(K[F][:, F], F)
         load, step = left.retained - operators.limits.pull(lacking), np.zeros(len(held))
         step[F] = S_FF.solve(load[F])
-        # The energy of the correction to y; what the held unknowns are pushed with is for the multipliers.
-        size = float(r @ left.inside + load @ step)
+        pressed = lacking + stiffness * operators.limits.read(step)
+        # The energy of the correction to y and soft limits; what the held unknowns are pushed with is for multipliers.
+        size = float(r @ left.inside + load @ step) + float(pressed @ (operators.compliance * pressed))
         if size >= 0.25 * best:
             break
         best = size
         push = left.retained - operators.K @ step
         y = y + condensation.recover(step, left)
         change = np.where(act, push[columns] / coefficient, 0.0)
-        lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :]
-        p = p + lacking + stiffness * operators.limits.read(step)
+        lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :] + pressed
         if turns is not None:
             lam = lam + np.einsum("ijk,ik->ij", turns, operators.blocks(operators.rows.read(step)))
     return y, lam, p

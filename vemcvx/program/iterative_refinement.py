@@ -11,8 +11,10 @@ the correction solves K dy = r - D'dp, dp = q + C^{-1} D dy, so that on the reta
 
     (S + D'C^{-1}D) dy_c = tau_r - D'q,
 
-and c p = z to rounding afterwards (q does not pass through K^{-1}, which weak springs make large). On x86 a long double has 64 bits of mantissa against 53;
-where it is no longer than a double, the rounding unit says so and nothing else changes.
+and c p = z to rounding afterwards (q does not pass through K^{-1}, which weak springs make large).
+
+On x86 a long double has 64 bits of mantissa against 53; where it is no longer than a double, the rounding unit says so
+and nothing else changes.
 """
 
 from __future__ import annotations

@@ -94,6 +94,16 @@ class Condensation:
         self._rows = system.K[self.retained]
         self._fields = SolvedForces(n, self._done)
 
+    @property
+    def refinable(self) -> bool:
+        """Whether steps can be refined against K: rows read unknowns of their own, and no soft limit holds a kernel.
+
+        Forces on a kernel are taken by what sticks or is stopped; soft limits would share them with the anchors.
+        """
+        operators = self.operators
+        yields = operators.kernel is not None and bool(operators.compliance.any())
+        return operators.own_columns is not None and not yields
+
     def _order(self) -> Ints:
         """The order of elimination of the system; if it has none, one computed from K."""
         order = self.system.elimination_order()

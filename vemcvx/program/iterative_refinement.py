@@ -3,8 +3,18 @@
 Near incompressibility or at high contrast the Schur complement S carries the rounding of the factorisation,
 cond(K) times a unit: 1e-7 in energy at nu = .49999999. The residual of the full system, taken in extended
 precision, then drives corrections with the same factors: what sticks stays, what slips moves by S_FF^{-1} r_F, the
-multipliers of what sticks and the unknowns inside follow. On x86 a long double has 64 bits of mantissa against 53;
-where it is no longer than a double, the rounding unit says so and nothing else changes.
+multipliers of what sticks and the unknowns inside follow. A soft limit acts where z = D y - e > 0, and with
+
+    r = f - B'lam - D'p - K y,    q = z_+ / c - p of soft limits,    C^{-1} of those that act,
+
+the correction solves K dy = r - D'dp, dp = q + C^{-1} D dy, so that on the retained unknowns that are free
+
+    (S + D'C^{-1}D) dy_c = tau_r - D'q,
+
+and c p = z to rounding afterwards (q does not pass through K^{-1}, which weak springs make large).
+
+On x86 a long double has 64 bits of mantissa against 53; where it is no longer than a double, the rounding unit says so
+and nothing else changes.
 """
 
 from __future__ import annotations
@@ -17,7 +27,7 @@ import scipy.sparse as sp
 from scipy.special import fdtri
 
 from vemcvx.arrays import EPS, Bools, Floats
-from vemcvx.linear import SAMPLES
+from vemcvx.linear import SAMPLES, Matrix
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.norms import transverse
@@ -85,6 +95,7 @@ def refined(
     force: Floats,
     y: Floats,
     *,
+    gap: Floats,
     lam: Floats,
     p: Floats,
     stick: Bools,
@@ -95,8 +106,10 @@ def refined(
     Parameters
     ----------
     force, y : (n,) arrays
+    gap : (r,) array
+        e of the limits, z = D y - e.
     lam, p : (m, block) and (r,) arrays
-        Bounds with p > 0 act and stay as they are.
+        Bounds with p > 0 act and stay as they are; soft limits act where z > 0.
     stick : (m,) array of bool
         Terms whose increment stays as it is; needs rows that read one unknown each.
     slip : (m, block) array
@@ -106,30 +119,48 @@ def refined(
     # Rows of B, then rows of D: each reads one unknown of its own.
     columns = np.concatenate([operators.rows.columns, operators.limits.columns])
     coefficient = np.concatenate([operators.B.data, operators.D.data])
-    act = np.concatenate([np.repeat(stick, operators.block), p > 0])
+    act = np.concatenate([np.repeat(stick, operators.block), (p > 0) & (operators.compliance == 0)])
     held[columns[act]] = True
     F = np.flatnonzero(~held)
     turns = _turning(lam, slip, stick)
-    K = operators.regular.K if turns is None else operators.regular.stiffened(turns)
-    S_FF = operators.factor.within(K[F][:, F], F)
-    best = np.inf
+    best, springs, S_FF = np.inf, np.zeros_like(p), None
     for _ in range(ROUNDS):
         r = residual(force, condensation.system.K, y, condensation.system.multiplier_force(lam, p))
         left = condensation.reduce(r, remembered=False)
-        step = np.zeros(len(held))
-        step[F] = S_FF.solve(left.retained[F])
-        # The energy of the correction to y; what the held unknowns are pushed with is for the multipliers.
-        size = float(r @ left.inside + left.retained @ step)
+        stiffness, lacking = _softly(operators.compliance, p, operators.limits.read(y[condensation.retained]) - gap)
+        if S_FF is None or not np.array_equal(stiffness, springs):
+            springs, K = stiffness, _stiffened(operators.regular, turns, stiffness)
+            S_FF = operators.factor.within(K[F][:, F], F)
+        load, step = left.retained - operators.limits.force_of(lacking), np.zeros(len(held))
+        step[F] = S_FF.solve(load[F])
+        pressed = lacking + stiffness * operators.limits.read(step)
+        # The energy of the correction to y and soft limits; what the held unknowns are pushed with is for multipliers.
+        size = float(r @ left.inside + load @ step) + float(pressed @ (operators.compliance * pressed))
         if size >= 0.25 * best:
             break
         best = size
         push = left.retained - operators.K @ step
         y = y + condensation.recover(step, left)
         change = np.where(act, push[columns] / coefficient, 0.0)
-        lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :]
+        lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :] + pressed
         if turns is not None:
             lam = lam + np.einsum("ijk,ik->ij", turns, operators.blocks(operators.rows.read(step)))
     return y, lam, p
+
+
+def _softly(compliance: Floats, p: Floats, z: Floats) -> tuple[Floats, Floats]:
+    """1 / c (r,) of the soft limits that act, z > 0, and what the multipliers p of all soft ones lack of z_+ / c."""
+    soft = compliance > 0
+    stiffness = np.divide(1.0, compliance, out=np.zeros_like(p), where=soft & (z > 0))
+    return stiffness, np.where(soft, stiffness * z - p, 0.0)
+
+
+def _stiffened(operators: Operators, turns: Floats | None, stiffness: Floats) -> Matrix:
+    """K with what turning multipliers and soft limits that act add to it; K itself where there are none."""
+    if turns is None and not stiffness.any():
+        return operators.K
+    none = np.zeros((operators.count, operators.block, operators.block))
+    return operators.stiffened(none if turns is None else turns, stiffness if stiffness.any() else None)
 
 
 def _turning(lam: Floats, slip: Floats, stick: Bools) -> Floats | None:

@@ -26,6 +26,7 @@ from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import NotCertified, SceneError
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced
+from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import Solver
@@ -92,7 +93,7 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     raise NotCertified(
         f"step {n} at t = {state.t:.6g}: {solver.name} reached a certified relative energy error of {reached:.1e}, "
         f"asked was {accuracy:.1e} (round-off floor {floor:.1e}).{said}{worst} "
-        f"{_advice(solver, reached, accuracy, floor)}, or pass check=False to go on regardless.",
+        f"{_uncondensed(run)}{_advice(solver, reached, accuracy, floor)}, or pass check=False to go on regardless.",
         step=n,
         time=state.t,
         reached=reached,
@@ -132,6 +133,18 @@ def say_floor(floors: Floats, accuracy: float) -> None:
             floors[n],
             accuracy,
         )
+
+
+def _uncondensed(run: PreparedRun) -> str:
+    """What helps where condensing has lost digits that refinement would bring back, were it possible."""
+    condensation = run.condensation
+    lost = condensation.operators.kernel is None and not (condensation.whole or run.refines)
+    if not lost or not needs_refinement(condensation, run.solver.accuracy):
+        return ""
+    return (
+        "The factors of the stiffness are too coarse, and where several limits or norm terms read the same unknown "
+        "nothing is refined: condense=False loses fewer digits. Else: "
+    )
 
 
 def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> str:

@@ -21,7 +21,7 @@ from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.posed_step import PosedStep, pose_step
-from vemcvx.stepping.refined_state import refined_state
+from vemcvx.stepping.refined_state import posed_sharply, refined_state
 from vemcvx.stepping.state import PreparedRun, State
 
 
@@ -62,10 +62,24 @@ class QuasistaticSteps:
         else:
             state = solved(attempt, n)
         if run.refines:
-            state = refined_state(attempt, state)
+            state = refined_step(attempt, state, n)
         if run.check:
             require_certified(run, state, n)
         return state
+
+
+def refined_step(attempt: PosedStep, state: State, n: int) -> State:
+    """The state refined; beside soft limits once more, posed with what the first time has shown to act, if it must be.
+
+    Bounds take what the forces of a program lack and hold their place; soft limits give way, and what rubs there turns
+    and slips otherwise. No gap sees that where weights follow pressures.
+    """
+    run, state = attempt.run, refined_state(attempt, state)
+    settled = state.accepted(run.accuracy) and not run.system.follows_answer
+    if settled or not run.operators.compliance.any():
+        return state
+    again = posed_sharply(attempt, state)
+    return refined_state(again, solved(again, n))
 
 
 def solved(attempt: PosedStep, n: int) -> State:

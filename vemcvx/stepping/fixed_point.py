@@ -51,7 +51,7 @@ from vemcvx.program.certificate import Certificate
 from vemcvx.program.norms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.stepping.mixing import mixed
-from vemcvx.stepping.posed_step import PosedStep, pose_step
+from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
@@ -99,7 +99,7 @@ class DependentStep:
 
     def pose(self, w: Floats, run: PreparedRun | None = None) -> PosedStep:
         """The step with the weights w (m,)."""
-        return pose_step(run or self.run, self.attempt.before, self.attempt.data, w)
+        return replace(self.attempt, run=run or self.run, program=replace(self.attempt.program, w=w))
 
     @property
     def replaces(self) -> bool:

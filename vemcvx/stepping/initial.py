@@ -17,11 +17,10 @@ from vemcvx.arrays import Floats, shaped
 from vemcvx.errors import SceneError
 from vemcvx.program.operators import energy_norm
 from vemcvx.stepping.acceptance import data_norms, require_certified
-from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.ledger import Ledger, StepData, energy, step_data, strain_energy
+from vemcvx.stepping.backward_euler import refined_step, solved
+from vemcvx.stepping.ledger import Ledger, StepData, energy, energy_in_full, step_data, strain_energy
 from vemcvx.stepping.posed_step import pose_step
 from vemcvx.stepping.recorder import certified_in_full
-from vemcvx.stepping.refined_state import refined_state
 from vemcvx.stepping.state import PreparedRun, State
 
 JUMP = 1e-6
@@ -104,7 +103,7 @@ def _settle(run: PreparedRun, state: State) -> State:
     attempt = pose_step(run, state, state.data, state.weights)
     settled = solved(attempt, 0)
     if run.refines:
-        settled = refined_state(attempt, settled)
+        settled = refined_step(attempt, settled, 0)
     return certified_in_full(run, settled)
 
 
@@ -112,7 +111,7 @@ def _beginning(run: PreparedRun, state: State) -> State:
     """The state as the beginning of a history: nothing has slipped, nothing is lost or done."""
     start = energy(run.condensation, state.y, state.data, state.p)
     if run.refines:
-        start = strain_energy(run.system, state.unknowns, state.t)
+        start = energy_in_full(run.system, state.unknowns, state.t, state.p)
     ledger = Ledger.opening(start, run.operators.count)
     floor, accuracy = state.certificate.error_floor, run.solver.accuracy
     size, noise = data_norms(run.condensation, state.data, ledger.norm, floor, accuracy)

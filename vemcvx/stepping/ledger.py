@@ -152,6 +152,12 @@ def strain_energy(system: System, y: Floats, t: float) -> float:
     return 0.5 * system.motion.pair(seen, seen)
 
 
+def energy_in_full(system: System, y: Floats, t: float, p: Floats) -> float:
+    """1/2 a(u, u) of all unknowns y (n,), and what soft limits store."""
+    stored = strain_energy(system, y, t)
+    return stored if system.limits is None else stored + 0.5 * float(p @ (system.limits.compliances * p))
+
+
 def _anchor_work(condensation: Condensation, dirichlet_force: Reduced, z: Floats) -> float:
     """a(u_m, Pz), the anchors' work; zero without."""
     anchor = condensation.operators.anchor
@@ -193,7 +199,7 @@ def advance_in_full(
     slip: Floats,
     w: Floats,
 ) -> Ledger:
-    """The ledger after a step of which all unknowns (n,) are known, `y` before and after; no soft limits.
+    """The ledger after a step of which all unknowns (n,) are known, `y` before and after.
 
     The factors and S, which may be too coarse for energies, take no part: products with K itself, in extended
     precision. With held = load - P'A u_n,  load . dy + a(u_n, du_D) = held . dy + a(u_n, du).
@@ -207,7 +213,7 @@ def advance_in_full(
         seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
         work += motion.pair(seen, seen - then) + float(system.multiplier_force(answer.lam, answer.p) @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _after_step(past, now, stored=strain_energy(system, end, now.t), work=work, slip=slip, w=w)
+    return _after_step(past, now, stored=energy_in_full(system, end, now.t, answer.p), work=work, slip=slip, w=w)
 
 
 def _after_step(past: Ledger, now: StepData, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:

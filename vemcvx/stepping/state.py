@@ -206,9 +206,8 @@ def prepare(
     condensation = Condensation(system, condense, linear)
     chosen = choose_solver(condensation.operators, solver)
     scales = scaling(condensation.operators)
-    plain = condensation.operators.own_columns is not None and not condensation.operators.compliance.any()
     prepared = prepared_solver(chosen, scales.operators, system)
-    refines = plain and needs_refinement(condensation, chosen.accuracy)
+    refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,
         condensation=condensation,

@@ -30,7 +30,7 @@ from vemcvx.program.system import Damping
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.stepping.acceptance import data_norms, require_certified
 from vemcvx.stepping.backward_euler import solved
-from vemcvx.stepping.ledger import Ledger, StepData, in_range, strain_energy
+from vemcvx.stepping.ledger import Ledger, StepData, energy_in_full, in_range
 from vemcvx.stepping.posed_step import PosedStep, pose_step
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
@@ -176,7 +176,7 @@ class ViscousSteps:
         work += float(stepped.data.bias @ stepped.slip.ravel())
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
-        energy = strain_energy(system, ahead, t) + 0.5 * float(stepped.p @ (self._run.operators.compliance * stepped.p))
+        energy = energy_in_full(system, ahead, t, stepped.p)
         return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn, rubbed.slipped)
 
 

@@ -69,14 +69,15 @@ class QuasistaticSteps:
 
 
 def refined_step(attempt: PosedStep, state: State, n: int) -> State:
-    """The state refined; beside soft limits once more, posed with what the first time has shown to act, if it must be.
+    """The state refined; once more, posed with what the first time has shown to act, if it must be.
 
-    Bounds take what the forces of a program lack and hold their place; soft limits give way, and what rubs there turns
-    and slips otherwise. No gap sees that where weights follow pressures.
+    Soft limits give way to what the forces of a program lack. Bounds take it and hold their place, but where weights
+    follow pressures these were read before they were refined, and no gap sees that: on springs of 1e-6 of the body's
+    modulus they were off by 3e-8 under a certificate of 1e-12.
     """
     run, state = attempt.run, refined_state(attempt, state)
-    settled = state.accepted(run.accuracy) and not run.system.follows_answer
-    if settled or not run.operators.compliance.any():
+    follows, soft = run.system.follows_answer, bool(run.operators.compliance.any())
+    if not follows and (not soft or state.accepted(run.accuracy)):
         return state
     again = posed_sharply(attempt, state)
     return refined_state(again, solved(again, n))

@@ -26,7 +26,7 @@ CHECKS = {"arrays.py", "arguments.py", "effects/data.py", "program/checks.py"}
 def walks():
     """title -> its hops, file -> function."""
     text = (ROOT.parent / "CONTRIBUTING.md").read_text()
-    section = text[text.index("### Four walks") :].split("\n## ")[0]
+    section = text[text.index("### Walks") :].split("\n## ")[0]
     found = {}
     for title, block in re.findall(r"\n([^\n]+):\n\n```text\n(.*?)```", section, flags=re.DOTALL):
         found[title] = dict(re.findall(r"^(\S+\.py) +(\S+)", block, flags=re.MULTILINE))

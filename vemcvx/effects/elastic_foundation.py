@@ -20,7 +20,6 @@ from vemcvx.arrays import Floats
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, GivenDatum
 from vemcvx.effects.effect import Effect, amount, where
-from vemcvx.errors import SceneError
 from vemcvx.vem import SideRule, Space
 
 GAUSS = 2
@@ -81,12 +80,7 @@ class ElasticFoundation(Effect):
         )
 
     def _stiffness(self, name: str, x: Floats) -> Floats:
-        subject = f"ElasticFoundation on {where(self.on)}: {name}"
-        k = data.coefficient(getattr(self, name), x, subject)
-        if (k < 0).any():
-            worst = int(np.argmin(k))
-            raise SceneError(f"{subject}: found {k[worst]:.6g} at {x[worst]}; a spring's stiffness must be >= 0.")
-        return k
+        return data.stiffness(getattr(self, name), x, f"ElasticFoundation on {where(self.on)}: {name}")
 
 
 def _spread(blocks: Floats, rule: SideRule, space: Space) -> sp.csr_matrix:

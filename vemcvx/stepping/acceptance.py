@@ -69,7 +69,9 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
     if ground is None:
         return 0.0
     root = np.sqrt(operators.norm_flexibility)
-    far = np.linalg.norm(operators.blocks(ground), axis=1) / root
+    way = np.linalg.norm(operators.blocks(ground), axis=1)
+    # No field goes anywhere where rows read nothing.
+    far = np.divide(way, root, out=np.where(way > 0, np.inf, 0.0), where=root > 0)
     return float(min(far.max(initial=0.0), w @ root))
 
 

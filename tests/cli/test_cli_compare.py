@@ -161,6 +161,15 @@ def test_a_miss_stands_in_the_table_and_is_no_failure_of_the_others():
     assert rows(done.output)["Clarabel", "tuned"][6] == "yes"
 
 
+def test_a_settled_start_that_misses_is_none_of_the_steps(tmp_path):
+    """They were 4 of 3 steps, once."""
+    (tmp_path / "settled.py").write_text(ONE_SIDED)
+    options = ["--option", "newton.max_iterations=1", "--solvers", "newton"]
+    done = invoke(tmp_path / "settled.py", "--n", 3, "--steps", 3, *options)
+    says = "misses its accuracy at the start and in 3 of 3 steps, first in step 0 at t = 0, where"
+    assert says in " ".join(done.output.split())
+
+
 @pytest.mark.parametrize(("solvers", "accuracy"), [("newton,osqp", "1e-17"), ("direct", "1e-6")])
 def test_nobody_certified_exits_with_three(solvers, accuracy):
     done = invoke(PROBLEM, "--n", 4, "--steps", 2, "--accuracy", accuracy, "--solvers", solvers)
@@ -362,6 +371,14 @@ def test_distances_are_those_of_the_energy_norm(attempts):
     assert found.distance == pytest.approx(relative.max(), rel=1e-9)
     assert found.kept
     assert distance(system, newton, clarabel).distance < 1e-3 * found.distance
+
+
+def test_a_start_that_misses_alone_is_told(attempts):
+    system, (newton, *_) = attempts
+    run = newton.trajectory
+    missed = replace(run, gap=np.where(np.arange(len(run.gap)) == 0, 1.0, run.gap))
+    (row,) = judged(system, [replace(newton, trajectory=missed)]).rows
+    assert row.says.startswith("misses its accuracy at the start, first in step 0 at t = 0, where it reached")
 
 
 def test_a_false_certificate_is_called_wrong(attempts):

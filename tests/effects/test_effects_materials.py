@@ -263,7 +263,36 @@ MISTAKES = {
         posed(vx.Orthotropic((1, 1), 0.3, 1, "grain")),
         r"^Orthotropic: angle: the mesh has no cell datum named 'grain'; it has 'west', 'east'\.",
     ),
+    "degrees": (
+        posed(vx.Orthotropic((1, 1), 0.3, 1, 45)),
+        r"^Orthotropic: found angle = 45 in cell 0; it is in radians, from -2 pi to 2 pi, and 45 degrees are "
+        r"0\.785398\.$",
+    ),
+    "degrees, a function": (
+        posed(vx.Orthotropic((1, 1), 0.3, 1, lambda x: np.where(x[:, 0] < 0.5, 0.3, -60.0))),
+        r"^Orthotropic: found angle = -60 in cell \d+; it is in radians, .* -60 degrees are -1\.0472\.$",
+    ),
+    "degrees, cell by cell": (
+        posed(vx.Orthotropic((1, 1), 0.3, 1, np.arange(16.0))),
+        r"^Orthotropic: found angle = 7 in cell 7; it is in radians, .* 7 degrees are 0\.122173\.$",
+    ),
 }
+
+
+@pytest.mark.parametrize("angle", [2 * np.pi, -2 * np.pi])
+def test_a_whole_turn_is_an_angle(angle):
+    space = Space(vx.meshes.squares(2))
+    stiffness = [vx.Orthotropic((2, 1), 0.3, 1, a).contribute(space).stiffness for a in (angle, 0.0)]
+    # Sines of 2 pi are 2.4e-16, in entries of size one.
+    assert abs(stiffness[0] - stiffness[1]).max() < 1e-14
+
+
+def test_angles_of_other_materials_are_not_asked_for():
+    """Data of cells may hold anything where the cells are another's."""
+    mesh = halves(vx.meshes.squares(4), at=0.5)
+    east = mesh.cell_data["east"]
+    wood = vx.Orthotropic((2, 1), 0.3, 1, np.where(east, 0.4, 999.0), on="east")
+    assert wood.contribute(Space(mesh)).material.cells.sum() == np.count_nonzero(east)
 
 
 @pytest.mark.parametrize(("mistake", "message"), MISTAKES.values(), ids=MISTAKES)

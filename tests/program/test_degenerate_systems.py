@@ -43,6 +43,25 @@ def test_rows_that_read_nothing(solver):
     assert run.state[1] == pytest.approx([0.5, 1 / 3], abs=2 * solver.accuracy)
 
 
+NOTHING = {
+    "norms": {"norms": vx.Norms(np.zeros((1, 2)), [1.0])},
+    "norms in space": {"norms": vx.Norms(np.zeros((2, 2)), [1.0], 2)},
+    "norms on a ground": {"norms": vx.Norms(np.zeros((1, 2)), [1.0], ground=lambda t: [3.0 * t])},
+    "limits": {"limits": vx.Limits(np.zeros((1, 2)), [1.0])},
+    "both": {"norms": vx.Norms(np.zeros((1, 2)), [1.0]), "limits": vx.Limits(np.zeros((1, 2)), [1.0])},
+}
+
+
+@pytest.mark.parametrize("condense", [True, False])
+@pytest.mark.parametrize("terms", NOTHING.values(), ids=NOTHING)
+def test_rows_none_of_which_reads_anything(terms, condense):
+    """No unknowns are left to solve for: a ValueError of numpy, once. What rubs on a ground loses w |g|."""
+    system = vx.System(np.diag([2.0, 3.0]), lambda t: [2 * t, t], **terms)
+    run = vx.march(system, [0.0, 1.0, 2.0], condense=condense)
+    assert run.state[1:] == pytest.approx(np.outer([1.0, 2.0], [1.0, 1 / 3]), rel=1e-15)
+    assert run.dissipated[-1] == (6.0 if terms is NOTHING["norms on a ground"] else 0.0)
+
+
 @pytest.mark.parametrize("block", [1, 2])
 def test_the_safeguard_never_loses_K(block):
     """When the floor cannot be met shifts stop growing, and whatever was found is handed back."""

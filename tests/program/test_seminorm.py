@@ -153,6 +153,14 @@ def test_a_sliding_chain_by_hand():
     assert result.multipliers[-1, :, 0].sum() == pytest.approx(2.5, rel=1e-12)
 
 
+@pytest.mark.parametrize(("way", "motion"), [(1.0, "sliding together"), (-1.0, "the reverse of sliding together")])
+def test_a_motion_with_a_name_has_two_ways(way, motion):
+    K, kernel = np.array([[1.0, -1.0], [-1.0, 1.0]]), Kernel(np.ones((2, 1)), ("sliding together",))
+    system = vx.System(K, lambda t: [4.0 * way * t, 0.0], vx.Norms(np.eye(2), [1.0, 2.0]), kernel=kernel)
+    with pytest.raises(vx.SceneError, match=rf"hold the body against {motion}\. The load pushes it there with a force"):
+        vx.march(system, [0.0, 1.0])
+
+
 @pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
 @pytest.mark.parametrize("condense", [True, False])
 def test_a_body_that_slides_along_a_soft_floor_is_said_to(family, condense):

@@ -1,6 +1,7 @@
 """Bodies that only contact holds are named; that contact holds them is no cause for a warning."""
 
 import logging
+import re
 
 import numpy as np
 import pytest
@@ -48,7 +49,8 @@ def test_each_motion_is_of_one_body_where_that_can_be():
     ground = vx.BilateralContact(on="lower.bottom"), vx.TrescaFriction(0.1, on="lower.bottom")
     kernel = pose_scene(vx.Scene(STEEL, *ground, BOND, RUB), blocks()).system.kernel
     assert kernel.names == ("the translation (1, 0) of lower", "the translation (1, 0) of upper")
-    assert kernel.name(np.array([1.0, 0.0])) == kernel.names[0]
+    ways = {kernel.name(np.array([sign, 0.0])) for sign in (1.0, -1.0)}
+    assert ways == {kernel.names[0], "the translation (-1, 0) of lower"}
 
 
 def test_a_step_without_equilibrium_names_the_body():
@@ -56,6 +58,70 @@ def test_a_step_without_equilibrium_names_the_body():
     force = r"The load pushes it there with a force of 1 and friction holds 0\.08 at most"
     with pytest.raises(vx.SceneError, match=rf"hold the body against the translation \(1, 0\) of upper\. {force}"):
         vx.simulate(vx.Scene(STEEL, FOOT, BOND, RUB, pull), blocks(), [0.0, 1.0])
+
+
+def turning(way):
+    """Forces that turn a unit square or cube about its middle, in space about the axis z."""
+
+    def turned(x, t):
+        r = x - 0.5
+        return way * t * np.column_stack([-r[:, 1], r[:, 0], *(0 * r[:, 2:].T)])
+
+    return turned
+
+
+def pushing(*force):
+    return lambda x, t: np.tile(t * np.array(force), (len(x), 1))
+
+
+SQUARE, CUBE = vx.meshes.squares(3), vx.meshes.cubes(2)
+ALONG = (vx.BilateralContact(on="bottom"), vx.TrescaFriction(0.1, on="bottom"))
+AROUND = (vx.TrescaFriction(0.1, on="boundary"),)
+
+
+@pytest.mark.filterwarnings("ignore::vemcvx.SceneWarning")
+@pytest.mark.parametrize(
+    ("mesh", "held", "load", "motion"),
+    [
+        (SQUARE, ALONG, pushing(0.5, 0.0), "the translation (1, 0)"),
+        (SQUARE, ALONG, pushing(-0.5, 0.0), "the translation (-1, 0)"),
+        (SQUARE, AROUND, turning(1.0), "an anticlockwise rotation"),
+        (SQUARE, AROUND, turning(-1.0), "a clockwise rotation"),
+        (CUBE, ALONG, pushing(-0.5, 0.0, 0.0), "the translation (-1, 0, 0)"),
+        (CUBE, ALONG, pushing(0.3, -0.3, 0.0), "the translation (0.71, -0.71, 0)"),
+        (CUBE, ALONG, turning(2.0), "a rotation about (0, 0, 1)"),
+        (CUBE, ALONG, turning(-2.0), "a rotation about (0, 0, -1)"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_refusal_says_where_the_load_pushes(mesh, held, load, motion):
+    """Loads to the left were said to push to the right."""
+    scene = vx.Scene(STEEL, *held, vx.Traction(load, on="boundary" if held is AROUND else "top"))
+    with pytest.raises(vx.SceneError, match=re.escape(f"against {motion} of the body. The load pushes it there")):
+        vx.simulate(scene, mesh, [0.0, 1.0])
+
+
+def test_a_refusal_of_a_body_says_where_it_is_pushed():
+    back = vx.Traction(pushing(-1.0, 0.0), on="upper.left")
+    with pytest.raises(vx.SceneError, match=r"against the translation \(-1, 0\) of upper\. The load pushes it there"):
+        vx.simulate(vx.Scene(STEEL, FOOT, BOND, RUB, back), blocks(), [0.0, 1.0])
+
+
+@pytest.mark.filterwarnings("ignore:.*nothing but friction or one-sided contact holds")
+@pytest.mark.parametrize(
+    ("pull", "forward", "backward", "says"),
+    [
+        (0.25, 0.1, 0.4, r"\(1, 0\) .* force of 0\.25 and friction holds 0\.1 at most: 0\.15 are lacking"),
+        (-0.25, 0.4, 0.1, r"\(-1, 0\) .* force of 0\.25 and friction holds 0\.1 at most: 0\.15 are lacking"),
+        (-0.25, 0.3, 0.0, r"\(-1, 0\) .* force of 0\.25 and friction holds 0 at most: 0\.25 are lacking"),
+    ],
+)
+def test_a_refusal_says_what_one_way_friction_holds_that_way(pull, forward, backward, says):
+    """It told the forces of the program, in which half the difference of the bounds is load: 0.4 and 0.25."""
+    rubs = vx.TrescaFriction(forward, on="bottom", backward=backward)
+    scene = vx.Scene(STEEL, vx.BilateralContact(on="bottom"), rubs, vx.Traction(pushing(pull, 0.0), on="top"))
+    with pytest.raises(vx.SceneError, match=says):
+        vx.simulate(scene, SQUARE, [0.0, 1.0])
 
 
 def test_a_body_with_a_crack_is_one_body():

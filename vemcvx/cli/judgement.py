@@ -180,8 +180,10 @@ def _row(system: System, attempt: Attempt, best: Trajectory | None, rigorous: bo
 def _of_misses(run: Trajectory, missed: Ints) -> str:
     if len(missed) == 0:
         return ""
-    n = missed[0]
+    n, later = missed[0], np.count_nonzero(missed)
+    # A settled state is solved for, too, and is none of the steps.
+    where = (["at the start"] if n == 0 else []) + ([f"in {later} of {len(run.times) - 1} steps"] if later else [])
     return (
-        f"misses its accuracy in {len(missed)} of {len(run.times) - 1} steps, "
+        f"misses its accuracy {' and '.join(where)}, "
         f"first in step {n} at t = {run.times[n]:.6g}, where it reached {run.certificate[n]:.1e}"
     )

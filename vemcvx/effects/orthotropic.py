@@ -45,7 +45,7 @@ class Orthotropic(MaterialLaw):
     shear : modulus
         G12 > 0, force per area.
     angle : modulus
-        From x to axis 1, counter-clockwise, in radians.
+        From x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi.
     plane : {"stress", "strain"}
     on : None, str or sequence of str
         The cells of this material, as for Elasticity.
@@ -85,7 +85,7 @@ class Orthotropic(MaterialLaw):
     def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
         """C (k, 3, 3), and Material's thermal_stress_moduli (k, 3) and out_of_plane (k, 4); zero where not `inside`."""
         S = self._compliance(at, inside > 0)
-        G, angle = self._read(at, self.shear, "shear"), self._read(at, self.angle, "angle")
+        G, angle = self._read(at, self.shear, "shear"), self._radians(at, inside > 0)
         self._require(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")
         C = np.zeros_like(S)
         inverse = np.linalg.inv(S)
@@ -129,6 +129,14 @@ class Orthotropic(MaterialLaw):
         rule = "nu12^2 < E1 / E2" if self.plane == "stress" else "such that S (see the module) is positive definite"
         self._require(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
         return S
+
+    def _radians(self, at: data.InCells, inside: np.ndarray) -> Floats:
+        angle = self._read(at, self.angle, "angle")
+        beyond = inside & (np.abs(angle) > 2 * np.pi)
+        first = angle[np.argmax(beyond)]
+        rule = f"is in radians, from -2 pi to 2 pi, and {first:.6g} degrees are {np.radians(first):.6g}"
+        self._require(~beyond, angle, "angle", rule)
+        return angle
 
     def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
         return np.stack([self._read(at, part, name) for part in self._constants(name, in_stress)])

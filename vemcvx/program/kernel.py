@@ -46,7 +46,7 @@ class Kernel:
     names : (k,) sequence of str
         The motions in words, for messages.
     in_words : callable (k,) -> str, optional
-        A combination of the motions in words; by default the names of those that take part.
+        A combination of the motions in words, the way it goes; by default the names of those that take part.
     """
 
     modes: Floats
@@ -73,11 +73,11 @@ class Kernel:
         return np.linalg.qr(self.modes)[0]
 
     def name(self, c: Floats) -> str:
-        """The motion modes @ c in words."""
+        """The motion modes @ c in words, the way it goes."""
         if self.in_words is not None:
             return str(called(self.in_words, (c,), "Kernel: in_words failed", "say which motion they make"))
-        large = np.abs(c) > 1e-3 * np.abs(c).max()
-        return " with ".join(name for name, present in zip(self.names, large, strict=True) if present)
+        large = np.flatnonzero(np.abs(c) > 1e-3 * np.abs(c).max())
+        return " with ".join(self.names[i] if c[i] > 0 else f"the reverse of {self.names[i]}" for i in large)
 
 
 def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:

@@ -172,6 +172,6 @@ def _diagonal(operators: Operators) -> Floats:
 
 def _size(rows: sp.csr_matrix, delta: Floats) -> Floats:
     """(k,) the largest entry of each row of rows delta."""
-    if rows.shape[0] == 0:
-        return np.zeros(0)
+    if 0 in rows.shape:  # Rows that read nothing leave no unknowns.
+        return np.zeros(rows.shape[0])
     return (abs(rows) @ sp.diags_array(delta)).max(axis=1).toarray().ravel()

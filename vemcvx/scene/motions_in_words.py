@@ -44,30 +44,30 @@ class Part:
             return None
         return {str(name): each[one] for name, one in zip(names, large, strict=True)}
 
-    def motion(self, mode: Floats) -> str:
-        """A motion in words, and whose it is."""
-        mode = _forward(mode)
+    def motion(self, mode: Floats, directed: bool = False) -> str:
+        """A motion in words, and whose it is: which way it goes if it is `directed`, else one way of the two."""
+        mode = mode if directed else _forward(mode)
         moved = self.moved(mode)
         if moved is None:
-            return f"{self.alone(mode)} of {self.which}"
-        return " with ".join(f"{_rigid(own)} of {body}" for body, own in moved.items())
+            return f"{self.alone(mode, directed)} of {self.which}"
+        return " with ".join(f"{_rigid(own, directed)} of {body}" for body, own in moved.items())
 
-    def alone(self, mode: Floats) -> str:
+    def alone(self, mode: Floats, directed: bool = False) -> str:
         """A motion in words."""
         if self.hinges:
             return "a motion about hinges"
-        return _rigid(mode) if len(self.bodies) == 1 else "a motion of pieces that are joined"
+        return _rigid(mode, directed) if len(self.bodies) == 1 else "a motion of pieces that are joined"
 
 
 def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
-    """A combination of motions in words, part by part."""
+    """A combination of motions in words, part by part, and which way it goes."""
     parts: dict[str, tuple[Part, Floats]] = {}
     for share, (part, motion) in zip(c, motions, strict=True):
         sum_so_far = parts[part.which][1] if part.which in parts else 0.0
         parts[part.which] = part, sum_so_far + share * motion
     largest = max(np.abs(motion).max() for _, motion in parts.values())
     large = [(part, motion) for part, motion in parts.values() if np.abs(motion).max() > SMALL * largest]
-    return " and ".join(part.motion(motion) for part, motion in large)
+    return " and ".join(part.motion(motion, directed=True) for part, motion in large)
 
 
 def floating(part: Part, modes: Floats, points: Floats) -> str:
@@ -94,19 +94,23 @@ def floating(part: Part, modes: Floats, points: Floats) -> str:
 
 
 def _forward(mode: Floats) -> Floats:
-    """The motion with the sign that makes its largest component positive."""
+    """The motion with the sign that makes its largest component positive: of one that goes either way."""
     forward: Floats = mode * np.sign(mode[np.argmax(np.abs(mode))])
     return forward
 
 
-def _rigid(mode: Floats) -> str:
+def _rigid(mode: Floats, directed: bool = False) -> str:
     move, turn = split_motion(np.asarray(np.round(mode / np.linalg.norm(mode), 6) + 0.0))
     rate = np.linalg.norm(turn)
-    about = f" about ({_listed(turn / rate)})" if rate > SMALL and len(turn) > 1 else ""
+    turns = "a rotation"
+    if rate > SMALL and len(turn) > 1:
+        turns = f"a rotation about ({_listed(turn / rate)})"
+    elif directed:
+        turns = "an anticlockwise rotation" if turn[0] > 0 else "a clockwise rotation"
     if rate > 0.9:
-        return f"a rotation{about}"
+        return turns
     moves = f"the translation ({_listed(move)})"
-    return moves if rate < SMALL else f"{moves} with a rotation{about}"
+    return moves if rate < SMALL else f"{moves} with {turns}"
 
 
 def _listed(components: Floats) -> str:

@@ -39,6 +39,8 @@ FLOORS = 10.0
 """Rounding floors that the norm of a state at the rounding floor is at most as large as."""
 TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
+HOLDS_NOTHING = 1e-12
+"""Part of a push that is rounding where friction holds it: no slip, or a bound that is zero one way."""
 
 
 def data_norm(condensation: Condensation, force: Reduced) -> float:
@@ -70,7 +72,9 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
     if ground is None:
         return 0.0
     root = np.sqrt(operators.norm_flexibility)
-    far = np.linalg.norm(operators.blocks(ground), axis=1) / root
+    way = np.linalg.norm(operators.blocks(ground), axis=1)
+    # No field goes anywhere where rows read nothing.
+    far = np.divide(way, root, out=np.where(way > 0, np.inf, 0.0), where=root > 0)
     return float(min(far.max(initial=0.0), w @ root))
 
 
@@ -102,7 +106,7 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     )
 
 
-def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, t: float) -> None:
+def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, now: StepData) -> None:
     """Raise SceneError when no forces of friction and limits balance the load of step `n` on K's kernel."""
     operators, N, kernel = program.operators, program.operators.kernel, condensation.system.kernel
     motion = None if N is None else operators.kernel_balance.unbalanced_motion(program.w, N.T @ program.g)
@@ -112,10 +116,14 @@ def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, 
     parts = np.linalg.lstsq(kernel.modes[condensation.retained], field, rcond=None)[0].astype(float)
     # Unknowns of a joint that read a jump move by less than the bodies themselves.
     field /= np.abs(kernel.modes @ parts).max()
-    felt = np.linalg.norm(operators.blocks(operators.rows.read(field)), axis=1)
-    push, holds = float(field @ program.g), float(program.w @ felt)
+    slip = operators.rows.read(field)
+    # The bias of one-way friction is part of g; of the load it is none.
+    bias = float(now.bias @ slip)
+    push = float(field @ program.g) + bias
+    holds = float(program.w @ np.linalg.norm(operators.blocks(slip), axis=1)) + bias
+    holds = holds if holds > HOLDS_NOTHING * push else 0.0
     raise SceneError(
-        f"step {n} at t = {t:.6g}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
+        f"step {n} at t = {now.t:.6g}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
         f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
         f"{push - holds:.6g} are lacking, and there is no equilibrium. Change the load, raise the bound, add a "
         "support, or move the body by PrescribedDisplacement instead."

@@ -66,7 +66,7 @@ class PosedStep:
         SceneError
             Nothing balances the load.
         """
-        refuse = partial(refuse_unbalanced, self.program, self.run.condensation, n, self.data.t)
+        refuse = partial(refuse_unbalanced, self.program, self.run.condensation, n, self.data)
         if self.run.solver.semidefinite:
             refuse()
         state = self.solve(share, near)

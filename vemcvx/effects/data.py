@@ -54,10 +54,15 @@ def tensor(value: Datum, x: Floats, t: float, subject: str) -> Floats:
     return _shaped(_call(value, (x, t), "x, t", subject), shape, subject, wanted, _place(x, t))
 
 
-def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
-    """Values (m,) >= 0 of a spring's stiffness, which does not change in time, at the points `x` (m, dim)."""
+def coefficient(value: Constant, x: Floats, subject: str) -> Floats:
+    """Values (m,) of a scalar that does not change in time, a number or f(x), at the points `x` (m, dim)."""
     wanted = f"a number, or ({len(x)},) values, one a point"
-    k = _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
+    return _shaped(_call(value, (x,), "x", subject), (len(x),), subject, wanted, lambda row: f"at {x[row]}")
+
+
+def stiffness(value: Constant, x: Floats, subject: str) -> Floats:
+    """Such values of a spring's stiffness, which is not negative anywhere."""
+    k = coefficient(value, x, subject)
     if (k < 0).any():
         worst = int(np.argmin(k))
         raise SceneError(f"{subject}: found {k[worst]:.6g} at {x[worst]}; a spring's stiffness must be >= 0.")

@@ -205,11 +205,31 @@ def test_only_changes_of_the_ground_count():
     assert same(still.trajectory.state, plain.trajectory.state)
     assert same(still.contact, plain.contact)
     up = vx.simulate(tresca(lambda x, t: (0.0, t), HELD).with_(pull), mesh, TIMES)
-    assert np.array_equal(up.displacement, plain.displacement)
+    assert same(up.trajectory.state, plain.trajectory.state)
+    assert up.inactive == (
+        "TrescaFriction on bottom: ground moves along the normal only, which friction does not feel",
+    )
     table = vx.Tabulated([0.0, 1.0], [(0.5, 0.0), (0.6, 0.0)])
     one, other = (vx.simulate(tresca(g, HELD), mesh, TIMES) for g in (table, lambda x, t: (0.1 * t, 0.0)))
     assert np.abs(one.contact.slip - other.contact.slip).max() < 1e-15
     assert not one.contact.slip[0].any()
+
+
+@pytest.mark.parametrize("degrees", [0.0, 17.0, 133.0])
+def test_ground_along_inclined_normals_is_none(degrees):
+    """There it moves along the boundary by rounding; by 1e-12 of its way it is a ground."""
+    a, block = np.radians(degrees), small("squares", 3)
+    R = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+    sides = {name: edges for name, edges in block.boundaries.items() if name != "boundary"}
+    mesh = vx.PolygonMesh(block.points @ R.T, list(block.cells), boundaries=sides)
+
+    def inactive(along):
+        ground = vx.TrescaFriction(1.0, on="bottom", ground=lambda x, t: (3.0 + t) * (R @ (along, 1.0)))
+        return pose_scene(vx.Scene(STEEL, HELD, TOUCHING, ground), mesh, TIMES).inactive
+
+    (said,) = inactive(0.0)
+    assert said.endswith("ground moves along the normal only, which friction does not feel")
+    assert inactive(1e-12) == ()
 
 
 @pytest.mark.parametrize(

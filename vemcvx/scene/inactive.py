@@ -1,8 +1,8 @@
 """Effects without influence are dropped and reported.
 
-They are a load that is zero at every instant, friction whose bound is, springs and dashpots without strength. The scene
-without them has the same unknowns, terms and cones, and the same answer to the last bit. Supports and outputs of
-contact stay.
+They are a load that is zero at every instant, friction whose bound is, ground that does not move along the boundary,
+springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and the same
+answer to the last bit. Supports and outputs of contact stay.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Bools, Floats
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load
 from vemcvx.errors import VemcvxError
-from vemcvx.vem import Space
+from vemcvx.program.motion import DRAG_ROUNDING
+from vemcvx.scene.freedom import along
+from vemcvx.vem import Space, tangents_of
 
 Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
 # A force of contact under which friction that depends on pressure shows itself, whatever the units.
@@ -59,14 +61,23 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
 
 
 def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
-    """The friction, its ground left out if it is where it was at all of `times`."""
-    ground = friction.ground
+    """The friction, its ground left out if it is where it was along the boundary at all of `times`."""
+    ground, tangents = friction.ground, tangents_of(friction.across)
     if ground is None or len(times) == 0:
         return friction
     start = float(times[0])
-    if not _zero(lambda t: ground.vector(t) - ground.vector(start), times):
+
+    def rubs(t: float) -> Bools:
+        began, at = ground.vector(start), ground.vector(t)
+        size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
+        drags: Bools = np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
+        return drags
+
+    if not _zero(rubs, times):
         return friction
-    said.append(f"{ground.subject} stands still at all instants")
+    still = _zero(lambda t: ground.vector(t) - ground.vector(start), times)
+    does = "stands still at all instants" if still else "moves along the normal only, which friction does not feel"
+    said.append(f"{ground.subject} {does}")
     return replace(friction, ground=None)
 
 
@@ -80,7 +91,7 @@ def _bound(friction: Friction) -> Callable[[float], Floats]:
     return lambda t: friction.weights(t) + law(t, pressed)
 
 
-def _zero(value: Callable[[float], Floats], times: Sequence[float]) -> bool:
+def _zero(value: Callable[[float], Floats | Bools], times: Sequence[float]) -> bool:
     try:
         return not any(np.any(value(float(t))) for t in times)
     except VemcvxError:

@@ -62,13 +62,16 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
 
 def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
     """The friction, its ground left out if it is where it was along the boundary at all of `times`."""
-    ground, tangents = friction.ground, tangents_of(friction.across)
+    ground = friction.ground
     if ground is None or len(times) == 0:
         return friction
     start = float(times[0])
 
     def rubs(t: float) -> Bools:
         began, at = ground.vector(start), ground.vector(t)
+        if friction.directions is not None:  # These are checked where norm terms are made of them.
+            return at != began
+        tangents = tangents_of(friction.normals)
         size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
         drags: Bools = np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
         return drags

@@ -70,7 +70,7 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
     def rubs(t: float) -> Bools:
         began, at = ground.vector(start), ground.vector(t)
         if friction.directions is not None:  # These are checked where norm terms are made of them.
-            return at != began
+            return np.asarray(at != began)
         tangents = tangents_of(friction.normals)
         size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
         drags: Bools = np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size

@@ -94,6 +94,12 @@ class Condensation:
         self._rows = system.K[self.retained]
         self._fields = SolvedForces(n, self._done)
 
+    @cached_property
+    def absolute(self) -> sp.csr_matrix:
+        """|K|, entry by entry, on the pattern of K itself."""
+        K = self.system.K
+        return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+
     @property
     def refinable(self) -> bool:
         """Whether steps can be refined against K: rows read unknowns of their own, and no soft limit holds a kernel.

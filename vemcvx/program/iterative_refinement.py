@@ -19,7 +19,6 @@ and nothing else changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -47,28 +46,15 @@ def residual(force: Floats, K: sp.csr_matrix, y: Floats, held: Floats) -> Floats
     """force - held - K y, (n,), in extended precision, rounded to double once; half as dear as one solve."""
     if not y.any():
         return force - held
-    exact, r = y.astype(np.longdouble), np.empty(len(y))
-    for part, rows in _pieces(K, lambda entries: entries.astype(np.longdouble)):
-        r[part] = force[part].astype(np.longdouble) - held[part] - rows @ exact
-    return r
-
-
-def sizes_of_terms(K: sp.csr_matrix, y: Floats) -> Floats:
-    """sum_j |K_ij| |y_j|, (n,)."""
-    size, sizes = np.abs(y), np.zeros(len(y))
-    for part, rows in _pieces(K, np.abs) if y.any() else ():
-        sizes[part] = rows @ size
-    return sizes
-
-
-def _pieces(K: sp.csr_matrix, of: Callable[[Floats], Floats]) -> Iterator[tuple[slice, sp.csr_matrix]]:
-    """K, a function of its entries applied, in pieces of CHUNK rows: which rows, and these."""
-    n = K.shape[0]
+    n, exact = len(y), y.astype(np.longdouble)
+    r = np.empty(n)
     for start in range(0, n, CHUNK):
         stop = min(start + CHUNK, n)
         first, last = K.indptr[start], K.indptr[stop]
-        entries = of(K.data[first:last]), K.indices[first:last], K.indptr[start : stop + 1] - first
-        yield slice(start, stop), sp.csr_matrix(entries, shape=(stop - start, n))
+        entries = K.data[first:last].astype(np.longdouble), K.indices[first:last], K.indptr[start : stop + 1] - first
+        rows = sp.csr_matrix(entries, shape=(stop - start, n))
+        r[start:stop] = force[start:stop].astype(np.longdouble) - held[start:stop] - rows @ exact
+    return r
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
@@ -188,7 +174,9 @@ def full_certificate(
     """
     system = condensation.system
     r = residual(force, system.K, y, held)
-    size = np.abs(force) + np.abs(held) + sizes_of_terms(system.K, y)
+    size = np.abs(force) + np.abs(held)
+    if y.any():
+        size += condensation.absolute @ np.abs(y)
     equilibrium = 0.5 * condensation.factor.energy(_off_kernel(system, r))
     return replace(own, equilibrium=equilibrium, floor=rounding(condensation, size))
 

@@ -67,11 +67,13 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
         return friction
     start = float(times[0])
 
+    # Directions that are given are checked where norm terms are made of them.
+    tangents = None if friction.directions is not None else tangents_of(friction.normals)
+
     def rubs(t: float) -> Bools:
         began, at = ground.vector(start), ground.vector(t)
-        if friction.directions is not None:  # These are checked where norm terms are made of them.
+        if tangents is None:
             return np.asarray(at != began)
-        tangents = tangents_of(friction.normals)
         size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
         drags: Bools = np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
         return drags

@@ -72,8 +72,8 @@ class ProximalPoints:
                 best, least = replace(answer, d=d, lam=lam, p=p), gap
             if least <= enough or waited >= patience or iterations >= self._most:
                 break
-            ahead, v = centres.next(centre, d), _without_energy(program, d - centre)
-            carried = centres.steady and not _presses(program, v)
+            ahead = centres.next(centre, d)
+            carried = centres.steady and not _presses(program, v := _without_energy(program, d - centre))
             d = _carried(program, d, v) if carried else ahead
         return replace(best, iterations=iterations, safeguards=safeguards)
 

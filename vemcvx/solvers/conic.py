@@ -29,6 +29,7 @@ from vemcvx.program.operators import (
     Operators,
 )
 from vemcvx.program.step_program import StepProgram
+from vemcvx.solvers.kept_matrices import keep_matrices
 from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
 from vemcvx.solvers.settings import settings_for, worth_asking_again
 from vemcvx.solvers.solver import Solver
@@ -202,7 +203,7 @@ class _PreparedConic:
 
     def __init__(self, settings: ThroughCvxpy):
         self._settings = settings
-        self._compiled: dict[bool, CvxpyStep] = {}
+        self._compiled: dict[bool, _Posed] = {}
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
@@ -218,19 +219,30 @@ class _PreparedConic:
         options = self._settings.asks_with(target, semidefinite=semidefinite, again=again)
         status, iterations = _run(posed, self._settings, options)
         still = np.zeros_like(program.g), np.zeros((program.operators.count, program.operators.block)), 0 * program.e
-        found = still if posed.d.value is None else (posed.d.value, posed.lam, posed.p)
+        step = posed.step
+        found = still if step.d.value is None else (step.d.value, step.lam, step.p)
         # Interior points stop a rounding error short of their bounds, or beyond them.
         d, lam, p = program.admissible_point(*found)
         return Answer(d, lam, iterations, status, p=p)
 
-    def _posed(self, program: StepProgram, cones: bool) -> CvxpyStep:
+    def _posed(self, program: StepProgram, cones: bool) -> "_Posed":
         operators, corners = program.operators, self._settings.corners
         with COMPILING:
             if sp.issparse(operators.K):
-                return to_cvxpy(operators, program.data, cones, corners)
+                return _Posed(to_cvxpy(operators, program.data, cones, corners))
             if cones not in self._compiled:
-                self._compiled[cones] = to_cvxpy(operators, None, cones, corners)
-        return self._compiled[cones].at(program.data)
+                self._compiled[cones] = _Posed(to_cvxpy(operators, None, cones, corners))
+        posed = self._compiled[cones]
+        posed.step.at(program.data)
+        return posed
+
+
+@dataclass(frozen=True)
+class _Posed:
+    """A step in cvxpy, and the solvers that cvxpy keeps for the next one, by name."""
+
+    step: CvxpyStep
+    solvers: dict[str, Any] = field(default_factory=dict)
 
 
 def polished(program: StepProgram, answer: Answer) -> Answer:
@@ -243,18 +255,19 @@ def polished(program: StepProgram, answer: Answer) -> Answer:
     return Answer(d, lam, answer.iterations + 1, answer.status + ", polished", p=p)
 
 
-def _run(posed: CvxpyStep, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
+def _run(posed: _Posed, settings: ThroughCvxpy, options: dict[str, Any]) -> tuple[str, int]:
     """Solve in cvxpy's own steps: its `solve` would warn of what the certificate measures. Status and iterations."""
     from cvxpy.error import SolverError
     from cvxpy.settings import SOLUTION_PRESENT
 
-    problem, options = posed.problem, dict(options)
+    problem, options = posed.step.problem, dict(options)
     verbose, warm_start = bool(options.pop("verbose", False)), bool(options.pop("warm_start", True))
-    posed.d.save_value(None)
+    posed.step.d.save_value(None)
     try:
         with COMPILING:
             data, chain, inverse = problem.get_problem_data(settings.solver, solver_opts=options)
-        raw = chain.solve_via_data(problem, data, warm_start=warm_start, verbose=verbose, solver_opts=options)
+        raw = chain.solver.solve_via_data(data, warm_start, verbose, options, posed.solvers)
+        keep_matrices(posed.solvers)
         solution = chain.invert(raw, inverse)
     except SolverError as error:
         return f"failed: {error}", 0

@@ -56,16 +56,17 @@ def test_threads_share_nothing(solver):
 @pytest.mark.parametrize("solver", [vx.Clarabel(), vx.OSQP()], ids=lambda solver: solver.name)
 def test_streams_and_filters_of_the_process_are_left_alone(solver, monkeypatch):
     """Also while a solver runs: another thread that prints or warns meanwhile must not notice."""
-    from cvxpy.reductions.solvers.solving_chain import SolvingChain
+    from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
+    called = type({**SOLVER_MAP_QP, **SOLVER_MAP_CONIC}[solver.solver])
     stream, filters, seen = sys.stdout, list(warnings.filters), []
-    solve = SolvingChain.solve_via_data
+    solve = called.solve_via_data
 
     def watched(*arguments, **options):
         seen.append((sys.stdout is stream, warnings.filters == filters))
         return solve(*arguments, **options)
 
-    monkeypatch.setattr(SolvingChain, "solve_via_data", watched)
+    monkeypatch.setattr(called, "solve_via_data", watched)
     simulated(solver)
     assert seen
     assert set(seen) == {(True, True)}

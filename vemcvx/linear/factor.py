@@ -77,6 +77,14 @@ class Factor(Protocol):
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, len(size)))
         return float(np.mean([self.energy(size * sign) for sign in signs]))
 
+    def lost(self, K: sp.csr_matrix) -> float:
+        """The square of the part of an energy norm that one solve with K loses at most, estimated.
+
+        With LL' in place of K that is |E|^2, E = L^{-1}(K - LL')L'^{-1}, at most the sum of squares of its entries:
+        the mean of |Ez|^2 for z normal, of which this is one. Infinite where it is not known.
+        """
+        return np.inf
+
     def energies(self, rows: sp.csr_matrix) -> Floats:
         """b'K^{-1}b of every row b of a matrix (m, n), (m,)."""
         dense = rows.toarray()

@@ -114,25 +114,40 @@ class PardisoFactor(Factor):
         return self._run(BACKWARD, x)
 
     def energy(self, b: Floats) -> float:
-        z = self._run(FORWARD, b) if b.any() else np.zeros_like(b)
-        if len(self._last):
-            z[self._last] = solve_triangular(self._upper, z[self._last], trans=1)
+        z = self._forward(b)
         return float(z @ z) / self._unit
 
     def random_energy(self, size: Floats) -> float:
         return weighted(size, self.compliance)
 
-    @cached_property
+    def lost(self, K: sp.csr_matrix) -> float:
+        z, x, _ = self._samples
+        off = self._forward(K @ x / self._unit) - z
+        return float(off @ off)
+
+    @property
     def compliance(self) -> Floats:
         """(n,) the diagonal of K^{-1}, estimated once: the mean squares of SAMPLES x of the covariance K^{-1}."""
+        return self._samples[2]
+
+    @cached_property
+    def _samples(self) -> tuple[Floats, Floats, Floats]:
+        """z (n,) normal and x = L'^{-1} z, K / unit = L L', for one; and the mean squares of SAMPLES x / unit^{1/2}."""
         if self._n == 0:
-            return np.zeros(0)
+            return np.zeros(0), np.zeros(0), np.zeros(0)
         z = np.random.default_rng(0).standard_normal((SAMPLES, self._n)).T
+        one = z[:, 0].copy()
         if len(self._last):
             z[self._last] = solve_triangular(self._upper, z[self._last])
         x = self._run(BACKWARD, z)
-        mean: Floats = (x * x).mean(axis=1)
-        return mean / self._unit
+        return one, x[:, 0].copy(), (x * x).mean(axis=1) / self._unit
+
+    def _forward(self, b: Floats) -> Floats:
+        """L^{-1} b (n,), K / unit = L L'."""
+        z = self._run(FORWARD, b) if b.any() else np.zeros_like(b)
+        if len(self._last):
+            z[self._last] = solve_triangular(self._upper, z[self._last], trans=1)
+        return z
 
     def within(self, K_FF: Matrix, F: Ints) -> PardisoFactor:
         return PardisoFactor(sp.csr_matrix(K_FF))

@@ -99,13 +99,21 @@ class PositiveFactor(SparseFactor):
     def random_energy(self, size: Floats) -> float:
         return weighted(size, self.compliance)
 
-    @cached_property
+    def lost(self, K: sp.csr_matrix) -> float:
+        b, x, _ = self._samples
+        return self._unit * self.energy(b - K @ x)
+
+    @property
     def compliance(self) -> Floats:
         """(n,) the diagonal of K^{-1}, estimated once: the mean squares of x = K^{-1} b for the forces b of _random."""
-        x = self.solve(self._forces)
+        return self._samples[2]
+
+    @cached_property
+    def _samples(self) -> tuple[Floats, Floats, Floats]:
+        """One of the forces of _random, its response x, and unit times the mean squares of all x; (n,) each."""
+        b, x = self._forces, self.solve(self._forces)
         del self._forces
-        mean: Floats = (x * x).mean(axis=1)
-        return self._unit * mean
+        return b[:, 0].copy(), x[:, 0].copy(), self._unit * (x * x).mean(axis=1)
 
     def _random(self, L: sp.csc_array, D: Floats) -> tuple[float, Floats]:
         """A unit u, and forces (n, SAMPLES) L (D / u)^{1/2} z of the covariance K / u; z is normal.

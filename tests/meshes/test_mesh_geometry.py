@@ -75,10 +75,10 @@ def test_boundary_edges_run_counter_clockwise_and_sum_to_nothing():
 
 def test_shared_edges_count_cells():
     mesh = vx.meshes.squares(3)
-    shared = topology.shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    shared = mesh.shared_edges
     assert np.bincount(shared.counts).tolist() == [0, 12, 12]
     assert sorted(shared.corners.tolist()) == list(range(36))
-    assert topology.neighbours(mesh.offsets, mesh.vertices, mesh.n_nodes).tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
+    assert topology.neighbours(mesh.offsets, shared).tolist()[:3] == [[0, 1], [1, 2], [0, 3]]
 
 
 def test_corners_before_and_after():

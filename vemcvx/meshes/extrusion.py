@@ -10,7 +10,6 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import LARGEST, SHORTEST
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.polygons.topology import (
-    boundary_corners,
     cell_of_corner,
     next_vertex,
     offsets_of,
@@ -44,7 +43,7 @@ def extruded(mesh: Tessellation, heights: ArrayLike) -> PolyhedralMesh:
     first = joined.cell_offsets[:-1].reshape(layers, cells)
     corner_face = cell_of_corner(mesh.offsets) * 2 + 2 + np.arange(len(mesh.vertices))
     sides = joined.cell_faces[corner_face + (np.arange(layers) * len(owner))[:, None]]
-    boundary = boundary_corners(mesh.offsets, mesh.vertices, nodes)
+    boundary = mesh.shared_edges.alone
     parts = {}
     for name, edges in named.items():
         corners = boundary[positions(edges, mesh.boundaries[WHOLE], nodes)]

@@ -95,9 +95,14 @@ class Tessellation(Mesh):
         return read_only(geometry.diameters(self.points, self.offsets, self.vertices))
 
     @cached_property
+    def shared_edges(self) -> topology.SharedEdges:
+        """Corners by the edge that they start."""
+        return topology.shared_edges(self.offsets, self.vertices, self.n_nodes)
+
+    @cached_property
     def _boundary(self) -> Ints:
-        corners = topology.boundary_corners(self.offsets, self.vertices, self.n_nodes)
-        return read_only(topology.directed_edges(self.offsets, self.vertices)[corners])
+        edges = topology.directed_edges(self.offsets, self.vertices)
+        return read_only(edges[self.shared_edges.alone])
 
     @cached_property
     def boundaries(self) -> Mapping[str, Ints]:
@@ -113,7 +118,7 @@ class Tessellation(Mesh):
     @cached_property
     def neighbours(self) -> Ints:
         """Pairs of cells that share an edge, (m, 2)."""
-        return read_only(topology.neighbours(self.offsets, self.vertices, self.n_nodes))
+        return read_only(topology.neighbours(self.offsets, self.shared_edges))
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:

@@ -57,12 +57,16 @@ def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -
     columns = np.concatenate([np.tile(group, group.shape[1]).ravel() for group in small])
     order = _counting_sort(columns, n_nodes)
     order = order[_counting_sort(rows[order], n_nodes)]
-    rows, columns = rows[order], columns[order]
-    first = np.flatnonzero(np.concatenate([[True], (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])]))
+    columns, begins = columns[order], np.ones(len(order), dtype=bool)
+    np.not_equal(columns[1:], columns[:-1], out=begins[1:])
+    ends = np.cumsum(sum(group.shape[1] * np.bincount(group.ravel(), minlength=n_nodes) for group in small))
+    indptr = np.append(0, ends)
+    begins[indptr[:-1][np.diff(indptr) > 0]] = True
+    first = np.flatnonzero(begins)
     gather = sp.csr_matrix(
         (np.ones(len(order)), which[order], np.append(first, len(order))), shape=(len(first), len(blocks))
     )
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows[first], minlength=n_nodes))])
+    indptr = np.searchsorted(first, indptr)
     dim = isqrt(blocks.shape[1])
     shape = (dim * n_nodes, dim * n_nodes)
     return sp.bsr_matrix(((gather @ blocks).reshape(-1, dim, dim), columns[first], indptr), shape=shape).tocsr()

@@ -12,7 +12,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.budget.joints import Joints, joints
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.segments import right_of
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, shared_edges
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, mean_shear
 
@@ -63,7 +63,7 @@ class Skeleton:
 def skeleton(posed: PosedScene) -> Skeleton:
     """The edges of a posed scene's mesh."""
     mesh = plane_mesh(posed.space.mesh, "error_budget")
-    shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    shared = mesh.shared_edges
     edges = directed_edges(mesh.offsets, mesh.vertices)
     normals = right_of(np.diff(mesh.points[edges], axis=1)[:, 0])
     first, two = shared.corners[shared.first], shared.counts == 2

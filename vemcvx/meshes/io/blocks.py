@@ -25,7 +25,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.interfaces import Interface
-from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, edge_keys, positions
+from vemcvx.meshes.polygons.topology import cell_of_corner, edge_keys, positions
 from vemcvx.meshes.polyhedra.topology import Listed
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -134,7 +134,7 @@ def _take_interfaces(named: dict[str, Ints]) -> dict[str, Interface]:
 
 def add_boundaries(blocks: Blocks, mesh: Tessellation) -> None:
     """Add a block of lines a named boundary, with the data of their cells, to ``blocks`` of all cells of the mesh."""
-    owner = cell_of_corner(mesh.offsets)[boundary_corners(mesh.offsets, mesh.vertices, mesh.n_nodes)]
+    owner = cell_of_corner(mesh.offsets)[mesh.shared_edges.alone]
     # of each cell in the data of all blocks
     place = np.argsort(np.concatenate(blocks.data[CELL])) if CELL in blocks.data else np.arange(mesh.n_cells)
     on_cells = {name: np.concatenate(parts) for name, parts in blocks.data.items()}

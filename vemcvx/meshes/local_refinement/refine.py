@@ -34,7 +34,6 @@ from vemcvx.meshes.polygons.topology import (
     first_in_row,
     positions,
     rotation,
-    shared_edges,
 )
 from vemcvx.meshes.tessellation import Tessellation
 
@@ -144,7 +143,7 @@ def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to 
 
 
 def _edges_of(mesh: Tessellation) -> Edges:
-    shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    shared = mesh.shared_edges
     of_corner = np.empty_like(shared.corners)
     of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
     ends = np.sort(directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]], axis=1)

@@ -113,6 +113,11 @@ class SharedEdges:
     counts: Ints
     """(n_edges,) how many cells share it: 1 on the boundary, 2 inside, more only in broken meshes"""
 
+    @property
+    def alone(self) -> Ints:
+        """Corners whose edge belongs to one cell only, in the order of the cells."""
+        return np.sort(self.corners[self.first[self.counts == 1]])
+
 
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
@@ -124,15 +129,8 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     return SharedEdges(corners, first, np.diff(np.append(first, len(keys))))
 
 
-def boundary_corners(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
-    """Corners whose edge belongs to one cell only, in the order of the cells."""
-    shared = shared_edges(offsets, vertices, n_nodes)
-    return np.sort(shared.corners[shared.first[shared.counts == 1]])
-
-
-def neighbours(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
+def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
     """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
-    shared = shared_edges(offsets, vertices, n_nodes)
     first = shared.first[shared.counts == 2]
     cells = cell_of_corner(offsets)
     return np.column_stack([cells[shared.corners[first]], cells[shared.corners[first + 1]]])

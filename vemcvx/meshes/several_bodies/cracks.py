@@ -20,7 +20,7 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import check_name
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.local_refinement.refine import check_marks
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner, shared_edges
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner
 from vemcvx.meshes.tessellation import Tessellation
 
 Mesh = TypeVar("Mesh", bound=Tessellation)
@@ -61,7 +61,7 @@ def cut(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> Mesh:
 
 def _inner_edges(mesh: Tessellation) -> tuple[Ints, Ints]:
     """The two corners at which each edge inside the mesh starts, in the one cell and in the other."""
-    shared = shared_edges(mesh.offsets, mesh.vertices, mesh.n_nodes)
+    shared = mesh.shared_edges
     first = shared.first[shared.counts == 2]
     return shared.corners[first], shared.corners[first + 1]
 

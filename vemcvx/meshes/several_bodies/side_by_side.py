@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.topology import boundary_corners, cell_of_corner, directed_edges, offsets_of
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, offsets_of, shared_edges
 from vemcvx.meshes.tessellation import Tessellation
 
 
@@ -50,7 +50,7 @@ class SideBySide:
     @cached_property
     def corners(self) -> Ints:
         """Corners at which the edges of the boundary start."""
-        return boundary_corners(self.offsets, self.vertices, len(self.points))
+        return shared_edges(self.offsets, self.vertices, len(self.points)).alone
 
     @cached_property
     def ends(self) -> Ints:

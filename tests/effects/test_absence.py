@@ -208,8 +208,8 @@ def turning(x, t):
     return np.column_stack([np.cos(9 * t * (1 + x[:, 1])), np.sin(7 * t * x[:, 1])])
 
 
-BESIDE = 4
-"""Solves that do not go by steps: two to see how many digits the factors have, one for all rounding floors, one to
+BESIDE = 3
+"""Solves that do not go by steps: one to see how many digits the factors have, one for all rounding floors, one to
 certify the one stored row."""
 
 

@@ -18,6 +18,7 @@ from functools import cache, partial
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import qr
 from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Floats, Ints
@@ -120,7 +121,7 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
     """Orthonormal columns of the same span, those that move a single piece first."""
     pieces = len(loose) // k
     if pieces == 1:
-        return loose
+        return _along_axes(loose)
     alone = []
     for piece in range(pieces):
         others = np.delete(loose, np.s_[piece * k : (piece + 1) * k], axis=0)
@@ -133,6 +134,17 @@ def _piece_by_piece(loose: Floats, k: int) -> Floats:
     rest = np.linalg.svd(found, full_matrices=True)[0][:, found.shape[1] :]
     ordered: Floats = loose @ np.hstack([found, rest])
     return ordered
+
+
+def _along_axes(loose: Floats) -> Floats:
+    """Orthonormal columns of the same span, the first ones as near to translations, and to axes, as there are.
+
+    Eigenvectors to one eigenvalue are mixed by rounding.
+    """
+    preferred = 1.0 - 1e-3 * np.arange(len(loose))
+    Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
+    along: Floats = Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
+    return along
 
 
 def _unfelt(rows: Floats) -> Floats:
@@ -183,7 +195,7 @@ def _pieces(space: Space) -> tuple[Ints, Ints]:
 def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
     """(n_u, pieces * k) the k rigid motions of each piece as orthonormal columns, of pairs by piece and node.
 
-    Dense for one piece. Taken about the piece's middle and in units of its size: rotations then weigh like translations.
+    Dense for one piece. Taken about its middle and in units of its size: rotations then weigh like translations.
     """
     pieces, dim = piece.max() + 1, points.shape[1]
     inside = np.bincount(piece)

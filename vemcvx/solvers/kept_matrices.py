@@ -22,6 +22,8 @@ class KeptMatrices:
         self._given: dict[str, Any] = {}
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
         return getattr(self._solver, name)
 
     def update(self, **data: Any) -> None:

@@ -46,6 +46,12 @@ def lengths(x: Floats) -> Floats:
     return size
 
 
+def directions(x: Floats, size: Floats) -> Floats:
+    """The rows of x (k, components) over their lengths `size` (k,); zero where these are."""
+    unit: Floats = np.sign(x) if x.shape[1] == 1 else x / np.where(size > 0, size, 1.0)[:, None]
+    return unit
+
+
 def totals(numbers: Ints, weights: Floats, count: int) -> Floats:
     """The sum of the weights that go with each number below `count`."""
     return np.bincount(numbers, weights, count).astype(float, copy=False)

@@ -35,7 +35,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import EPS, Floats, lengths
+from vemcvx.arrays import EPS, Floats, directions, lengths
 from vemcvx.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
@@ -102,7 +102,7 @@ def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
     """w_i |s_i| - lam_i . s_i >= 0 for |lam_i| <= w_i, without cancellation; (m,)."""
     size, slip = lengths(lam), lengths(s)
     # Where one of them vanishes it takes the direction out of the sum, whatever that is.
-    apart = lam / np.where(size > 0, size, 1.0)[:, None] - s / np.where(slip > 0, slip, 1.0)[:, None]
+    apart = directions(lam, size) - directions(s, slip)
     turned = np.einsum("ij,ij->i", apart, apart)
     short = np.where(size >= (1.0 - BOUND_ROUNDING) * w, 0.0, w - size)
     gaps: Floats = short * slip + 0.5 * size * slip * turned

@@ -116,9 +116,11 @@ class Scaling:
         """alpha of a step; 0 where nothing moves it."""
         scaled = self.delta * program.g / self.kappa
         top = np.abs(scaled).max(initial=0.0)
-        # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
-        inward = (np.maximum(-program.e, 0.0) / self.tau).max(initial=0.0)
-        size = float(power_of_two(inward)) if inward > 0 else 0.0
+        size = 0.0
+        if len(program.e):
+            # A limit that moves in by x does at most 1/2 K_ii x^2 on the unknown that it meets; rows are of size tau.
+            inward = (np.maximum(-program.e, 0.0) / self.tau).max()
+            size = float(power_of_two(inward)) if inward > 0 else 0.0
         if top > 0:
             unit = scaled / power_of_two(top)
             answer = power_of_two(np.sqrt(abs(unit @ self.operators.factor.rough(unit))))

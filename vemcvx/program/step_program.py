@@ -234,13 +234,16 @@ class StepProgram(ArrayRecord):
         (|D_j||d| + |e_j|).
         """
         operators = self.operators
-        rows, size = operators.rows.absolute, np.abs(d)
-        held = rows.force_of(np.abs(lam.ravel())) + operators.limits.absolute.force_of(p)
+        rows, size, slip = operators.rows.absolute, np.abs(d), np.abs(self.b)
+        held = rows.force_of(np.abs(lam.ravel()))
+        if len(p):
+            held += operators.limits.absolute.force_of(p)
+        if rows.columns is None:
+            slip += np.where(rows.single, 0.0, rows.read(size))
         blur = EPS * (np.abs(self.g) + held + operators.absolute @ size)
-        slip = np.where(rows.single, 0.0, rows.read(size)) + np.abs(self.b)
-        slip_blur = EPS * operators.blocks(slip).sum(axis=1)
-        floor = 0.5 * float(blur @ np.abs(operators.factor.rough(blur))) + float(self.w @ slip_blur)
-        floor += float(p @ self.excess_blur(d))
+        floor = 0.5 * float(blur @ np.abs(operators.factor.rough(blur))) + float(p @ self.excess_blur(d))
+        if slip.any():
+            floor += EPS * float(self.w @ operators.blocks(slip).sum(axis=1))
         if operators.kernel is not None:
             # A load off balance by so much moves the answer along N, and does work on that motion.
             floor += float(self._imbalance(operators.kernel, lam, p)[1] @ np.abs(operators.kernel.T @ d))

@@ -74,7 +74,10 @@ class ProximalPoints:
                 break
             ahead = centres.next(centre, d)
             carried = centres.steady and not _presses(program, v := _without_energy(program, d - centre))
-            d = _carried(program, d, v) if carried else ahead
+            moves = _moves_to_least_energy(program, d, v) if carried else 0.0
+            if moves >= MOST_MOVES:
+                break
+            d = d + moves * v if carried else ahead
         return replace(best, iterations=iterations, safeguards=safeguards)
 
     def _answer(self, near: StepProgram, target: float, lam: Floats, p: Floats, spent: int) -> Answer:
@@ -111,8 +114,11 @@ def _presses(program: StepProgram, v: Floats) -> bool:
     return bool((read & (operators.compliance > 0)).any())
 
 
-def _carried(program: StepProgram, d: Floats, v: Floats) -> Floats:
-    """The point d + s v, s >= 0, of least energy along a motion that K does not feel: only terms and bounds count."""
+def _moves_to_least_energy(program: StepProgram, d: Floats, v: Floats) -> float:
+    """s >= 0 of the point d + s v of least energy along a motion that K does not feel: only terms and bounds count.
+
+    MOST_MOVES where nothing ends it.
+    """
     operators = program.operators
     slip, way, felt = program.slip(d), operators.blocks(operators.rows.read(v)), operators.limits.read(v)
     excess, bound, work = program.excess(d), (operators.compliance == 0) & (felt > 0), float(program.g @ v)
@@ -128,7 +134,7 @@ def _carried(program: StepProgram, d: Floats, v: Floats) -> Floats:
         near, far = far, 2.0 * far
     while near < (middle := 0.5 * (near + far)) < far:
         near, far = (middle, far) if falls(middle) else (near, middle)
-    return d + far * v
+    return far
 
 
 class _Centres:

@@ -12,9 +12,11 @@ A state with the retained displacements y_c under the total force f, and the wor
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c:
 
-no energies are subtracted from each other. (With x = K^{-1} f, y'Ky = f'x - x_c'S x_c + y_c'S y_c: where forces pull at
-retained unknowns, or the body bends far when it is let go, all digits can be lost.) Where K is definite tau is taken as
-S x_c, rounded as S is: what no term holds back then moves by x_c, whatever digits S has lost.
+no energies are subtracted from each other. Any v with (K v)_i = phi_i gives xi = v - K^{-1} (0, S v_c), phi'xi = phi'v
+- tau'v_c. With v = x = K^{-1} phi this saves a solve: y'Ky = f'x - x_c'S x_c + y_c'S y_c. But where forces pull at
+retained unknowns, or the body bends far when it is let go, all digits can be lost; there, and where solves lose digits,
+v is xi. Where K is definite tau is taken as S x_c, rounded as S is: what no term holds back then moves by x_c, whatever
+digits S has lost.
 
 Where K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, E the diagonal
 of the anchors' stiffness, of which S + E is the Schur complement. E is taken away where S is wanted; K_ii, K_ci, xi and
@@ -23,7 +25,6 @@ tau do not know it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -34,7 +35,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.ordering import minimum_degree
-from vemcvx.program.forces import Reduced, SolvedForces, combined, spread
+from vemcvx.program.forces import Reduced, Responses, SolvedForces, combined, spread
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.system import System
@@ -43,6 +44,8 @@ HELD = 1e-24
 """Retained unknowns are held well enough when the energy of what they still move is this part of the whole."""
 HELD_ANCHORED = 1e-30
 """Likewise where K has a kernel: tau is then the force that xi makes there, whose error is K times that motion."""
+RELEASED, SHARP = 0.75, 1e-20
+"""Part of phi'x that x_c'S x_c may be where it is taken off, which costs two bits; of what lost at most so much."""
 MOST_ROUNDS = 5
 """Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
 
@@ -95,10 +98,9 @@ class Condensation:
         self._fields = SolvedForces(n, self._done)
 
     @cached_property
-    def absolute(self) -> sp.csr_matrix:
-        """|K|, entry by entry, on the pattern of K itself."""
-        K = self.system.K
-        return sp.csr_matrix((np.abs(K.data), K.indices, K.indptr), shape=K.shape)
+    def lost(self) -> float:
+        """The square of the part of an energy norm that one solve with the factor loses at most, estimated."""
+        return self.factor.lost(self.regular)
 
     @property
     def refinable(self) -> bool:
@@ -141,9 +143,10 @@ class Condensation:
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
-        y = f.inside.copy()
-        if self._inner.any() and y_c.any():
-            y += self._with_retained(self.response(y_c), y_c)
+        y, v_c = f.response
+        rest = y_c - v_c
+        if self._inner.any() and rest.any():
+            y += self._with_retained(self.response(rest), rest)
         y[self.retained] = y_c
         return y
 
@@ -169,19 +172,22 @@ class Condensation:
         """phi'y, the work of the force phi on the state (y_c, f)."""
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
-    def _done(self, phi: Floats) -> tuple[Floats, Floats, Floats, Callable[[], Floats]]:
-        """xi, tau and x_c of a force phi (n,), and what gives x."""
-        c, N, x = self.retained, self.operators.kernel, None
-        if (xi := self.factor.held(phi, np.zeros(len(c)))) is not None:
+    def _done(self, phi: Floats) -> Responses:
+        """v, v_c, tau and x_c of a force phi (n,), and what gives x."""
+        c, N, x, still = self.retained, self.operators.kernel, None, np.zeros(len(self.retained))
+        if (xi := self.factor.held(phi, still)) is not None:
             x_c = self.operators.factor.solve(phi[c] - self._rows @ xi)
         else:
             x = self.factor.solve(phi)
-            xi, x_c = np.zeros_like(phi) if self.whole else self.inside(phi, x), x[c]
+            x_c, tau = x[c], self._S @ x[c]
+            if N is None and self.lost <= SHARP and float(tau @ x_c) <= RELEASED * float(phi @ x):
+                return x, x_c, tau, x_c, lambda: x
+            xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
         tau = self._S @ x_c if N is None else phi[c] - self._rows @ xi
         if N is not None:
             # Whatever digits xi has lost, the force on K's kernel is that of phi.
             tau += N @ (self._motions.T @ phi - N.T @ tau)
-        return xi, tau, x_c, lambda: xi + self.response(x_c) if x is None else x
+        return xi, still, tau, x_c, lambda: xi + self.response(x_c) if x is None else x
 
     @cached_property
     def _motions(self) -> Floats:

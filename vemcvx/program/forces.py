@@ -26,6 +26,9 @@ MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
 
+Responses = tuple[Floats, Floats, Floats, Floats, Callable[[], Floats]]
+
+
 @dataclass(frozen=True)
 class ForceOnPart:
     """A force that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
@@ -50,10 +53,10 @@ class SolvedForce:
 
     Attributes
     ----------
-    phi, inside : (n,) arrays
-        The force; xi, the response while the retained unknowns are held.
-    retained, released : (m,) arrays
-        tau, the force that it makes there; how far it moves them if nothing holds them.
+    phi, v : (n,) arrays
+        The force; a response to what of it acts inside, (K v)_i = phi_i, whatever the retained unknowns do.
+    v_c, retained, released : (m,) arrays
+        Where these are then; tau, the force that phi makes there; how far it moves them if nothing holds them.
     respond : callable () -> (n,)
         K^{-1} phi, which few ask for.
     number : int or None
@@ -61,7 +64,8 @@ class SolvedForce:
     """
 
     phi: Floats
-    inside: Floats
+    v: Floats
+    v_c: Floats
     retained: Floats
     released: Floats
     respond: Callable[[], Floats]
@@ -77,7 +81,7 @@ class SolvedForce:
         """phi'x = phi'xi + tau'x_c and phi'xi, with the responses of another field."""
         if self.number is not None and other.number in self._products:
             return self._products[other.number]
-        inside = float(self.phi @ other.inside)
+        inside = float(self.phi @ other.v) - float(self.retained @ other.v_c)
         found = inside + float(self.retained @ other.released), inside
         if self.number is not None and other.number is not None:
             self._products[other.number] = found
@@ -114,10 +118,11 @@ class Reduced:
         """Its response K^{-1} phi (n,)."""
         return combined([(share, one.x) for one, share in self.parts.items()], self.phi)
 
-    @cached_property
-    def inside(self) -> Floats:
-        """xi (n,), its response while the retained unknowns are held."""
-        return combined([(share, one.inside) for one, share in self.within.items()], self.phi)
+    @property
+    def response(self) -> tuple[Floats, Floats]:
+        """v (n,) and v_c (m,), a response to what of it acts inside."""
+        v = combined([(share, one.v) for one, share in self.within.items()], self.phi)
+        return v, combined([(share, one.v_c) for one, share in self.within.items()], self.retained)
 
     @cached_property
     def norm(self) -> float:
@@ -178,11 +183,11 @@ class SolvedForces:
     Parameters
     ----------
     n : int
-    solve : callable (n,) -> three arrays and a function
-        xi, tau and x_c of a force, and a function that gives x.
+    solve : callable (n,) -> four arrays and a function
+        v, v_c, tau and x_c of a force, and a function that gives x: see SolvedForce.
     """
 
-    def __init__(self, n: int, solve: Callable[[Floats], tuple[Floats, Floats, Floats, Callable[[], Floats]]]):
+    def __init__(self, n: int, solve: Callable[[Floats], Responses]):
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}

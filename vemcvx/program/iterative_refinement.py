@@ -19,10 +19,12 @@ and nothing else changes.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from vemcvx.arrays import EPS, Bools, Floats
@@ -48,15 +50,29 @@ def residual(force: Floats, K: sp.csr_matrix, y: Floats, held: Floats) -> Floats
     """force - held - K y, (n,), in extended precision, rounded to double once; half as dear as one solve."""
     if not y.any():
         return force - held
-    n, exact = len(y), y.astype(np.longdouble)
-    r = np.empty(n)
-    for start in range(0, n, CHUNK):
-        stop = min(start + CHUNK, n)
-        first, last = K.indptr[start], K.indptr[stop]
-        entries = K.data[first:last].astype(np.longdouble), K.indices[first:last], K.indptr[start : stop + 1] - first
-        rows = sp.csr_matrix(entries, shape=(stop - start, n))
-        r[start:stop] = force[start:stop].astype(np.longdouble) - held[start:stop] - rows @ exact
+    r, exact = np.empty(len(y)), y.astype(np.longdouble)
+    for part, rows in _in_parts(K, lambda entries: entries.astype(np.longdouble)):
+        r[part] = force[part].astype(np.longdouble) - held[part] - rows @ exact
     return r
+
+
+def _sizes(K: sp.csr_matrix, y: Floats) -> Floats:
+    """|K| |y|, (n,): of |K| there is never more than a part, whose memory costs more than the product."""
+    sizes, size = np.empty(len(y)), np.abs(y)
+    for part, rows in _in_parts(K, np.abs):
+        sizes[part] = rows @ size
+    return sizes
+
+
+def _in_parts(
+    K: sp.csr_matrix, changed: Callable[[Floats], NDArray[np.floating]]
+) -> Iterator[tuple[slice, sp.csr_matrix]]:
+    """CHUNK rows of K at a time, their entries changed."""
+    for start in range(0, K.shape[0], CHUNK):
+        stop = min(start + CHUNK, K.shape[0])
+        first, last = K.indptr[start], K.indptr[stop]
+        entries = changed(K.data[first:last]), K.indices[first:last], K.indptr[start : stop + 1] - first
+        yield slice(start, stop), sp.csr_matrix(entries, shape=(stop - start, K.shape[1]))
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
@@ -69,7 +85,7 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     """
     enough = (COARSE_FACTORS * accuracy) ** 2
     operators, c, K = condensation.operators, condensation.retained, condensation.system.K
-    if DOUBT * condensation.factor.lost(condensation.regular) <= enough:
+    if DOUBT * condensation.lost <= enough:
         return False
     force = _off_kernel(condensation.system, np.ones(K.shape[0]))
     x = condensation.factor.solve(force)
@@ -127,7 +143,7 @@ def refined(
         step[F] = S_FF.solve(load[F])
         pressed = lacking + stiffness * operators.limits.read(step)
         # The energy of the correction to y and soft limits; what the held unknowns are pushed with is for multipliers.
-        size = float(r @ left.inside + load @ step) + float(pressed @ (operators.compliance * pressed))
+        size = left.work_inside(left) + float(load @ step) + float(pressed @ (operators.compliance * pressed))
         if size >= 0.25 * best:
             break
         best = size
@@ -182,7 +198,7 @@ def full_certificate(
     r = residual(force, system.K, y, held)
     size = np.abs(force) + np.abs(held)
     if y.any():
-        size += condensation.absolute @ np.abs(y)
+        size += _sizes(system.K, y)
     equilibrium = 0.5 * condensation.factor.energy(_off_kernel(system, r))
     return replace(own, equilibrium=equilibrium, floor=rounding(condensation, size))
 

@@ -61,6 +61,7 @@ class Operators(ArrayRecord):
     D: sp.csr_matrix = field(default_factory=_none)
     compliance: Floats = field(default_factory=lambda: np.zeros(0))
     factor: Factor = field(init=False, repr=False)
+    _principal: dict[bytes, Factor] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.D.shape[0] == 0:
@@ -91,6 +92,14 @@ class Operators(ArrayRecord):
         rounding = MOTION_ROUNDING * np.outer(np.asarray(abs(self.D).sum(axis=1)), largest)
         stop[np.abs(stop) <= rounding] = 0.0
         return KernelBalance((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
+
+    def principal(self, F: Ints) -> Factor:
+        """A factor of K on the unknowns F alone; of the last ones it is remembered: most steps ask for them again."""
+        which = F.tobytes()
+        if which not in self._principal:
+            self._principal.clear()
+            self._principal[which] = self.factor.within(restricted(self.K, F), F)
+        return self._principal[which]
 
     def force(self, d: Floats) -> Floats:
         """K d, which does no work on K's kernel: what it rounds to does not either."""
@@ -153,6 +162,17 @@ class Operators(ArrayRecord):
         """(r,) D_j K^{-1} D_j'."""
         return self._response(self.D)
 
+    @cached_property
+    def norm_stiffness(self) -> Floats:
+        """(m,) one over the flexibility; one where rows read nothing."""
+        return 1.0 / np.where(self.norm_flexibility > 0, self.norm_flexibility, 1.0)
+
+    @cached_property
+    def limit_stiffness(self) -> Floats:
+        """(r,) one over the flexibility and the compliance; one where rows read nothing."""
+        softness = self.limit_flexibility + self.compliance
+        return 1.0 / np.where(softness > 0, softness, 1.0)
+
     def _response(self, rows: sp.csr_matrix) -> Floats:
         """The diagonal of rows K^{-1} rows'; of an iterative factor an estimate, the largest share of a few."""
         return self.factor.energies(rows) if self.factor.exact else self._sampled(rows)
@@ -193,6 +213,12 @@ class Operators(ArrayRecord):
     def blocks(self, x: Floats) -> Floats:
         """View (m * block,) entries as (m, block)."""
         return x.reshape(self.count, self.block)
+
+
+def restricted(K: Matrix, F: Ints) -> Matrix:
+    """K_FF."""
+    # Of dense matrices `take` copies three times as fast as an index does.
+    return K.take(F, 0).take(F, 1) if isinstance(K, np.ndarray) else K[F][:, F]
 
 
 def shifted(K: Matrix, diagonal: Floats) -> Matrix:

@@ -79,13 +79,13 @@ class Scaling:
 
     def scale(self, program: StepProgram, alpha: float, free: float = 0.0) -> StepProgram:
         """The scaled program of a step; `free` is the energy norm of its frictionless answer where alpha is less."""
-        sigma = np.repeat(self.sigma, self.operators.block)
-        force = self.kappa * alpha
+        force, e = self.kappa * alpha, program.e
         with np.errstate(over="ignore"):
             w = np.minimum(program.w * self.sigma / force, MOST)
-            e = np.minimum(np.maximum(program.e / (alpha * self.tau), -MOST), MOST)
-        b = program.b / (alpha * sigma)
-        if self.operators.rows.columns is not None and self.operators.kernel is None and len(self.tau) == 0:
+            if len(e):
+                e = np.minimum(np.maximum(e / (alpha * self.tau), -MOST), MOST)
+        b = (self.operators.blocks(program.b) / (alpha * self.sigma[:, None])).ravel()
+        if self.operators.rows.columns is not None and self.operators.kernel is None and len(e) == 0:
             w = np.minimum(w, CAP * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
         return StepProgram(self.operators, self.delta * program.g / force, w, b, e)
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, lengths
+from vemcvx.arrays import Bools, Floats, Ints, directions, lengths
 from vemcvx.linear import Matrix, corrected
 from vemcvx.program.norms import transverse
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, restricted
 from vemcvx.program.step_program import StepProgram
 
 SHIFT = 0.1
@@ -79,9 +79,8 @@ class Shifts:
 
     @staticmethod
     def of(operators: Operators) -> Shifts:
-        """SHIFT over the flexibilities B_i K^{-1} B_i' and D_j K^{-1} D_j' + c_j; SHIFT for rows that read nothing."""
-        norms, limits = operators.norm_flexibility, operators.limit_flexibility + operators.compliance
-        return Shifts(SHIFT / np.where(norms > 0, norms, 1.0), SHIFT / np.where(limits > 0, limits, 1.0))
+        """SHIFT times the stiffness that norm terms and limits feel."""
+        return Shifts(SHIFT * operators.norm_stiffness, SHIFT * operators.limit_stiffness)
 
 
 def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
@@ -94,12 +93,14 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     size = lengths(q)
     stick = size <= program.w
     slip, curvature = ~stick, np.zeros(len(size))
-    direction = np.divide(q, size[:, None], out=np.zeros(q.shape), where=slip[:, None])
+    direction = slip[:, None] * directions(q, size)
     if program.operators.block > 1:
         stiff = shift.norms[slip] * program.w[slip]
         least = stiff * program.operators.norm_flexibility[slip] / STIFFEST
         curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
-    act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
+    act = at.p > 0
+    if len(act):
+        act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)
 
 
@@ -110,8 +111,7 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     """
     operators = program.operators
     soft = sets.act & (operators.compliance > 0)
-    spring = np.zeros(len(operators.compliance))
-    spring[soft] = 1.0 / operators.compliance[soft]
+    spring = np.divide(1.0, operators.compliance, out=np.zeros(len(soft)), where=soft)
     at_bound = program.w[:, None] * sets.direction
     M, load = operators.K, program.g - program.multiplier_force(at_bound, -spring * program.e)
     S: sp.csr_matrix | None = None
@@ -192,8 +192,7 @@ def _held_coordinates(
     else:
         F = np.flatnonzero(free)
         rest = load - M @ d if value.any() else load
-        # Of dense matrices `take` copies three times as fast as an index does.
-        M_FF = M.take(F, 0).take(F, 1) if isinstance(M, np.ndarray) else M[F][:, F]
-        d[F] = operators.factor.within(M_FF, F).solve(rest[F])
+        within = operators.principal(F) if M is operators.K else operators.factor.within(restricted(M, F), F)
+        d[F] = within.solve(rest[F])
     reaction = (load - M @ d)[columns] / coefficient
     return d, reaction[: len(stick)], reaction[len(stick) :]

@@ -107,11 +107,9 @@ def test_every_elimination_gives_the_schur_complement_and_solves(linear, share, 
     assert np.abs(factor.solve(b) - x).max() < 1e-9
     assert np.array_equal(factor.solve(b[:, 1]), factor.solve(b[:, 1].copy()))
     assert factor.energy(b[:, 0]) == pytest.approx(x[:, 0] @ b[:, 0], rel=1e-10)
-    b = b[:, 0].copy()
-    b[last] = 7.0  # What acts on unknowns that are held does nothing.
-    held = factor.held(b, x[last, 0])
-    assert held is None or np.abs(held - x[:, 0]).max() < 1e-9
-    assert (held is None) == (isinstance(linear, SuperLU) or len(last) in (0, system.n))
+    assert (factor.halves is None) == (isinstance(linear, SuperLU) or len(last) in (0, system.n))
+    if factor.halves is not None:
+        halves_of_a_solve_are_those(factor.halves, K.toarray(), last, x[:, 0])
     size = rng.uniform(1, 2, system.n)
     exact = size**2 @ np.diag(np.linalg.inv(K.toarray()))
     assert 0.107 * exact < factor.random_energy(size) < 3.27 * exact
@@ -120,6 +118,19 @@ def test_every_elimination_gives_the_schur_complement_and_solves(linear, share, 
     assert system.n > 120
     assert 0.63 < factor.lost(1.001 * K) / (1e-6 * system.n) < 1.48
     assert factor.lost(K) < 1e-24
+
+
+def halves_of_a_solve_are_those(halves, K, c, x):
+    """The force on what is held, the product of what two forces do inside, and x: all by dense algebra."""
+    i = np.setdiff1d(np.arange(len(K)), c)
+    b, other = K @ x, np.cos(np.arange(len(K)))
+    spread = np.linalg.solve(K[np.ix_(i, i)], np.column_stack([b[i], other[i]]))
+    (z, on_c), (z_other, _) = halves.halved(b), halves.halved(other)
+    assert np.abs(on_c - (b[c] - K[np.ix_(c, i)] @ spread[:, 0])).max() < 1e-9
+    assert halves.product(z, z_other) == pytest.approx(b[i] @ spread[:, 1], rel=1e-9)
+    b[c] = 7.0  # What acts on unknowns that are held does nothing.
+    for half in (z, halves.halved(b)[0]):
+        assert np.abs(halves.completed(half, x[c]) - x).max() < 1e-9
 
 
 @pytest.mark.parametrize("linear", DIRECT, ids=str)

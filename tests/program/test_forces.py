@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vemcvx.program.forces import MOST_FIELDS, SAME_FIELD, SolvedForces, combined
+from vemcvx.program.forces import MOST_FIELDS, SAME_FIELD, SolvedForce, SolvedForces, combined
 
 N = 400
 
@@ -14,9 +14,9 @@ def counting():
     """Forces on a body whose flexibility is one, and how many were solved for."""
     solved = []
 
-    def solve(phi):
+    def solve(phi, number):
         solved.append(phi)
-        return phi, np.zeros(0), np.zeros(0), lambda: phi
+        return SolvedForce(phi, phi, *np.zeros((3, 0)), number, lambda: phi)
 
     return SolvedForces(N, solve), solved
 

@@ -1,7 +1,7 @@
 """Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
 
 from vemcvx.linear.default import choose_linear, direct_solver
-from vemcvx.linear.factor import SAMPLES, Cycle, DenseCholesky, Factor, LinearSolver, Matrix, Scaled, corrected
+from vemcvx.linear.factor import SAMPLES, Cycle, DenseCholesky, Factor, Halves, LinearSolver, Matrix, Scaled, corrected
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
 from vemcvx.linear.superlu import SuperLU
@@ -11,6 +11,7 @@ __all__ = [
     "Cycle",
     "DenseCholesky",
     "Factor",
+    "Halves",
     "LinearSolver",
     "Matrix",
     "Multigrid",

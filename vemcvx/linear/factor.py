@@ -39,6 +39,22 @@ Cycle = Callable[[Floats], Floats]
 """b (n,) -> an approximation of K^{-1} b, linear, symmetric and positive definite in b."""
 
 
+class Halves(Protocol):
+    """The halves of a solve with K = L L', the unknowns c eliminated last and all others i.
+
+    What c is held against needs the first one alone, and what many forces do together the second one once.
+    """
+
+    def halved(self, b: Floats) -> tuple[Floats, Floats]:
+        """z (n,), L_ii^{-1} b_i and zero on c; and b_c - K_ci K_ii^{-1} b_i, the force of b on c if c is held."""
+
+    def completed(self, z: Floats, x_c: Floats) -> Floats:
+        """x (n,) with these x_c and (K x)_i = b_i, from the half z of b."""
+
+    def product(self, z: Floats, other: Floats) -> float:
+        """b_i'K_ii^{-1} b_i of two forces, from their halves."""
+
+
 class Factor(Protocol):
     """A matrix ready to be solved with."""
 
@@ -54,11 +70,9 @@ class Factor(Protocol):
     def solve(self, b: Floats) -> Floats:
         """x with K x = b; (n,) or (n, k)."""
 
-    def held(self, b: Floats, x_c: Floats) -> Floats | None:
-        """x (n,) with x_c on the unknowns that were eliminated last and (K x)_i = b_i on all others.
-
-        None where it solves for all unknowns only.
-        """
+    @property
+    def halves(self) -> Halves | None:
+        """The two halves of a solve, where it has them; None where it solves for all unknowns only."""
         return None
 
     def rough(self, b: Floats) -> Floats:

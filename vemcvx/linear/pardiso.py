@@ -106,12 +106,23 @@ class PardisoFactor(Factor):
     def solve(self, b: Floats) -> Floats:
         return self._run(SOLVE, b) / self._unit if b.any() else np.zeros_like(b)
 
-    def held(self, b: Floats, x_c: Floats) -> Floats | None:
-        if len(self._last) == 0:
-            return None
-        x = self._run(FORWARD, b) / self._unit if b.any() else np.zeros_like(b)
+    @property
+    def halves(self) -> PardisoFactor | None:
+        return self if len(self._last) else None
+
+    def halved(self, b: Floats) -> tuple[Floats, Floats]:
+        z, tau = self._run(FORWARD, b) if b.any() else np.zeros_like(b), np.empty(len(self._last))
+        tau[self._rising] = z[self._last]
+        z[self._last] = 0.0
+        return z, tau
+
+    def completed(self, z: Floats, x_c: Floats) -> Floats:
+        x = z / self._unit
         x[self._last] = x_c[self._rising]
-        return self._run(BACKWARD, x)
+        return self._run(BACKWARD, x) if x.any() else x
+
+    def product(self, z: Floats, other: Floats) -> float:
+        return float(z @ other) / self._unit
 
     def energy(self, b: Floats) -> float:
         z = self._forward(b)

@@ -26,7 +26,7 @@ tau do not know it.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,7 +35,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.ordering import minimum_degree
-from vemcvx.program.forces import Reduced, Responses, SolvedForces, combined, spread
+from vemcvx.program.forces import Reduced, SolvedForce, SolvedForces, combined, spread
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.system import System
@@ -144,6 +144,8 @@ class Condensation:
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
         y, v_c = f.response
+        if (halves := self.factor.halves) is not None:
+            return halves.completed(y, y_c)
         rest = y_c - v_c
         if self._inner.any() and rest.any():
             y += self._with_retained(self.response(rest), rest)
@@ -153,8 +155,8 @@ class Condensation:
     def response(self, y_c: Floats) -> Floats:
         """K^{-1} (0, S y_c) (n,), whose retained unknowns are y_c but for what S and the solver lose."""
         pushed = np.zeros(len(self._inner))
-        if (held := self.factor.held(pushed, y_c)) is not None:
-            return held
+        if (halves := self.factor.halves) is not None:
+            return halves.completed(pushed, y_c)
         pushed[self.retained] = self._S @ y_c
         return self.factor.solve(pushed)
 
@@ -172,22 +174,27 @@ class Condensation:
         """phi'y, the work of the force phi on the state (y_c, f)."""
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
-    def _done(self, phi: Floats) -> Responses:
-        """v, v_c, tau and x_c of a force phi (n,), and what gives x."""
-        c, N, x, still = self.retained, self.operators.kernel, None, np.zeros(len(self.retained))
-        if (xi := self.factor.held(phi, still)) is not None:
-            x_c = self.operators.factor.solve(phi[c] - self._rows @ xi)
-        else:
-            x = self.factor.solve(phi)
-            x_c, tau = x[c], self._S @ x[c]
-            if N is None and self.lost <= SHARP and float(tau @ x_c) <= RELEASED * float(phi @ x):
-                return x, x_c, tau, x_c, lambda: x
-            xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
-        tau = self._S @ x_c if N is None else phi[c] - self._rows @ xi
+    def _done(self, phi: Floats, number: int | None) -> SolvedForce:
+        """What a force phi (n,) does."""
+        c, N, still = self.retained, self.operators.kernel, np.zeros(len(self.retained))
+        if (halves := self.factor.halves) is not None:
+            z, tau = halves.halved(phi)
+            x_c = self.operators.factor.solve(tau)
+            tau = self._S @ x_c if N is None else self._with_kernel(tau, phi)
+            return SolvedForce(phi, z, still, tau, x_c, number, partial(halves.completed, z, x_c), halves.product)
+        x = self.factor.solve(phi)
+        x_c, tau = x[c], self._S @ x[c]
+        if N is None and self.lost <= SHARP and float(tau @ x_c) <= RELEASED * float(phi @ x):
+            return SolvedForce(phi, x, x_c, tau, x_c, number, lambda: x)
+        xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
         if N is not None:
-            # Whatever digits xi has lost, the force on K's kernel is that of phi.
-            tau += N @ (self._motions.T @ phi - N.T @ tau)
-        return xi, still, tau, x_c, lambda: xi + self.response(x_c) if x is None else x
+            tau = self._with_kernel(phi[c] - self._rows @ xi, phi)
+        return SolvedForce(phi, xi, still, tau, x_c, number, lambda: x)
+
+    def _with_kernel(self, tau: Floats, phi: Floats) -> Floats:
+        """tau (m,) with the force on K's kernel that phi (n,) has, whatever digits were lost."""
+        N = self.operators.kernel
+        return tau if N is None else tau + N @ (self._motions.T @ phi - N.T @ tau)
 
     @cached_property
     def _motions(self) -> Floats:
@@ -200,8 +207,8 @@ class Condensation:
         c = self.retained
         if len(c) > 0 and not phi[self._inner].any():
             return np.zeros_like(phi)
-        if len(c) > 0 and (alone := self.factor.held(phi, np.zeros(len(c)))) is not None:
-            return alone
+        if (halves := self.factor.halves) is not None:
+            return halves.completed(halves.halved(phi)[0], np.zeros(len(c)))
         x = self.factor.solve(phi) if x is None else x
         if len(c) == 0:
             return x

@@ -26,9 +26,6 @@ MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
 
-Responses = tuple[Floats, Floats, Floats, Floats, Callable[[], Floats]]
-
-
 @dataclass(frozen=True)
 class ForceOnPart:
     """A force that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
@@ -54,13 +51,16 @@ class SolvedForce:
     Attributes
     ----------
     phi, v : (n,) arrays
-        The force; a response to what of it acts inside, (K v)_i = phi_i, whatever the retained unknowns do.
+        The force; a response to what of it acts inside, (K v)_i = phi_i, whatever the retained unknowns do. Of factors
+        that solve by halves, the first half instead.
     v_c, retained, released : (m,) arrays
         Where these are then; tau, the force that phi makes there; how far it moves them if nothing holds them.
-    respond : callable () -> (n,)
-        K^{-1} phi, which few ask for.
     number : int or None
         Which of those that are remembered; None if it is not.
+    respond : callable () -> (n,)
+        K^{-1} phi, which few ask for.
+    product : callable, optional
+        phi'xi of two forces from their first halves.
     """
 
     phi: Floats
@@ -68,8 +68,9 @@ class SolvedForce:
     v_c: Floats
     retained: Floats
     released: Floats
+    number: int | None
     respond: Callable[[], Floats]
-    number: int | None = None
+    product: Callable[[Floats, Floats], float] | None = None
     _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -81,7 +82,10 @@ class SolvedForce:
         """phi'x = phi'xi + tau'x_c and phi'xi, with the responses of another field."""
         if self.number is not None and other.number in self._products:
             return self._products[other.number]
-        inside = float(self.phi @ other.v) - float(self.retained @ other.v_c)
+        if self.product is not None:
+            inside = self.product(self.v, other.v)
+        else:
+            inside = float(self.phi @ other.v) - float(self.retained @ other.v_c)
         found = inside + float(self.retained @ other.released), inside
         if self.number is not None and other.number is not None:
             self._products[other.number] = found
@@ -183,11 +187,10 @@ class SolvedForces:
     Parameters
     ----------
     n : int
-    solve : callable (n,) -> four arrays and a function
-        v, v_c, tau and x_c of a force, and a function that gives x: see SolvedForce.
+    solve : callable (force (n,), number) -> SolvedForce
     """
 
-    def __init__(self, n: int, solve: Callable[[Floats], Responses]):
+    def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce]):
         self._n, self._solve = n, solve
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
@@ -214,17 +217,14 @@ class SolvedForces:
             return found
         if len(self._basis) == MOST_FIELDS:
             return self.afresh(self._expand(entries))
-        new = self._solved(self._expand(rest), len(self._basis))
+        new = self._solve(self._expand(rest), len(self._basis))
         self._basis.append((rest, left, size, new))
         return {**found, new: unit}
 
     def afresh(self, phi: Floats) -> Parts:
         """A force (n,) that is solved for whatever has been seen, and not remembered."""
         unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
-        return {self._solved(phi / unit): unit}
-
-    def _solved(self, phi: Floats, number: int | None = None) -> SolvedForce:
-        return SolvedForce(phi, *self._solve(phi), number)
+        return {self._solve(phi / unit, None): unit}
 
     def _compress(self, phi: Floats) -> Floats:
         """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""

@@ -2,7 +2,8 @@
 
 It inherits from nothing and is registered nowhere. Its `solve` is given one scaled step at a time, a
 :class:`vemcvx.program.step_program.StepProgram`, with the duality gap asked for; parameters named lam and p, if it has
-them, get the multipliers of the step before, to begin with. It returns an Answer, or (d, lam, p), (d, lam) or d alone.
+them, get multipliers to begin with, which the steps before let expect. It returns an Answer, or (d, lam, p), (d, lam)
+or d alone.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def _features(raw: Any, name: str) -> frozenset[str]:
 
 
 def _asks_for(own: Solves) -> list[str]:
-    """Which of the multipliers of the step before `solve` has parameters for."""
+    """Which of the expected multipliers `solve` has parameters for."""
     try:
         parameters = inspect.signature(own.solve).parameters
     except (TypeError, ValueError):

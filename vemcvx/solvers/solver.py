@@ -37,7 +37,7 @@ class Prepared(Protocol):
         target : float
             The duality gap asked for, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess: the multipliers of the step before; no forces of limits by default. Signs are those of
+            A guess: what those of the steps before let expect; no forces of limits by default. Signs are those of
             :class:`vemcvx.program.step_program.StepProgram`.
         """
 

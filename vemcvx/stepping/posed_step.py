@@ -25,7 +25,7 @@ from vemcvx.solvers.sets import Iterate
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.acceptance import data_norms, ground_norm, refuse_unbalanced
 from vemcvx.stepping.ledger import StepData, advance
-from vemcvx.stepping.state import PreparedRun, State
+from vemcvx.stepping.state import Earlier, PreparedRun, State
 
 ATTEMPTS = 3
 """Most times that a solver is asked. Errors are relative to |u_n|, which the first answer tells: where too little was
@@ -82,7 +82,7 @@ class PosedStep:
         share : float
             Of the solver's accuracy: less is asked where the answer is but a part of something.
         near : State, optional
-            Whose multipliers to begin with; by default those of the step before.
+            Whose multipliers to begin with; by default those that the steps before let expect.
         """
         scales = self.run.scaling
         alpha = scales.size(self.program)
@@ -100,8 +100,8 @@ class PosedStep:
             return self._still(self.before.lam, "nothing pushes that counts")
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
-        free, near = alpha, near or self.before
-        best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, near, 0)
+        free, guess = alpha, self.before.expected(self.data.t) if near is None else (near.lam, near.p)
+        best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, 0)
         spent = best.iterations
         for _ in range(ATTEMPTS - 1):
             if best.accepted(accuracy) or spent >= self.run.most:
@@ -110,7 +110,7 @@ class PosedStep:
             if best.unit(accuracy) > 0:
                 # Of a body that is carried far this is much less than the motion of its unknowns let expect.
                 alpha = min(alpha, float(power_of_two(best.unit(accuracy) / np.sqrt(scales.kappa))))
-            state = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, near, spent)
+            state = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, spent)
             spent += state.iterations
             if state.certificate.gap >= best.certificate.gap:
                 break
@@ -129,11 +129,11 @@ class PosedStep:
         exact = Certificate(0.0, np.zeros(len(self.program.w)), 0.0, nothing[1])
         return self.state_after(Answer(nothing[0], lam, 0, status, p=nothing[1]), exact)
 
-    def _asked(self, alpha: float, free: float, gap: float, near: State, spent: int) -> State:
+    def _asked(self, alpha: float, free: float, gap: float, guess: tuple[Floats, Floats], spent: int) -> State:
         """The solver's answer within the bounds, certified; its iterations are those left after so many."""
         scales, name = self.run.scaling, self.run.solver.name
         scaled = scales.scale(self.program, alpha, free)
-        target, guess = scales.energy(gap, alpha), scales.guess(near.lam, near.p, alpha)
+        target, guess = scales.energy(gap, alpha), scales.guess(*guess, alpha)
         with named_failures(name):
             answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *guess), scaled, name)
         d, lam, p = scaled.admissible_point(answer.d, answer.lam, answer.p)
@@ -227,5 +227,6 @@ class PosedStep:
             safeguards=answer.safeguards,
             size=max(before.size, size, ground_norm(self.run.operators, self.data.ground, capped_weights)),
             noise=noise,
+            earlier=Earlier(before.t, before.lam, before.p),
             dragged=before.dragged,
         )

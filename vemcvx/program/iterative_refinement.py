@@ -36,7 +36,7 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.system import System
 from vemcvx.program.tolerances import COARSE_FACTORS
 
-CHUNK = 2048
+CHUNK = 4096
 """Rows at a time: their entries, 16 bytes each, then stay in a second-level cache."""
 ROUNDS = 4
 """Each round gains as many digits as the factors have; two are usual."""

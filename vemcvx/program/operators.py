@@ -228,4 +228,4 @@ def shifted(K: Matrix, diagonal: Floats) -> Matrix:
 
 def energy_norm(K: Matrix, d: Floats) -> float:
     """|d|_K of increments d (n,)."""
-    return float(np.sqrt(max(float(d @ (K @ d)), 0.0)))
+    return float(np.sqrt(max(float(d @ (K @ d)), 0.0))) if d.any() else 0.0

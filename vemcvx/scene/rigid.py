@@ -59,9 +59,9 @@ def floating_motions(
     count = np.bincount(node, minlength=space.mesh.n_nodes)
     R = _motions(piece, node, space.mesh.points)
     k, dim = R.shape[1] // (piece.max() + 1), space.mesh.points.shape[1]
-    free = supports.P.T @ sp.diags_array(np.repeat(count**-0.5, dim)) @ R
+    free = supports.P.T @ (sp.diags_array(np.repeat(count**-0.5, dim)) @ R)
     held = sp.csr_matrix(sp.eye_array(R.shape[1]) - free.T @ free)
-    parts, label = _connected(piece, supports.sites.of_node[node], _coupled(springs, supports.sites.of_node, dim))
+    parts, label = _connected(piece, node, supports.sites.of_node, springs)
     bodies = body_names(space.mesh, piece, node)
     fields_of, motions = [], list[tuple[Part, Floats]]()
     for number in range(parts):
@@ -163,20 +163,17 @@ def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
     return np.linalg.qr(free / size[:, None])[0]
 
 
-def _coupled(springs: sp.csr_matrix | None, site: Ints, dim: int) -> sp.csr_matrix:
-    """(sites, sites) which sites are one, or are joined by springs: nonzero there."""
-    n = site.max() + 1
-    one = sp.csr_matrix(sp.eye_array(n))
-    if springs is None:
-        return one
-    entries = springs.tocoo()
-    ends = site[entries.row // dim], site[entries.col // dim]
-    return sp.csr_matrix(one + sp.csr_matrix((np.ones(entries.nnz), ends), shape=(n, n)))
+def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
+    """How many connected parts there are of the pieces, pairs of piece and node, and the part of each piece.
 
-
-def _connected(piece: Ints, site: Ints, coupled: sp.csr_matrix) -> tuple[int, Ints]:
-    """How many connected parts there are of the pieces, pairs of piece and site, and the part of each piece."""
-    joined = sp.csr_matrix((np.ones(len(piece)), (piece, site)), shape=(piece.max() + 1, coupled.shape[0])) @ coupled
+    They are connected at sites (n_nodes,) that they share, or that springs join.
+    """
+    n = sites.max() + 1
+    joined = sp.csr_matrix((np.ones(len(piece)), (piece, sites[node])), shape=(piece.max() + 1, n))
+    if springs is not None:
+        entries, dim = springs.tocoo(), springs.shape[0] // len(sites)
+        ends = sites[entries.row // dim], sites[entries.col // dim]
+        joined = joined + joined @ sp.csr_matrix((np.ones(entries.nnz), ends), shape=(n, n))
     parts, label = connected_components(joined @ joined.T, directed=False)
     return parts, label.astype(np.int64)
 
@@ -202,7 +199,7 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
     middle = np.stack([np.bincount(piece, weights=x) / inside for x in points[node].T], axis=1)
     shifted = points[node] - middle[piece]
     begin = np.flatnonzero(np.diff(piece, prepend=-1))
-    size = np.maximum.reduceat(np.abs(shifted).max(axis=1), begin)
+    size = np.maximum.reduceat(np.abs(shifted), begin).max(axis=1)
     modes = rigid_modes(shifted / size[piece, None]).reshape(len(piece), dim, -1)
     k = modes.shape[2]
     products = np.stack([(own := one.reshape(-1, k)).T @ own for one in np.split(modes, begin[1:])])

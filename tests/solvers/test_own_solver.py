@@ -91,7 +91,7 @@ def test_what_it_says_of_itself_is_read():
         vx.simulate(scene, small("squares", 3), TIMES, solver=Careful(lambda a: a))
 
 
-def test_it_gets_the_multipliers_of_the_step_before_if_it_asks_for_them():
+def test_it_gets_multipliers_to_begin_with_if_it_asks_for_them():
     seen = []
 
     class Warm:

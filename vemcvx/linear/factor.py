@@ -40,19 +40,19 @@ Cycle = Callable[[Floats], Floats]
 
 
 class Halves(Protocol):
-    """The halves of a solve with K = L L', the unknowns c eliminated last and all others i.
+    """Forward and backward substitution with K = L L', the unknowns c eliminated last and all others i.
 
-    What c is held against needs the first one alone, and what many forces do together the second one once.
+    The force on c while it is held needs the first half alone, and what several forces do together the second one once.
     """
 
     def halved(self, b: Floats) -> tuple[Floats, Floats]:
-        """z (n,), L_ii^{-1} b_i and zero on c; and b_c - K_ci K_ii^{-1} b_i, the force of b on c if c is held."""
+        """z (n,), L_ii^{-1} b_i in some unit, zero on c; and b_c - K_ci K_ii^{-1} b_i, its force on c if c is held."""
 
     def completed(self, z: Floats, x_c: Floats) -> Floats:
         """x (n,) with these x_c and (K x)_i = b_i, from the half z of b."""
 
     def product(self, z: Floats, other: Floats) -> float:
-        """b_i'K_ii^{-1} b_i of two forces, from their halves."""
+        """a_i'K_ii^{-1} b_i of two forces a and b, from their halves z."""
 
 
 class Factor(Protocol):

@@ -15,7 +15,9 @@ A state with the retained displacements y_c under the total force f, and the wor
 no energies are subtracted from each other. Any v with (K v)_i = phi_i gives xi = v - K^{-1} (0, S v_c), phi'xi = phi'v
 - tau'v_c. With v = x = K^{-1} phi this saves a solve: y'Ky = f'x - x_c'S x_c + y_c'S y_c. But where forces pull at
 retained unknowns, or the body bends far when it is let go, all digits can be lost; there, and where solves lose digits,
-v is xi. Where K is definite tau is taken as S x_c, rounded as S is: what no term holds back then moves by x_c, whatever
+v is xi. Factors that solve by halves (:class:`vemcvx.linear.Halves`) need no v: phi'xi is the product of first halves.
+
+Where K is definite tau is taken as S x_c, rounded as S is: what no term holds back then moves by x_c, whatever
 digits S has lost.
 
 Where K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, E the diagonal
@@ -45,7 +47,7 @@ HELD = 1e-24
 HELD_ANCHORED = 1e-30
 """Likewise where K has a kernel: tau is then the force that xi makes there, whose error is K times that motion."""
 RELEASED, SHARP = 0.75, 1e-20
-"""Part of phi'x that x_c'S x_c may be where it is taken off, which costs two bits; of what lost at most so much."""
+"""v is x where x_c'S x_c is at most this part of phi'x, so that taking it off costs two bits, and `lost` no more."""
 MOST_ROUNDS = 5
 """Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
 
@@ -94,7 +96,6 @@ class Condensation:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
         self._inner = np.ones(n, dtype=bool)
         self._inner[self.retained] = False
-        self._rows = system.K[self.retained]
         self._fields = SolvedForces(n, self._done)
 
     @cached_property
@@ -143,7 +144,7 @@ class Condensation:
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
-        y, v_c = f.response
+        y, v_c = f.inner
         if (halves := self.factor.halves) is not None:
             return halves.completed(y, y_c)
         rest = y_c - v_c
@@ -175,26 +176,26 @@ class Condensation:
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
     def _done(self, phi: Floats, number: int | None) -> SolvedForce:
-        """What a force phi (n,) does."""
+        """What a force phi (n,) does; RELEASED and SHARP say when one solve is enough where there are no halves."""
         c, N, still = self.retained, self.operators.kernel, np.zeros(len(self.retained))
         if (halves := self.factor.halves) is not None:
             z, tau = halves.halved(phi)
             x_c = self.operators.factor.solve(tau)
-            tau = self._S @ x_c if N is None else self._with_kernel(tau, phi)
+            tau = self._S @ x_c if N is None else self._with_kernel(tau, phi, N)
             return SolvedForce(phi, z, still, tau, x_c, number, partial(halves.completed, z, x_c), halves.product)
         x = self.factor.solve(phi)
         x_c, tau = x[c], self._S @ x[c]
-        if N is None and self.lost <= SHARP and float(tau @ x_c) <= RELEASED * float(phi @ x):
+        if N is None and float(tau @ x_c) <= RELEASED * float(phi @ x) and self.lost <= SHARP:
             return SolvedForce(phi, x, x_c, tau, x_c, number, lambda: x)
-        xi = np.zeros_like(phi) if self.whole else self.inside(phi, x)
+        xi = self.inside(phi, x)
         if N is not None:
-            tau = self._with_kernel(phi[c] - self._rows @ xi, phi)
+            tau = self._with_kernel(phi[c] - self.system.K[c] @ xi, phi, N)
         return SolvedForce(phi, xi, still, tau, x_c, number, lambda: x)
 
-    def _with_kernel(self, tau: Floats, phi: Floats) -> Floats:
-        """tau (m,) with the force on K's kernel that phi (n,) has, whatever digits were lost."""
-        N = self.operators.kernel
-        return tau if N is None else tau + N @ (self._motions.T @ phi - N.T @ tau)
+    def _with_kernel(self, tau: Floats, phi: Floats, N: Floats) -> Floats:
+        """tau (m,) with the force on K's kernel N (m, k) that phi (n,) has, whatever digits were lost."""
+        corrected: Floats = tau + N @ (self._motions.T @ phi - N.T @ tau)
+        return corrected
 
     @cached_property
     def _motions(self) -> Floats:

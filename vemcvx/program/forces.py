@@ -51,10 +51,11 @@ class SolvedForce:
     Attributes
     ----------
     phi, v : (n,) arrays
-        The force; a response to what of it acts inside, (K v)_i = phi_i, whatever the retained unknowns do. Of factors
-        that solve by halves, the first half instead.
+        The force; a response to what of it acts inside, (K v)_i = phi_i, wherever the retained unknowns are. Where
+        there is a `product`, the first half of a solve instead.
     v_c, retained, released : (m,) arrays
-        Where these are then; tau, the force that phi makes there; how far it moves them if nothing holds them.
+        Of the retained unknowns: where they are in v; tau, the force that phi makes there; how far it moves them if
+        nothing holds them.
     number : int or None
         Which of those that are remembered; None if it is not.
     respond : callable () -> (n,)
@@ -123,8 +124,8 @@ class Reduced:
         return combined([(share, one.x) for one, share in self.parts.items()], self.phi)
 
     @property
-    def response(self) -> tuple[Floats, Floats]:
-        """v (n,) and v_c (m,), a response to what of it acts inside."""
+    def inner(self) -> tuple[Floats, Floats]:
+        """v (n,) and v_c (m,) of what of it acts inside, as a :class:`SolvedForce` has them."""
         v = combined([(share, one.v) for one, share in self.within.items()], self.phi)
         return v, combined([(share, one.v_c) for one, share in self.within.items()], self.retained)
 

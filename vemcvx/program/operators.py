@@ -94,12 +94,14 @@ class Operators(ArrayRecord):
         return KernelBalance((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
 
     def principal(self, F: Ints) -> Factor:
-        """A factor of K on the unknowns F alone; of the last ones it is remembered: most steps ask for them again."""
+        """A factor of K on the unknowns F alone; the last one is remembered: most steps ask for the same again."""
         which = F.tobytes()
-        if which not in self._principal:
+        factor = self._principal.get(which)
+        if factor is None:
+            # Before there is another, lest memory hold two.
             self._principal.clear()
-            self._principal[which] = self.factor.within(restricted(self.K, F), F)
-        return self._principal[which]
+            factor = self._principal[which] = self.factor.within(restricted(self.K, F), F)
+        return factor
 
     def force(self, d: Floats) -> Floats:
         """K d, which does no work on K's kernel: what it rounds to does not either."""
@@ -216,7 +218,7 @@ class Operators(ArrayRecord):
 
 
 def restricted(K: Matrix, F: Ints) -> Matrix:
-    """K_FF."""
+    """K_FF, the principal submatrix of the unknowns F."""
     # Of dense matrices `take` copies three times as fast as an index does.
     return K.take(F, 0).take(F, 1) if isinstance(K, np.ndarray) else K[F][:, F]
 

@@ -98,7 +98,7 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
         stiff = shift.norms[slip] * program.w[slip]
         least = stiff * program.operators.norm_flexibility[slip] / STIFFEST
         curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
-    act = at.p > 0
+    act = np.zeros(len(at.p), dtype=bool)
     if len(act):
         act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
     return Sets(stick, direction, curvature, act)

@@ -37,8 +37,8 @@ class Prepared(Protocol):
         target : float
             The duality gap asked for, in the units of the scaled program.
         lam, p : (m, block) and (r,) arrays
-            A guess: what those of the steps before let expect; no forces of limits by default. Signs are those of
-            :class:`vemcvx.program.step_program.StepProgram`.
+            A guess: the multipliers that the steps before let expect; no forces of limits by default. Signs are those
+            of :class:`vemcvx.program.step_program.StepProgram`.
         """
 
 

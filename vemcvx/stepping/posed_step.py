@@ -100,7 +100,8 @@ class PosedStep:
             return self._still(self.before.lam, "nothing pushes that counts")
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
-        free, guess = alpha, self.before.expected(self.data.t) if near is None else (near.lam, near.p)
+        guess = self.before.expected(self.data.t) if near is None else (near.lam, near.p)
+        free = alpha
         best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, 0)
         spent = best.iterations
         for _ in range(ATTEMPTS - 1):
@@ -133,9 +134,9 @@ class PosedStep:
         """The solver's answer within the bounds, certified; its iterations are those left after so many."""
         scales, name = self.run.scaling, self.run.solver.name
         scaled = scales.scale(self.program, alpha, free)
-        target, guess = scales.energy(gap, alpha), scales.guess(*guess, alpha)
+        target, begin = scales.energy(gap, alpha), scales.guess(*guess, alpha)
         with named_failures(name):
-            answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *guess), scaled, name)
+            answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *begin), scaled, name)
         d, lam, p = scaled.admissible_point(answer.d, answer.lam, answer.p)
         certificate = scaled.certificate_at(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)

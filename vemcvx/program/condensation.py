@@ -182,15 +182,17 @@ class Condensation:
             z, tau = halves.halved(phi)
             x_c = self.operators.factor.solve(tau)
             tau = self._S @ x_c if N is None else self._with_kernel(tau, phi, N)
-            return SolvedForce(phi, z, still, tau, x_c, number, partial(halves.completed, z, x_c), halves.product)
+            solved = partial(SolvedForce, phi, released=x_c, number=number, respond=partial(halves.completed, z, x_c))
+            return solved(z, still, retained=tau, product=halves.product)
         x = self.factor.solve(phi)
         x_c, tau = x[c], self._S @ x[c]
+        solved = partial(SolvedForce, phi, released=x_c, number=number, respond=lambda: x)
         if N is None and float(tau @ x_c) <= RELEASED * float(phi @ x) and self.lost <= SHARP:
-            return SolvedForce(phi, x, x_c, tau, x_c, number, lambda: x)
+            return solved(x, x_c, retained=tau)
         xi = self.inside(phi, x)
         if N is not None:
             tau = self._with_kernel(phi[c] - self.system.K[c] @ xi, phi, N)
-        return SolvedForce(phi, xi, still, tau, x_c, number, lambda: x)
+        return solved(xi, still, retained=tau)
 
     def _with_kernel(self, tau: Floats, phi: Floats, N: Floats) -> Floats:
         """tau (m,) with the force on K's kernel N (m, k) that phi (n,) has, whatever digits were lost."""

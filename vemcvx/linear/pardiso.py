@@ -151,7 +151,7 @@ class PardisoFactor(Factor):
         if len(self._last):
             z[self._last] = solve_triangular(self._upper, z[self._last])
         x = self._run(BACKWARD, z)
-        return one, x[:, 0].copy(), (x * x).mean(axis=1) / self._unit
+        return one, x[:, 0].copy(), np.square(x, out=z).mean(axis=1) / self._unit
 
     def _forward(self, b: Floats) -> Floats:
         """L^{-1} b (n,), K / unit = L L'."""
@@ -230,8 +230,9 @@ def _upper_triangle(K: sp.csr_matrix, unit: float) -> sp.csr_matrix:
     n = K.shape[0]
     kept = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
     counts = np.add.reduceat(kept, K.indptr[:-1], dtype=K.indptr.dtype) if n else K.indptr[:-1]
-    indptr = np.concatenate([[0], np.cumsum(counts)])
-    return sp.csr_matrix((K.data[kept] / unit, K.indices[kept], indptr), shape=K.shape)
+    indptr, entries = np.concatenate([[0], np.cumsum(counts)]), K.data[kept]
+    entries /= unit
+    return sp.csr_matrix((entries, K.indices[kept], indptr), shape=K.shape)
 
 
 def _schur_of_isolated(K: sp.csr_matrix, last: Ints) -> Floats | None:

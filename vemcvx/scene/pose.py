@@ -218,12 +218,25 @@ def _chain(tuples: Iterable[tuple[T, ...]]) -> tuple[T, ...]:
 
 def _restrict(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
     if supports.columns is not None:
-        K = A[supports.columns][:, supports.columns]
+        K = _principal(A, supports.columns)
         read_only(K.data)  # so that a System need not copy it
         return K
     K = supports.P.T @ A @ supports.P
     # The triple product rounds (i, j) and (j, i) differently.
     return sp.csr_matrix(0.5 * (K + K.T))
+
+
+def _principal(A: sp.csr_matrix, free: Ints) -> sp.csr_matrix:
+    """A on the free unknowns (k,) alone, in one go: all their rows first take twice the time in a fresh process."""
+    if not (free[1:] > free[:-1]).all():
+        return A[free][:, free]
+    place = np.full(A.shape[0], -1, dtype=A.indices.dtype)
+    place[free] = np.arange(len(free), dtype=place.dtype)
+    columns, lengths = place[A.indices], np.diff(A.indptr)
+    kept, filled = (columns >= 0) & np.repeat(place >= 0, lengths), np.flatnonzero(lengths)
+    lengths[filled] = np.add.reduceat(kept, A.indptr[filled], dtype=lengths.dtype)
+    indptr = np.concatenate([[0], np.cumsum(lengths[free])])
+    return sp.csr_matrix((A.data[kept], columns[kept], indptr), shape=(len(free), len(free)))
 
 
 def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats], Floats]) -> Damping | None:

@@ -16,6 +16,7 @@ from installed import needs
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
+from vemcvx.arrays import EPS
 from vemcvx.linear import DenseCholesky, Multigrid, Pardiso, Scaled, SuperLU, choose_linear
 from vemcvx.linear.default import foreseen_memory
 from vemcvx.program.condensation import Condensation
@@ -86,6 +87,21 @@ def test_numbers_are_the_same_in_all_units(linear):
     assert two.random_energy(size) == 8 * one.random_energy(size)
     assert two.lost(0.125 * K) == one.lost(K)
     assert np.array_equal(two.solve(size), 8 * one.solve(size))
+
+
+@pytest.mark.parametrize("linear", DIRECT, ids=str)
+def test_what_is_solved_for_beside_samples_is_what_is_solved_for_alone(linear):
+    """And the samples are those that are solved for without it: right sides differ by how products are grouped."""
+    K = pose_scene(paper_scene(), small("voronoi", 6)).system.K
+    size = np.random.default_rng(5).uniform(1, 2, K.shape[0])
+    one, two = (linear.eliminate(K, np.arange(K.shape[0]), np.array([3, 9, 20]))[0] for _ in range(2))
+    x = one.solve(size)
+    blur = np.linalg.cond(K.toarray()) * K.shape[0] * EPS
+    for _ in range(2):
+        assert np.abs(two.solve_beside_samples(size) - x).max() <= blur * np.abs(x).max()
+        assert two.random_energy(size) == pytest.approx(one.random_energy(size), rel=blur)
+        assert two.lost(K) < 1e-24
+    assert not two.solve_beside_samples(np.zeros_like(size)).any()
 
 
 @pytest.mark.parametrize("linear", DIRECT, ids=str)

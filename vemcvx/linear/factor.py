@@ -79,6 +79,10 @@ class Factor(Protocol):
         """K^{-1} b (n,), for sizes: an iterative one is not sharp."""
         return self.solve(b)
 
+    def solve_beside_samples(self, b: Floats) -> Floats:
+        """K^{-1} b (n,); samples that `lost` rests on are solved for in the same go, where there are."""
+        return self.solve(b)
+
     def energy(self, b: Floats) -> float:
         """b'K^{-1}b of a force (n,); if it is solved inexactly a bound from above: certificates rest on it."""
         return abs(float(b @ self.solve(b)))

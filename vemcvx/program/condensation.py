@@ -184,7 +184,8 @@ class Condensation:
             tau = self._S @ x_c if N is None else self._with_kernel(tau, phi, N)
             solved = partial(SolvedForce, phi, released=x_c, number=number, respond=partial(halves.completed, z, x_c))
             return solved(z, still, retained=tau, product=halves.product)
-        x = self.factor.solve(phi)
+        # Those not remembered are other ones in a run that is gone on with, whose digits must be the same.
+        x = self.factor.solve(phi) if number is None else self.factor.solve_beside_samples(phi)
         x_c, tau = x[c], self._S @ x[c]
         solved = partial(SolvedForce, phi, released=x_c, number=number, respond=lambda: x)
         if N is None and float(tau @ x_c) <= RELEASED * float(phi @ x) and self.lost <= SHARP:

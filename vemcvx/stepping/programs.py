@@ -22,7 +22,7 @@ from vemcvx.stepping.initial import initial_state, state_given
 from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
-from vemcvx.stepping.time_loop import check_kinds, checked_times, steps_of, threads_of_steps
+from vemcvx.stepping.time_loop import begins, check_kinds, checked_times, steps_of, threads_of_steps
 from vemcvx.stepping.trajectory import Trajectory
 
 
@@ -39,7 +39,7 @@ def programs_of_march(
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
     instants, condense = checked_times(times), flag(condense, "condense")
-    run, steps = _prepared(system, instants, solver, condense, linear)
+    run, steps = _prepared(system, instants, solver, condense, linear, begin=begins(system, instants))
     run = replace(run, check=flag(check, "check"))
     first = initial_state(run, float(instants[0]), initial)
     before = certified_in_full(run, replace(first, dragged=nothing_dragged(system, first.t, first.p)))
@@ -69,11 +69,16 @@ def programs_of_trajectory(
 
 
 def _prepared(
-    system: System, instants: Floats, solver: Solver | Solves | None, condense: bool, linear: LinearSolver | None
+    system: System,
+    instants: Floats,
+    solver: Solver | Solves | None,
+    condense: bool,
+    linear: LinearSolver | None,
+    begin: Sequence[float] = (),
 ) -> tuple[PreparedRun, Steps]:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, True, condense, linear)
+        run = prepare(system, solver, True, condense, linear, begin=begin)
     return run, steps_of(run, instants)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,7 +21,7 @@ from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
 from vemcvx.solvers.response import Response
 from vemcvx.solvers.semidefinite import ProximalPoints
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.ledger import Ledger, StepData
+from vemcvx.stepping.ledger import Ledger, StepData, step_data
 from vemcvx.stepping.softening import Stability, stability_of
 
 
@@ -226,13 +227,24 @@ def prepared_solver(solver: Solver, operators: Operators, system: System) -> Pre
 
 
 def prepare(
-    system: System, solver: Solver | Solves | None, check: bool, condense: bool, linear: LinearSolver | None = None
+    system: System,
+    solver: Solver | Solves | None,
+    check: bool,
+    condense: bool,
+    linear: LinearSolver | None = None,
+    begin: Iterable[float] = (),
 ) -> PreparedRun:
-    """Factorise, condense, scale, and let the solver do what all steps share."""
+    """Factorise, condense, scale, and let the solver do what all steps share.
+
+    What drives the system at the instants `begin`, those which the run asks for first, is solved for beside the samples
+    that tell how sharp the factor is.
+    """
     condensation = Condensation(system, condense, linear)
     chosen = choose_solver(condensation.operators, solver)
     scales = scaling(condensation.operators)
     prepared = prepared_solver(chosen, scales.operators, system)
+    for t in begin:
+        step_data(system, condensation, t)
     refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,

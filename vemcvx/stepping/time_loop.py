@@ -80,7 +80,7 @@ def march(
     start = time.perf_counter()
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, check, condense, linear)
+        run = prepare(system, solver, check, condense, linear, begin=begins(system, instants))
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)
         _march(run, recorder, instants, initial, progress)
@@ -111,6 +111,11 @@ def _march(
         recorder.add(n, state)
         if progress is not None:
             progress(n, steps)
+
+
+def begins(system: System, instants: Floats) -> list[float]:
+    """The first instants, whose loads the run asks for as they are: none where rates cost and the past drives, too."""
+    return instants[:2].tolist() if system.damping is None else []
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:

@@ -48,6 +48,9 @@ class Halves(Protocol):
     def halved(self, b: Floats) -> tuple[Floats, Floats]:
         """z (n,), L_ii^{-1} b_i in some unit, zero on c; and b_c - K_ci K_ii^{-1} b_i, its force on c if c is held."""
 
+    def halved_beside_samples(self, b: Floats) -> tuple[Floats, Floats]:
+        """The same, as :meth:`Factor.solve_beside_samples` solves."""
+
     def completed(self, z: Floats, x_c: Floats) -> Floats:
         """x (n,) with these x_c and (K x)_i = b_i, from the half z of b."""
 
@@ -95,8 +98,9 @@ class Factor(Protocol):
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (SAMPLES, len(size)))
         return float(np.mean([self.energy(size * sign) for sign in signs]))
 
-    def lost(self, K: sp.csr_matrix) -> float:
-        """The square of the part of an energy norm that one solve with K loses at most, estimated.
+    @property
+    def lost(self) -> float:
+        """The square of the part of an energy norm that one solve loses at most, estimated.
 
         With LL' in place of K that is |E|^2, E = L^{-1}(K - LL')L'^{-1}, at most the sum of squares of its entries:
         the mean of |Ez|^2 for z normal, of which this is one. Infinite where it is not known.

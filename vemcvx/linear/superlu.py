@@ -84,6 +84,7 @@ class PositiveFactor(SparseFactor):
 
     def __init__(self, K: sp.csr_matrix, order: Ints | None = None, m: int = 0):
         super().__init__(K, order)
+        self._K = K
         L, U, pivoted = self._lu.L, self._lu.U, self._order[np.argsort(self._lu.perm_c)]
         pivots = U.diagonal()
         if not np.array_equal(self._lu.perm_r, self._lu.perm_c) or not (pivots > EPS * K.diagonal()[pivoted]).all():
@@ -107,9 +108,10 @@ class PositiveFactor(SparseFactor):
         self._samples = self._sampled(x[:, 1:])
         return x[:, 0].copy()
 
-    def lost(self, K: sp.csr_matrix) -> float:
+    @cached_property
+    def lost(self) -> float:
         b, x, _ = self._samples
-        return self._unit * self.energy(b - K @ x)
+        return self._unit * self.energy(b - self._K @ x)
 
     @property
     def compliance(self) -> Floats:

@@ -101,7 +101,7 @@ class Condensation:
     @cached_property
     def lost(self) -> float:
         """The square of the part of an energy norm that one solve with the factor loses at most, estimated."""
-        return self.factor.lost(self.regular)
+        return self.factor.lost
 
     @property
     def refinable(self) -> bool:
@@ -176,15 +176,18 @@ class Condensation:
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
     def _done(self, phi: Floats, number: int | None) -> SolvedForce:
-        """What a force phi (n,) does; RELEASED and SHARP say when one solve is enough where there are no halves."""
+        """What a force phi (n,) does; RELEASED and SHARP say when one solve is enough where there are no halves.
+
+        Forces that are not remembered are others in a run that is gone on with, and digits must be the same there: only
+        those that are may be solved for beside the samples.
+        """
         c, N, still = self.retained, self.operators.kernel, np.zeros(len(self.retained))
         if (halves := self.factor.halves) is not None:
-            z, tau = halves.halved(phi)
+            z, tau = halves.halved(phi) if number is None else halves.halved_beside_samples(phi)
             x_c = self.operators.factor.solve(tau)
             tau = self._S @ x_c if N is None else self._with_kernel(tau, phi, N)
             solved = partial(SolvedForce, phi, released=x_c, number=number, respond=partial(halves.completed, z, x_c))
             return solved(z, still, retained=tau, product=halves.product)
-        # Those not remembered are other ones in a run that is gone on with, whose digits must be the same.
         x = self.factor.solve(phi) if number is None else self.factor.solve_beside_samples(phi)
         x_c, tau = x[c], self._S @ x[c]
         solved = partial(SolvedForce, phi, released=x_c, number=number, respond=lambda: x)

@@ -19,7 +19,6 @@ from vemcvx.arrays import Floats
 from vemcvx.program.answer import Answer
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.fixed_point import DependentStep, resolved
-from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.posed_step import PosedStep, pose_step
 from vemcvx.stepping.refined_state import posed_sharply, refined_state
 from vemcvx.stepping.state import PreparedRun, State
@@ -43,7 +42,7 @@ class QuasistaticSteps:
 
     def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
         """Step `n` from `before` to `t`; with weights `w` (m,), if they are given."""
-        return pose_step(self.run, before, step_data(self.run.system, self.run.condensation, t), w)
+        return pose_step(self.run, before, self.run.driven(t), w)
 
     def step(self, before: State, n: int, t: float) -> State:
         """The state at `t`, one step after `before`.

@@ -23,7 +23,6 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.program.system import System
-from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.stepping.storage import Arrays
 from vemcvx.version import __version__
@@ -172,7 +171,7 @@ def from_arrays(run: PreparedRun, times: Floats, arrays: Arrays) -> tuple[int, S
     """
     n = int(arrays["numbers"][0])
     for t in times[: n + 1]:
-        driven = step_data(run.system, run.condensation, float(t))
+        driven = run.driven(float(t))
     try:
         return n, record_of(State, arrays, known={DRIVE: driven})
     except KeyError as error:

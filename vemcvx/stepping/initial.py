@@ -18,7 +18,7 @@ from vemcvx.errors import SceneError
 from vemcvx.program.operators import energy_norm
 from vemcvx.stepping.acceptance import data_norms, require_certified
 from vemcvx.stepping.backward_euler import refined_step, solved
-from vemcvx.stepping.ledger import Ledger, StepData, energy, energy_in_full, step_data, strain_energy
+from vemcvx.stepping.ledger import Ledger, StepData, energy, energy_in_full, strain_energy
 from vemcvx.stepping.posed_step import pose_step
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State
@@ -35,7 +35,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
     SceneError
         `initial` is not understood, or the state violates (2.1).
     """
-    now = step_data(run.system, run.condensation, t)
+    now = run.driven(t)
     if isinstance(initial, str) and initial == "settled":
         settled = _settle(run, state_given(run, now, np.zeros(run.system.n)))
         if run.check:
@@ -59,7 +59,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
 
 def settled_from(run: PreparedRun, t: float, y: Floats) -> State:
     """The state after one step at `t` from y (n,): the same one, if (2.1) holds there."""
-    return _beginning(run, _settle(run, state_given(run, step_data(run.system, run.condensation, t), y)))
+    return _beginning(run, _settle(run, state_given(run, run.driven(t), y)))
 
 
 def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> Floats:

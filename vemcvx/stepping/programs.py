@@ -19,7 +19,6 @@ from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
 from vemcvx.stepping.dragged import nothing_dragged, with_dragged_friction
 from vemcvx.stepping.initial import initial_state, state_given
-from vemcvx.stepping.ledger import step_data
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.time_loop import begins, check_kinds, checked_times, steps_of, threads_of_steps
@@ -112,7 +111,7 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
 
 def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
     """What is stored of the state after step `n`."""
-    now = step_data(run.system, run.condensation, float(trajectory.times[n]))
+    now = run.driven(float(trajectory.times[n]))
     if n == 0 and trajectory.initial is not None:
         return state_given(run, now, trajectory.initial)
     row, norms = int(np.searchsorted(trajectory.stored, n)), slice(0, run.operators.count)

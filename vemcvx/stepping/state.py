@@ -38,6 +38,9 @@ class PreparedRun:
     refines: bool
     """whether the factors are too coarse for the accuracy, so that every step is refined"""
 
+    begin: tuple[StepData, ...] = ()
+    """what drives the system at the first instants, solved for beforehand"""
+
     share: float = 1.0
     """of the solver's accuracy that steps are solved to, where answers are but a part of something"""
 
@@ -50,6 +53,11 @@ class PreparedRun:
     def most(self) -> float:
         """Iterations that a step may take."""
         return self.solver.max_iterations
+
+    def driven(self, t: float) -> StepData:
+        """What drives the system at an instant."""
+        known = (data for data in self.begin if data.t == t)
+        return next(known, None) or step_data(self.system, self.condensation, t)
 
     def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
@@ -243,8 +251,7 @@ def prepare(
     chosen = choose_solver(condensation.operators, solver)
     scales = scaling(condensation.operators)
     prepared = prepared_solver(chosen, scales.operators, system)
-    for t in begin:
-        step_data(system, condensation, t)
+    driven = tuple(step_data(system, condensation, t) for t in begin)
     refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,
@@ -254,4 +261,5 @@ def prepare(
         prepared=prepared,
         check=check,
         refines=refines,
+        begin=driven,
     )

@@ -321,3 +321,18 @@ def test_multipliers_are_found_where_all_are_cut_but_for_rounding():
 def test_kernels_that_are_none(modes, norms, message):
     with pytest.raises(vx.SceneError, match=f"^System: .*{message}"):
         vx.System([[1.0, -1.0], [-1.0, 1.0]], lambda t: [t, 0.0], norms, kernel=Kernel(np.array(modes), ("sliding",)))
+
+
+@few_families
+@pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
+def test_a_body_slides_along_one_axis_to_the_last_digit(family):
+    """What rounding leaves across, 1e-15, would press against contact there: of a given mesh, moved and of any size."""
+    unit = vx.meshes.FAMILIES[family](4)
+    for scale, shift in ((1.0, (0.0, 0.0)), (1e3, (0.0, 0.0)), (240.0, (17.3, -5.1))):
+        mesh = vx.PolygonMesh(scale * unit.points + shift, unit.cells, boundaries=sides(unit))
+        rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
+        scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))
+        posed = pose_scene(scene, mesh)
+        (mode,) = posed.system.kernel.modes.T
+        field = (posed.supports.P @ mode).reshape(-1, 2)
+        assert np.array_equal(np.abs(field), np.tile([1.0, 0.0], (mesh.n_nodes, 1)))

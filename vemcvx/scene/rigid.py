@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from scipy.linalg import qr
 from scipy.sparse.csgraph import connected_components
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.linear import Matrix
 from vemcvx.program.kernel import Kernel
@@ -32,6 +32,8 @@ from vemcvx.vem import Space, rigid_modes
 # A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
 # a million leaves 1e-6 of the translations and of the rotation, far above it.
 FREE = 1e-12
+ROUNDING = 64 * EPS
+"""Of the largest component of a rigid motion."""
 SKEW = 1e-9
 """Products of normed motions below this are rounding."""
 
@@ -79,7 +81,7 @@ def floating_motions(
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
         part = Part(which, tuple(bodies[one] for one in own), hinges)
-        loose = _piece_by_piece(loose, k)
+        loose = _without_rounding(_piece_by_piece(loose, k))
         field = fields @ loose
         unfelt = loose @ _unfelt(friction @ field)
         if unfelt.shape[1] > 0:
@@ -145,6 +147,15 @@ def _along_axes(loose: Floats) -> Floats:
     Q = qr(loose @ loose.T * preferred, pivoting=True)[0][:, : loose.shape[1]]
     along: Floats = Q * np.sign(Q[np.argmax(np.abs(Q), axis=0), np.arange(Q.shape[1])])
     return along
+
+
+def _without_rounding(loose: Floats) -> Floats:
+    """The columns, zero where they are no more than rounding: a translation along one axis has nothing along others.
+
+    What is left there, 1e-15, presses against contact across, so that nothing but rounding says how far the body goes.
+    """
+    clean: Floats = np.where(np.abs(loose) > ROUNDING * np.abs(loose).max(axis=0), loose, 0.0)
+    return clean
 
 
 def _unfelt(rows: Floats) -> Floats:

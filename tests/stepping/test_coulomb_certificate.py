@@ -273,14 +273,18 @@ def test_iterations_are_limited_over_the_whole_step():
     assert run.certificate_kind == "estimate"
 
 
-@pytest.mark.parametrize("most", [10, 50, 200])
+@pytest.mark.arithmetic
+@pytest.mark.parametrize("most", [5, 50, 200])
 def test_sets_count_among_the_iterations_of_a_step(most):
-    """A body on a soft floor beside a wall took 201 of 200 iterations, all but one of them for convex programs."""
+    """A body on a soft floor beside a wall took 201 of 200 iterations, all but one of them for convex programs.
+
+    At least 8 are needed, or 12, as the kernels of BLAS round.
+    """
     drawn = draw(778)
     solver = vx.Newton(accuracy=1e-9, max_iterations=most)
     history = vx.simulate(drawn.scene, drawn.mesh, drawn.times, solver=solver, initial="settled", check=False)
     assert history.iterations.max() <= most
-    assert (history.certificate.max() <= 1e-9) == (most > 10)
+    assert (history.certificate.max() <= 1e-9) == (most > 5)
 
 
 def test_slow_steps_report_to_the_log(caplog):

@@ -19,6 +19,8 @@ MOST_MEMORY = 8 * GIGABYTE
 """Of factors in space."""
 MOST_DENSE = 6_000
 """Unknowns of contact in space: a dense system of so many takes seconds, and there are a few of them in every step."""
+DENSE_MATRICES = 4
+"""Of the retained unknowns, at a time."""
 SPACE_MODES = 6
 """Rigid motions in space."""
 
@@ -46,7 +48,7 @@ def choose_linear(
     if modes < SPACE_MODES:
         fits, takes = unknowns <= LARGEST_FACTOR, ""
     else:
-        memory = foreseen_memory(direct, unknowns, retained)
+        memory = direct.memory_in_space(unknowns) + DENSE_MATRICES * 8 * float(retained) ** 2
         fits, takes = memory <= MOST_MEMORY and retained <= MOST_DENSE, f" in space take {memory / GIGABYTE:.2g} GB"
     if fits:
         if takes and unknowns >= SMALLEST_PARDISO:
@@ -63,14 +65,3 @@ def choose_linear(
 def direct_solver(unknowns: int) -> Pardiso | SuperLU:
     """The fastest one that is installed."""
     return Pardiso() if unknowns >= SMALLEST_PARDISO and Pardiso.installed() else SuperLU()
-
-
-def foreseen_memory(direct: LinearSolver, unknowns: int, retained: int) -> float:
-    """Bytes that factors take in space, about, with four matrices of the retained unknowns.
-
-    Measured on cubes: PARDISO .19, .39 GB of 26,040 and 44,400 unknowns; SuperLU, on nested dissection, .25, .66 GB at
-    its peak of 13,600 and 26,040.
-    """
-    n, supernodal = float(unknowns), isinstance(direct, Pardiso)
-    factors: float = 190.0 * n ** (4 / 3) + 2e3 * n if supernodal else 236.0 * n**1.46
-    return factors + 4 * 8 * float(retained) ** 2

@@ -223,6 +223,10 @@ class LinearSolver(ABC):
     orders: ClassVar[bool] = False
     """Whether it orders the unknowns by itself; none is then computed for it."""
 
+    def memory_in_space(self, unknowns: int) -> float:
+        """Bytes that a factor takes in space, about, where factors are fullest; nan where it is not known."""
+        return np.nan
+
     def eliminate(self, K: sp.csr_matrix, order: Ints, last: Ints) -> tuple[Factor, Floats]:
         """Factorise K (n, n), symmetric positive definite, with the unknowns `last` last.
 

@@ -53,6 +53,10 @@ class Pardiso(LinearSolver):
         """Whether the package that has it is there, and has what is used of it."""
         return _solver_class() is not None
 
+    def memory_in_space(self, unknowns: int) -> float:
+        # Measured on cubes: .19, .39 GB of 26,040 and 44,400 unknowns.
+        return float(190.0 * unknowns ** (4 / 3) + 2e3 * unknowns)
+
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PardisoFactor:
         return PardisoFactor(K).definite()
 

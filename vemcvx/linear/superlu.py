@@ -31,6 +31,10 @@ class SuperLU(LinearSolver):
 
     eliminates: ClassVar[bool] = True
 
+    def memory_in_space(self, unknowns: int) -> float:
+        # Measured on cubes, on nested dissection, at the peak: .25, .66 GB of 13,600 and 26,040 unknowns.
+        return float(236.0 * unknowns**1.46)
+
     def factorise(self, K: sp.csr_matrix, near_kernel: Floats | None = None) -> PositiveFactor:
         return PositiveFactor(K)
 

@@ -40,9 +40,9 @@ class CellGroup:
         return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
 
     @property
-    def translates(self) -> bool:
-        """Whether all cells are translates of one, to the bit: local matrices of equal moduli are then equal."""
-        return bool((self.corners == self.corners[:1]).all())
+    def shapes(self) -> Floats:
+        """(c, k) what local matrices depend on, beside moduli: equal to the bit for translates."""
+        return self.corners.reshape(len(self.cells), -1)
 
     @property
     def stabilised_size(self) -> Floats:

@@ -34,10 +34,10 @@ class PolyhedronGroup(CellGroup):
     centroids: Floats
 
     @property
-    def translates(self) -> bool:
+    def shapes(self) -> Floats:
         """As of polygons; what is summed up over faces is rounded as these are numbered."""
-        own = (self.vector_shares, self.shares, self.diameters)
-        return super().translates and all(bool((each == each[:1]).all()) for each in own)
+        vector_shares = self.vector_shares.reshape(len(self.cells), -1)
+        return np.hstack([super().shapes, vector_shares, self.shares, self.diameters[:, None]])
 
     def gradients(self) -> tuple[Floats, Floats]:
         """As of polygons."""

@@ -328,7 +328,7 @@ def test_kernels_that_are_none(modes, norms, message):
 def test_a_body_slides_along_one_axis_to_the_last_digit(family):
     """What rounding leaves across, 1e-15, would press against contact there: of a given mesh, moved and of any size."""
     unit = vx.meshes.FAMILIES[family](4)
-    for scale, shift in ((1.0, (0.0, 0.0)), (1e3, (0.0, 0.0)), (240.0, (17.3, -5.1))):
+    for scale, shift in ((1.0, (0.0, 0.0)), (1e3, (0.0, 0.0)), (240.0, (17.3, -5.1)), (0.7, (1e5, 3e4))):
         mesh = vx.PolygonMesh(scale * unit.points + shift, unit.cells, boundaries=sides(unit))
         rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
         scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))
@@ -336,3 +336,17 @@ def test_a_body_slides_along_one_axis_to_the_last_digit(family):
         (mode,) = posed.system.kernel.modes.T
         field = (posed.supports.P @ mode).reshape(-1, 2)
         assert np.array_equal(np.abs(field), np.tile([1.0, 0.0], (mesh.n_nodes, 1)))
+
+
+@pytest.mark.filterwarnings("ignore:supports.*nothing but friction:vemcvx.SceneWarning")
+def test_an_inclination_that_is_there_is_no_rounding():
+    """Rails at 1e-9 to the axis: the body goes along them."""
+    unit = vx.meshes.squares(4)
+    turn = np.array([[1.0, 1e-9], [-1e-9, 1.0]])
+    mesh = vx.PolygonMesh(unit.points @ turn, unit.cells, boundaries=sides(unit))
+    rails = vx.PrescribedDisplacement(lambda x, t: -1e-3 * t * np.ones(len(x)), on="top", direction="normal")
+    scene = vx.Scene(vx.Elasticity(200.0, 0.3), rails, vx.UnilateralContact(on=["left", "bottom"]))
+    posed = pose_scene(scene, mesh)
+    (mode,) = posed.system.kernel.modes.T
+    field = (posed.supports.P @ mode).reshape(-1, 2)
+    assert field[:, 1] / field[:, 0] == pytest.approx(1e-9, abs=1e-14)

@@ -81,7 +81,7 @@ def floating_motions(
         which = f"part {number + 1} of {parts} of the body" if parts > 1 else "the body"
         hinges = [int(i) for i in np.flatnonzero(count > 1) if label[piece[node == i][0]] == number]
         part = Part(which, tuple(bodies[one] for one in own), hinges)
-        loose = _without_rounding(_piece_by_piece(loose, k))
+        loose = _without_rounding(_piece_by_piece(loose, k), np.abs(space.mesh.points).max() / space.mesh.h)
         field = fields @ loose
         unfelt = loose @ _unfelt(friction @ field)
         if unfelt.shape[1] > 0:
@@ -149,12 +149,13 @@ def _along_axes(loose: Floats) -> Floats:
     return along
 
 
-def _without_rounding(loose: Floats) -> Floats:
+def _without_rounding(loose: Floats, reach: float) -> Floats:
     """The columns, zero where they are no more than rounding: a translation along one axis has nothing along others.
 
     What is left there, 1e-15, presses against contact across, so that nothing but rounding says how far the body goes.
+    Sides of length h at a distance of `reach` h from the origin have directions that are known to EPS reach.
     """
-    clean: Floats = np.where(np.abs(loose) > ROUNDING * np.abs(loose).max(axis=0), loose, 0.0)
+    clean: Floats = np.where(np.abs(loose) > ROUNDING * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
     return clean
 
 

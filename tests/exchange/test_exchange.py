@@ -164,8 +164,10 @@ def test_highs_solves_the_qps(tmp_path, name, condense):
     vx.write_program(program, tmp_path / "step.mps")
     highs = highspy.Highs()
     highs.silent()
-    # It warns, since 1.16, of entries of K below 1e-9: zeros to the last digit, which it leaves out.
-    assert highs.readModel(str(tmp_path / "step.mps")) != highspy.HighsStatus.kError
+    read, K = highs.readModel(str(tmp_path / "step.mps")), program.operators.K
+    # Since 1.16 it warns of entries of K below 1e-9, zeros to the last digit, which it leaves out; of nothing else.
+    small = (K != 0).sum() > (abs(K) > 1e-9).sum()
+    assert read == highspy.HighsStatus.kOk or (small and read == highspy.HighsStatus.kWarning)
     assert highs.getNumCol() == len(program.g) + len(program.w) + int((program.operators.compliance > 0).sum())
     highs.run()
     assert highs.modelStatusToString(highs.getModelStatus()) == "Optimal"

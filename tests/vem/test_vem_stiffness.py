@@ -298,8 +298,8 @@ def test_cells_that_differ_in_the_last_bit_have_matrices_of_their_own():
     rows = np.array([[0.0, 1.0, 2.0]] * 40 + [[0.0, 1.0 + EPS, 2.0 - 2 * EPS]] * 40)[
         np.random.default_rng(0).permutation(80)
     ]
-    some, same = distinct(rows)
+    some, same = distinct([rows])
     assert len(some) == 2
     assert np.array_equal(rows[some][same], rows)
     many = np.random.default_rng(0).random((80, 3))
-    assert distinct(many)[0] == slice(None)
+    assert distinct([many])[0] == slice(None)

@@ -40,18 +40,22 @@ def assemble_cells(
         for chunk in group.chunks(CHUNK):
             pairs = chunk.nodes.shape[1] ** 2
             own = [each[chunk.cells] for each in moduli]
-            some, same = distinct(np.hstack([chunk.shapes, *(each.reshape(len(each), -1) for each in own)]))
+            some, same = distinct([*chunk.shapes, *own])
             found.append(local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
             which.append((first + pairs * same.astype(np.int32)[:, None] + np.arange(pairs, dtype=np.int32)).ravel())
             first += len(found[-1])
     return assemble([group.nodes for group in groups], np.concatenate(found), np.concatenate(which), space.mesh.n_nodes)
 
 
-def distinct(rows: Floats) -> tuple[Ints | slice, Ints]:
-    """Places of one each of the rows (c, k) that differ, and (c,) which of them a row is; all, where many differ."""
-    every = np.arange(len(rows))
-    if (rows == rows[:1]).all():
+def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
+    """Places of one each of the rows of arrays (c, ...) that differ, and (c,) which of them a row is.
+
+    All are taken for different where many are.
+    """
+    every = np.arange(len(arrays[0]))
+    if all((each == each[:1]).all() for each in arrays):
         return slice(1), np.zeros_like(every)
+    rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
     if len(np.unique(rows[:TRIED], axis=0)) > TRIED // 2:
         return slice(None), every
     # Of their bits, modulo 2^64: sums of numbers would be equal where these differ by rounding.

@@ -40,9 +40,9 @@ class CellGroup:
         return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
 
     @property
-    def shapes(self) -> Floats:
-        """(c, k) what local matrices depend on, beside moduli: equal to the bit for translates."""
-        return self.corners.reshape(len(self.cells), -1)
+    def shapes(self) -> tuple[Floats, ...]:
+        """Arrays (c, ...) that local matrices depend on, beside moduli: equal to the bit for translates."""
+        return (self.corners,)
 
     @property
     def stabilised_size(self) -> Floats:

@@ -34,10 +34,9 @@ class PolyhedronGroup(CellGroup):
     centroids: Floats
 
     @property
-    def shapes(self) -> Floats:
+    def shapes(self) -> tuple[Floats, ...]:
         """As of polygons; what is summed up over faces is rounded as these are numbered."""
-        vector_shares = self.vector_shares.reshape(len(self.cells), -1)
-        return np.hstack([super().shapes, vector_shares, self.shares, self.diameters[:, None]])
+        return (*super().shapes, self.vector_shares, self.shares, self.diameters)
 
     def gradients(self) -> tuple[Floats, Floats]:
         """As of polygons."""

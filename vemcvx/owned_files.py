@@ -3,6 +3,10 @@
 Our mark is the file ``.vemcvx``: it names the files that we made there, line by line, each before it is made. No
 other file is ever written to or taken away. While somebody is at work there the mark is locked; the system lets go of
 the lock when that process dies.
+
+A folder may be damaged, edited or received, so its mark proves nothing but what it could have been told: a line is the
+plain name of a kind of file that is written there, or the mark is refused; and only a regular file is ours, no folder
+and no link, wherever that leads.
 """
 
 from __future__ import annotations
@@ -11,7 +15,8 @@ import contextlib
 import errno
 import logging
 import os
-import shutil
+import re
+import stat
 import sys
 from pathlib import Path
 from typing import Self
@@ -25,6 +30,12 @@ MARK = ".vemcvx"
 FIRST_LINE = "vemcvx files 1"
 OWN_FOLDER = ", folder and all"
 """Added to the first line where the folder itself was made by us."""
+ANY_KIND = r"[^/\\\x00-\x1f]+\.(npy|npz|json|jsonl|csv|png|pvd|vtu|mtx|cbf|qps|mps|hdf5|py)"
+"""Names of the files that are written to folders, as a regular expression."""
+DRAFTS = "new"
+"""The one folder that may be ours; what is in it is ours if it is a file of such a name."""
+LONGEST_MARK = 2**24
+"""Bytes: a hundred times those of the largest collection of programs."""
 BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 BEYOND = 2**30
 """Windows locks bytes, and nobody may read a locked one: this one the text never reaches."""
@@ -33,18 +44,26 @@ BEYOND = 2**30
 class Owned:
     """Our files in a folder, which is made if need be; to be closed, or used by ``with``.
 
+    Parameters
+    ----------
+    path : Path
+    kinds : str
+        Names of the files that may be ours, as a regular expression without separators of paths.
+
     Raises
     ------
     HistoryError
-        The folder cannot be made or written to, or somebody else is at work there.
+        The folder cannot be made or written to, somebody else is at work there, or its mark is not one of ours.
     """
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, path: Path, kinds: str = ANY_KIND):
+        self.path, self._kinds = path, re.compile(kinds)
         try:
             made = not os.path.isdir(path)
+            if os.path.lexists(path / MARK) and not _is_file(path / MARK):
+                raise self._foreign(MARK)
             self._mark = _locked(path / MARK)
-            text = os.read(self._mark, os.fstat(self._mark).st_size).decode(errors="replace")
+            text = os.read(self._mark, LONGEST_MARK).decode(errors="replace")
         except BlockingIOError as error:
             raise HistoryError(
                 f"{path}: another run is writing there. Wait until it has ended, or choose another folder."
@@ -55,9 +74,14 @@ class Owned:
             os.close(self._mark)
             raise self._foreign(MARK)
         # A process that dies while it writes leaves a last line that is cut short: it had not made that file yet.
-        self._first, *names = text.split("\n")[:-1] or [FIRST_LINE + OWN_FOLDER * made]
-        # Nothing outside the folder is ours, whatever the mark says.
-        self.names = [name for name in names if name == Path(name).name]
+        self._first, *self.names = text.split("\n")[:-1] or [FIRST_LINE + OWN_FOLDER * made]
+        strange = next((name for name in self.names if not self._kinds.fullmatch(name)), None)
+        if strange is not None:
+            os.close(self._mark)
+            raise HistoryError(
+                f"{path / MARK}: it lists {brief(strange)}, which no run writes there, so nothing there is touched. "
+                "Choose another folder, or remove this one."
+            )
         self._write()
 
     def __enter__(self) -> Self:
@@ -75,9 +99,9 @@ class Owned:
             It is somebody else's.
         """
         path = self.path / name
+        if os.path.lexists(path) and (name not in self.names or not _is_file(path)):
+            raise self._foreign(name)
         if name not in self.names:
-            if os.path.lexists(path):
-                raise self._foreign(name)
             self.names.append(name)
             self._write()
         return path
@@ -85,9 +109,16 @@ class Owned:
     def clear(self) -> None:
         """Take away all of ours but the mark."""
         try:
-            for name in self.names:
-                path = self.path / name
-                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+            for path in (self.path / name for name in self.names):
+                if path.name == DRAFTS and path.is_dir() and not path.is_symlink():
+                    for draft in filter(_is_file, path.iterdir()):
+                        if re.fullmatch(ANY_KIND, draft.name):
+                            draft.unlink()
+                    # Where others have files in it, it stays.
+                    with contextlib.suppress(OSError):
+                        path.rmdir()
+                elif _is_file(path):
+                    path.unlink()
         except OSError as error:
             raise HistoryError(f"{self.path}: cannot be cleared: {error}.") from error
         self.names = []
@@ -145,6 +176,14 @@ def path_of(raw: object, subject: str) -> Path:
     raise HistoryError(f"{subject}: found {brief(raw)}; wanted a path, such as 'results/run'.")
 
 
+def _is_file(path: Path) -> bool:
+    """Whether it is a regular file, and no link to one."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except OSError:
+        return False
+
+
 def _locked(path: Path) -> int:
     """A descriptor of the file, which is made if need be, and its folder; nobody else has one.
 
@@ -157,7 +196,7 @@ def _locked(path: Path) -> int:
     """
     while True:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         try:
             _hold(descriptor, path)
             if os.path.exists(path) and os.path.samestat(os.fstat(descriptor), os.stat(path)):

@@ -21,6 +21,8 @@ from vemcvx.owned_files import Owned, path_of
 
 Arrays = dict[str, NDArray[Any]]
 CHECKPOINT = "checkpoint.npz"
+ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"
+"""Names of the files of a run, as a regular expression."""
 SAVE: Callable[..., None] = np.savez
 """Names of arrays are none of its options."""
 
@@ -95,7 +97,7 @@ class Folder(Owned):
     lasting = True
 
     def __init__(self, path: str | Path, resumes: bool = True):
-        super().__init__(path_of(path, "stream"))
+        super().__init__(path_of(path, "stream"), ROWS)
         self._resumes = resumes
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:

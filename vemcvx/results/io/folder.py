@@ -15,17 +15,22 @@ xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, 
 Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.) In space
 stress is (xx, yy, zz, xy, yz, xz), as VTK has it, and cells are polyhedra.
 
-All files are made in a folder of their own inside the target and moved from there when they are complete, so
-that a run that dies leaves an older history as it was. Files of those names that are of no history stay as they are.
+All files are made in a folder of their own inside the target, and moved from there when the file ``complete`` says that
+none is missing. A process that dies before leaves an older history as it was. One that dies after leaves moves to be
+made, which whoever next reads or writes there makes first: the history is the old one or the new one. The archive, by
+which a folder is known as that of a history, goes first, and the summary last. Files of those names that are of no
+history stay as they are.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Set
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +39,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes.io.vtu import write_cells
-from vemcvx.owned_files import Owned, path_of
+from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.io.archive import is_archive, read_archive, write_archive
 from vemcvx.results.io.csv_tables import FILES, write_tables
 from vemcvx.results.io.summary import Origin, is_summary, listed_tables, write_summary
@@ -42,7 +47,10 @@ from vemcvx.results.results import Results
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
-WRITING = ".vemcvx-writing"
+WRITING, COMPLETE = ".vemcvx-writing", "complete"
+STEP = r"step_[0-9]+\.vtu"
+KINDS = "|".join([STEP, *map(re.escape, (ARCHIVE, SERIES, SUMMARY, *FILES.values()))])
+"""Names of the files of a history, as a regular expression."""
 Fields = dict[str, Floats]
 OPPOSITE = {"slip": -1.0, "traction": -1.0}
 """What is of the other sign on the second body of an interface."""
@@ -77,13 +85,11 @@ def write_results(
     if not isinstance(history, Results):
         raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
     folder, start = writable_folder(folder), time.perf_counter()
-    older = _listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)
     try:
-        with Owned(folder / WRITING) as scratch:
+        with _scratch(folder) as scratch:
+            _finish(folder, scratch)
             try:
-                # What a process that died has left.
-                scratch.clear()
-                new = scratch.take("new")
+                new = scratch.take(DRAFTS)
                 new.mkdir()
                 _write_series(history, new / SERIES)
                 write_archive(history, new / ARCHIVE)
@@ -91,17 +97,38 @@ def write_results(
                 write_summary(
                     history, origin or Origin(), tables, writing=time.perf_counter() - start, path=new / SUMMARY
                 )
-                written = {path.name for path in new.iterdir()}
-                check_replaceable(folder, written)
-                for name in sorted(written):
-                    os.replace(new / name, folder / name)
-            finally:
+                check_replaceable(folder, {path.name for path in new.iterdir()})
+            except BaseException:
                 scratch.remove()
-        for name in older - written:
-            (folder / name).unlink(missing_ok=True)
+                raise
+            scratch.take(COMPLETE).touch()
+            _finish(folder, scratch)
+            scratch.remove()
     except (OSError, MeshError) as error:
         raise HistoryError(f"{folder}: cannot write a history there: {error}") from error
     return folder
+
+
+def _scratch(folder: Path) -> Owned:
+    """Where a history is made, inside its folder."""
+    if (folder / WRITING).is_symlink():
+        raise HistoryError(f"{folder / WRITING}: a link, and a history is made in its folder itself. Remove the link.")
+    return Owned(folder / WRITING, f"{DRAFTS}|{COMPLETE}")
+
+
+def _finish(folder: Path, scratch: Owned) -> None:
+    """Make the moves that a process which died has left, or sweep away what it had not completed."""
+    new = scratch.path / DRAFTS
+    if {DRAFTS, COMPLETE} <= set(scratch.names) and (scratch.path / COMPLETE).is_file() and new.is_dir():
+        made = {path.name for path in new.iterdir() if re.fullmatch(KINDS, path.name)}
+        check_replaceable(folder, made)
+        if ARCHIVE in made:  # nothing is moved yet
+            for name in (_listed_steps(folder / SERIES) | listed_tables(folder / SUMMARY)) - made:
+                (folder / name).unlink(missing_ok=True)
+        turn = {ARCHIVE: 0, SERIES: 2, SUMMARY: 3}
+        for name in sorted(made, key=lambda name: (turn.get(name, 1), name)):
+            os.replace(new / name, folder / name)
+    scratch.clear()
 
 
 def _write_series(history: Results, path: Path) -> None:
@@ -123,7 +150,7 @@ def _listed_steps(path: Path) -> set[str]:
         listed = [str(item.get("file")) for item in ET.parse(path).iter("DataSet")]
     except (OSError, ET.ParseError):
         return set()
-    return {name for name in listed if name.startswith("step_") and name == Path(name).name}
+    return {name for name in listed if re.fullmatch(STEP, name)}
 
 
 def _at_nodes(history: Results, row: int) -> Fields:
@@ -189,6 +216,13 @@ def writable_folder(folder: str | Path) -> Path:
 def read_results(folder: str | Path) -> Results:
     """The results in a folder: see :func:`vemcvx.read_history`."""
     where = path_of(folder, "read_history")
+    if os.path.isdir(where / WRITING):
+        # Another process may be writing there, or the folder be for reading only: what is there is read then.
+        with suppress(HistoryError, OSError), _scratch(where) as scratch:
+            _finish(where, scratch)
+            scratch.remove()
+        if (where / WRITING / COMPLETE).is_file() and (where / WRITING / DRAFTS / ARCHIVE).is_file():
+            return read_archive(where / WRITING / DRAFTS / ARCHIVE)
     if not os.path.isfile(where / ARCHIVE):
         raise HistoryError(f"{where}: {_what_is(where)}; a history is a folder with {ARCHIVE} in it.")
     return read_archive(where / ARCHIVE)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vemcvx.results.io.archive import FORMAT, NAME
+from vemcvx.results.io.csv_tables import FILES
 from vemcvx.results.results import Results
 from vemcvx.version import __version__
 
@@ -49,7 +50,7 @@ def listed_tables(path: Path) -> set[str]:
         return set()
     listed = json.loads(path.read_text(encoding="utf-8")).get("tables")
     names = filter(lambda name: isinstance(name, str), listed if isinstance(listed, list) else [])
-    return {name for name in names if name.endswith(".csv") and name == Path(name).name}
+    return {name for name in names if name in FILES.values()}
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:

@@ -63,10 +63,8 @@ def times(steps):
 def picture(history):
     """The tube leaning on its housing, and how the pressure between them grows."""
     figure, graph = body_and_graph(history, stress="shear", mirrors=[(-1, 1), (1, -1), (-1, -1)])
-    p, inside = PRESSURE * history.times, slice(2, -2)
-    order = np.argsort(history.contact.points[:, 0])[inside]
-    line = np.linspace(0, PRESSURE, 200)
-    marks = (p, history.contact.pressure[:, order].mean(axis=1))
+    p, line = PRESSURE * history.times, np.linspace(0, PRESSURE, 200)
+    marks = (p, history.contact.pressure.mean(axis=1))
     beside_closed_form(graph, marks, (line, contact_pressure(line)), label="on the housing", exact_label="Lame 1852")
     graph.axvline(closing_pressure(), color="0.6", linestyle=":", linewidth=1.2)
     graph.text(closing_pressure() - 0.05, 1.0, "the gap closes", rotation=90, ha="right", va="center", color="0.4")

@@ -24,7 +24,8 @@ class Effect(ABC):
         """What this effect adds on the mesh of `space`.
 
         Pure: equal calls give equal arrays. Nothing is evaluated in time here; data f(x, t) are carried
-        along and evaluated at t_n.
+        along and evaluated at t_n. Effects of contact are asked again with the planes of symmetry that the supports
+        of the scene make (`space.mirrors`), which turn normals at the ends of curves.
 
         Raises
         ------

@@ -50,7 +50,7 @@ class PrescribedDisplacement(Effect):
         def value(t: float) -> Floats:
             return data.scalar(self.value, points, t, subject) / cosines
 
-        support = Support(subject, nodes, directions, points, value)
+        support = Support(subject, nodes, directions, points, self._unless_zero(value))
         curved = isinstance(self.direction, str) and part.node_normals.curved
         given = self._given(part, data.scalar, subject)
         return Contribution(supports=(support,), given=given, curves=(subject,) if curved else ())
@@ -72,7 +72,12 @@ class PrescribedDisplacement(Effect):
             return data.vector(self.value, points, t, subject).ravel()
 
         repeated = np.repeat(nodes, dim)
-        return Support(subject, repeated, np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0), value)
+        axes, places = np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0)
+        return Support(subject, repeated, axes, places, self._unless_zero(value))
+
+    def _unless_zero(self, value: Callable[[float], Floats]) -> Callable[[float], Floats] | None:
+        """None for a constant of zero, which holds its nodes as a clamp or rollers do."""
+        return value if data.varies(self.value) or value(0.0).any() else None
 
     def _rows(self, part: Part, space: Space, subject: str) -> tuple[Ints, Floats, Floats]:
         """Nodes, directions, and by which the values of sides are to be divided."""

@@ -20,7 +20,8 @@ class Symmetry(Effect):
     The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
     not in `history.contact` (unless BilateralContact is there, too), and it does not yield to other supports. A
     prescribed displacement that contradicts it at a shared node is an error. At a corner u . n = 0 for both normals,
-    which fixes the node; along sides that turn by less than 42.5 degrees, a curve, nodes slide.
+    which fixes the node; along sides that turn by less than 42.5 degrees, a curve, nodes slide. Contact on a curve that
+    ends on a line of symmetry has the normals and pressures of the whole body there.
 
     Parameters
     ----------

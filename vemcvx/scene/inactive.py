@@ -18,6 +18,7 @@ from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialS
 from vemcvx.errors import VemcvxError
 from vemcvx.program.motion import DRAG_ROUNDING
 from vemcvx.scene.freedom import along
+from vemcvx.scene.mirrors import contributions
 from vemcvx.vem import Space, tangents_of
 
 Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
@@ -30,7 +31,7 @@ def active_parts(
 ) -> tuple[list[Contribution], list[str]]:
     """What the effects contribute, without what is zero at all of `times`; a sentence for each thing dropped."""
     said: list[str] = []
-    return [_without_inactive(effect, effect.contribute(space), times, said) for effect in effects], said
+    return [_without_inactive(effect, part, times, said) for effect, part in contributions(effects, space)], said
 
 
 def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:

@@ -18,7 +18,7 @@ from vemcvx.vem.isotropic import stabilisation_factor, stiffness
 from vemcvx.vem.loads import cell_load, edge_load, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.quadrature import cell_quadrature
-from vemcvx.vem.rows import BoundaryRows, EdgeEnds
+from vemcvx.vem.rows import BoundaryRows, EdgeEnds, MirrorPlanes
 from vemcvx.vem.space import Part, Space
 from vemcvx.vem.strain import rigid_modes, split_motion, strains
 
@@ -28,6 +28,7 @@ __all__ = [
     "CellGroup",
     "EdgeEnds",
     "FacePart",
+    "MirrorPlanes",
     "Part",
     "SideRule",
     "Space",

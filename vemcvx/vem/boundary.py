@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, read_only, totals
-from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, SideEnds
+from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, MirrorPlanes, SideEnds
 
 # Four Gauss points: int g phi_i is exact for g of degree 6 on an edge (7 for the product).
 GAUSS = 4
@@ -44,6 +44,8 @@ class BoundaryPart:
     """(n_nodes, 2) the points of the whole mesh"""
     across: Ints | None = None
     """(m, 2) the nodes of other bodies that an interface joins to those of each edge; -1 for an edge of no interface"""
+    mirrors: MirrorPlanes | None = None
+    """of symmetry, at its nodes"""
 
     @cached_property
     def chords(self) -> Floats:
@@ -119,5 +121,6 @@ class BoundaryPart:
             lengths=0.5 * length,
             beyond=self.edges[:, ::-1].ravel(),
             partners=np.full(2 * m, -1) if self.across is None else self.across.ravel(),
+            mirrors=self.mirrors,
         )
         return ends.rows(points.reshape(-1, 2), matrix)

@@ -16,7 +16,7 @@ from vemcvx.arrays import Floats, Ints, read_only, totals
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.boundary import SideRule
 from vemcvx.vem.faces import FaceGroup, face_groups
-from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, SideEnds
+from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, MirrorPlanes, SideEnds
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +26,8 @@ class FacePart:
     sides: Ints
     """(m,) face numbers, ascending"""
     mesh: PolyhedralMesh
+    mirrors: MirrorPlanes | None = None
+    """of symmetry, at its nodes"""
 
     @cached_property
     def normals(self) -> Floats:
@@ -91,6 +93,7 @@ class FacePart:
             lengths=np.concatenate([group.shares.ravel() for group, _, _ in each]),
             beyond=self.sides[side],
             partners=np.full(len(side), -1),
+            mirrors=self.mirrors,
         )
 
 

@@ -9,6 +9,10 @@ The mean is that by 1 / length; in space by sin(alpha) / (|a| |b|), a and b bein
 alpha their angle (N. Max, J. Graphics Tools 4 (1999)). It is exact for nodes on a circle, or a sphere, whatever their
 distances. By length, what slides along a curve of unequal sides would be pressed by forces that do not vanish with the
 mesh. Sides far shorter than those beside them have no say: rounding turns them.
+
+A curve that ends on a plane of symmetry goes on behind it as its mirror image: the mean over both is the normal without
+its component across the plane. Where the curve and its image make a corner, as the tip of a wedge does, the node keeps
+the normal of its own side: what that of the image says is the same.
 """
 
 from __future__ import annotations
@@ -27,6 +31,8 @@ however their points are rounded."""
 SHORT = 0.03
 """Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals."""
 CURVED = float(np.cos(0.5 * np.radians(1.5)))
+ONE_PLANE = 1.0 - 0.25 * 1e-2**2
+"""Planes of two bodies that are half a degree apart are one; their projections have this mean along the bisector."""
 NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
 """Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
 
@@ -43,6 +49,26 @@ class EdgeEnds:
     """node number of the edge's other end; number of the face"""
     lengths: Floats
     """int phi_i ds over the edge, half its length; over the face"""
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorPlanes:
+    """Planes of symmetry at some nodes: those across the directions in which these are held."""
+
+    nodes: Ints
+    """(k,) ascending"""
+    projections: Floats
+    """(k, dim, dim) on these directions of each node, symmetric"""
+
+    def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
+        """Of vectors (m, dim) at nodes, the component across the planes that these share with their partners."""
+        found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
+        at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
+        one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
+        sizes, axes = np.linalg.eigh(0.5 * (one + other))
+        along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > ONE_PLANE)
+        found[at] = np.einsum("kij,kj->ki", axes, along)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +121,7 @@ class SideEnds:
     """(e,) what tells the sides of a node apart"""
     partners: Ints
     """(e,)"""
+    mirrors: MirrorPlanes | None = None
 
     def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
         """The rows; `matrix` (e, q) gives int g phi_i ds over each end's side from g at points (q, dim)."""
@@ -106,6 +133,10 @@ class SideEnds:
         normals = np.zeros((k, self.normals.shape[1]))
         np.add.at(normals, row, self._weights(order, row, k)[:, None] * self.normals[order])
         normals = normals / np.linalg.norm(normals, axis=1)[:, None] + 0.0
+        if self.mirrors is not None:
+            noise = np.zeros(k)
+            np.maximum.at(noise, row, self.noise[order])
+            normals = _continued(normals, self.mirrors.across(normals, nodes, partners), noise)
         along = totals(row, lengths * np.einsum("ei,ei->e", normals[row], self.normals[order]), k)
         each = matrix[order].tocoo()
         return BoundaryRows(
@@ -147,3 +178,13 @@ class SideEnds:
         near = apart <= SMOOTH + self.noise[one] + self.noise[other]
         alike: Bools = near & (self.partners[one] == self.partners[other])
         return alike
+
+
+def _continued(normals: Floats, across: Floats, noise: Floats) -> Floats:
+    """Normals (k, dim) with their mirror images, which are twice their components `across` the plane away from them."""
+    turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
+    smooth = (turn > rounding) & (turn <= SMOOTH + rounding)
+    mean = normals[smooth] - across[smooth]
+    found = normals.copy()
+    found[smooth] = mean / np.linalg.norm(mean, axis=1)[:, None] + 0.0
+    return found

@@ -20,6 +20,7 @@ from vemcvx.vem.boundary import BoundaryPart
 from vemcvx.vem.cells import CellGroup
 from vemcvx.vem.face_part import FacePart
 from vemcvx.vem.polyhedra import polyhedron_groups
+from vemcvx.vem.rows import MirrorPlanes
 
 Part = BoundaryPart | FacePart
 """A closed set of sides: edges in the plane, faces in space."""
@@ -30,6 +31,8 @@ class Space:
     """V^h on a mesh."""
 
     mesh: AnyMesh
+    mirrors: MirrorPlanes | None = None
+    """of symmetry, where curves of contact end"""
 
     @property
     def dim(self) -> int:
@@ -123,14 +126,14 @@ class Space:
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {sides}; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
         if isinstance(mesh, PolyhedralMesh):
-            return FacePart(read_only(edges), mesh)
+            return FacePart(read_only(edges), mesh, self.mirrors)
         across = self._across(edges)
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
                 f"{subject}: on={on!r} has edges of an interface ({', '.join(mesh.interfaces)}) between two bodies, "
                 "where contact and friction act and nothing else; name boundaries that are on the outside."
             )
-        return BoundaryPart(read_only(edges), mesh.points, across)
+        return BoundaryPart(read_only(edges), mesh.points, across, self.mirrors)
 
     def _across(self, edges: Ints) -> Ints | None:
         """Of each edge (m, 2), as its first body runs along it, the nodes of the other body; -1 where it is alone."""

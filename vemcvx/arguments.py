@@ -6,6 +6,7 @@ what a user hands in may answer both with an array, or with an error.
 
 from __future__ import annotations
 
+import inspect
 import numbers
 from collections.abc import Callable, Sequence
 from typing import Any, TypeGuard
@@ -75,6 +76,19 @@ def function(raw: Any, found: str, wanted: str) -> Any:
     """A function, or None."""
     if raw is not None and not callable(raw):
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}, or None.")
+    return raw
+
+
+def takes(raw: Any, found: str, wanted: str, count: int) -> Any:
+    """A function that takes so many arguments, or None; `found` says what was asked for, `wanted` what they are."""
+    function(raw, found, f"a function of {wanted}")
+    try:
+        if raw is not None:
+            inspect.signature(raw).bind(*range(count))
+    except TypeError as error:
+        raise SceneError(f"{found} = {brief(raw)}; wanted a function of {wanted}, but {error}.") from None
+    except ValueError:
+        pass  # some of those in C do not tell
     return raw
 
 

@@ -69,6 +69,7 @@ WRONG: dict[str, Callable[[], Any]] = {
     "an array of objects": lambda: np.array([object()]),
     "a record": lambda: np.zeros(2, dtype=[("a", float)]),
     "no array": lambda: np.zeros(0),
+    "an array of one word": lambda: np.array("a"),
     "a cube": lambda: np.zeros((3, 3, 3)),
     "a sparse matrix": lambda: sp.csr_matrix(np.eye(2)),
     "ragged": lambda: [[1.0], [1.0, 2.0]],

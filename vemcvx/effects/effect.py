@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vemcvx.arrays import brief
+from vemcvx.arrays import brief, read_only
 from vemcvx.effects.contribution import Contribution
 from vemcvx.vem import Space
 
@@ -16,8 +16,17 @@ class Effect(ABC):
     """One piece of physics of a scene, free of any mesh.
 
     Effects are frozen: names of boundaries, constants and callables. They know nothing of each other, of
-    solvers or of time stepping, and the order in which a scene names them changes nothing.
+    solvers or of time stepping, and the order in which a scene names them changes nothing. Arrays are copied when an
+    effect is made: what becomes of those given later changes nothing either.
     """
+
+    def __post_init__(self) -> None:
+        """Keep copies of arrays and lists; subclasses that are no dataclasses need not call it."""
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, read_only(value.copy()))
+            elif type(value) is list:
+                object.__setattr__(self, name, [x.copy() if isinstance(x, np.ndarray) else x for x in value])
 
     @abstractmethod
     def contribute(self, space: Space) -> Contribution:

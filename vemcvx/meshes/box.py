@@ -127,7 +127,7 @@ def cell_counts(
     `stretch` is how much wider than squares, and lower, the cells of a family are; `each`, how many cells it may make
     of one of them.
     """
-    if isinstance(n, (tuple, list, np.ndarray)) and size is None:
+    if listed(n) and size is None:
         nx, ny = _given_counts(n, 2)
     else:
         along_x, along_y = _cells_along(n, (box.width, box.height), size)
@@ -138,7 +138,7 @@ def cell_counts(
 
 def space_counts(n: SpaceCount | None, box: SpaceBox, size: float | None = None, each: int = 1) -> tuple[int, int, int]:
     """Cells along x, y and z, at least one: those given, or as many as cubes so wide fill the box."""
-    if isinstance(n, (tuple, list, np.ndarray)) and size is None:
+    if listed(n) and size is None:
         nx, ny, nz = _given_counts(n, 3)
     else:
         nx, ny, nz = (max(1, round(along)) for along in _cells_along(n, box.lengths, size))
@@ -146,11 +146,16 @@ def space_counts(n: SpaceCount | None, box: SpaceBox, size: float | None = None,
     return nx, ny, nz
 
 
+def listed(n: object) -> bool:
+    """Whether numbers of cells are given one an axis."""
+    return isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)
+
+
 def _given_counts(n: Any, dimension: int) -> list[int]:
     names = [f"n{axis}" for axis in AXES[:dimension]]
     if len(n) != dimension:
         several = {2: "pair", 3: "triple"}[dimension]
-        raise MeshError(f"n must be a whole number or a {several} ({', '.join(names)}); got {n!r}.")
+        raise MeshError(f"n must be a whole number or a {several} ({', '.join(names)}); got {brief(n)}.")
     return [check_whole(name, value) for name, value in zip(names, n, strict=True)]
 
 

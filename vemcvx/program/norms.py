@@ -99,6 +99,8 @@ class Norms(ArrayRecord):
             object.__setattr__(self, "softening", self._checked(self.softening, "softening"))
         if not callable(self.w):
             object.__setattr__(self, "w", self._checked(self.w))
+        if self.bias is not None and not callable(self.bias):
+            object.__setattr__(self, "bias", self._rows(self.bias, 0.0, "Norms: bias", "forces"))
 
     @property
     def count(self) -> int:

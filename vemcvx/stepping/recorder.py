@@ -7,13 +7,14 @@ import time
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import is_whole
-from vemcvx.arrays import Bools, Floats, Ints, sizes_of
+from vemcvx.arrays import Bools, Floats, Ints, brief, sizes_of
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.iterative_refinement import full_certificate, residual
 from vemcvx.program.tolerances import INTERIOR
@@ -37,15 +38,19 @@ def stored_steps(store: str | int | Sequence[int], steps: int) -> Ints:
         return np.array([steps])
     if is_whole(store) and store >= 1:
         return np.unique(np.append(np.arange(0, steps + 1, min(store, steps + 1)), steps))
-    if isinstance(store, (Sequence, np.ndarray)) and not isinstance(store, (str, bytes)) and _numbers(store, steps):
+    if _numbers(store, steps):
         return np.unique(np.append(np.asarray(store, dtype=np.int64), steps))
     raise SceneError(
-        f"store: found {store!r}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a sequence "
-        f"of step numbers from 0 to {steps}."
+        f"store: found {brief(store)}; there are 'all', 'last', an integer n >= 1 (every n-th and the last), or a "
+        f"sequence of step numbers from 0 to {steps}."
     )
 
 
-def _numbers(store: Sequence[int], steps: int) -> bool:
+def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
+    if isinstance(store, np.ndarray):
+        return store.ndim == 1 and _numbers(store.tolist(), steps)
+    if not isinstance(store, Sequence) or isinstance(store, (str, bytes)):
+        return False
     return all(is_whole(n) and 0 <= n <= steps for n in store)
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import flag
+from vemcvx.arguments import flag, takes
 from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver
@@ -140,8 +140,7 @@ def check_kinds(
         as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), or None (chosen).")
-    if progress is not None and not callable(progress):
-        raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
+    takes(progress, "progress: found", "(step, steps)", 2)
 
 
 def checked_times(times: ArrayLike) -> Floats:

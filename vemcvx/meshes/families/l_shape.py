@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vemcvx.errors import MeshError
-from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box
+from vemcvx.meshes.box import UNIT_BOX, Corners, Count, cell_counts, check_box, listed
 from vemcvx.meshes.families.squares import padded_mesh, square_grid
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 
@@ -37,7 +37,7 @@ def l_shape(
     """
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
-    if not isinstance(n, (tuple, list, np.ndarray)):
+    if not listed(n):
         nx, ny = 2 * max(1, round(nx / 2)), 2 * max(1, round(ny / 2))
     elif nx % 2 or ny % 2:
         raise MeshError(f"n must be even numbers of cells, so that a corner falls in the middle; got ({nx}, {ny}).")

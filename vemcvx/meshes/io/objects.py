@@ -46,7 +46,7 @@ def from_object(other: Any) -> Tessellation | SpaceTessellation:
 
 def to_object(mesh: Tessellation | SpaceTessellation, library: str) -> Any:
     """A mesh as an object of a library: see `PolygonMesh.to`."""
-    if library not in list(CALLED):
+    if not isinstance(library, str) or library not in CALLED:
         raise MeshError(f"a mesh goes to {', '.join(map(repr, CALLED))}; got {brief(library)}. To a file: write(path).")
     try:
         if library == "meshio":

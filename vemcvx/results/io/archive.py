@@ -123,8 +123,10 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
         sizes.update((size, n) for size, n in zip(names, array.shape, strict=True) if not size.isdecimal())
     if sizes["constants"] not in (2, 6):
         raise ValueError(f"found {sizes['constants']} moduli a cell, wanted 2 or 6")
-    for name, count in (("contact.nodes", sizes["nodes"]), ("trajectory.stored", sizes["N"])):
-        if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < count):
+    numbered = {"contact.nodes": (0, "nodes"), "contact.partners": (-1, "nodes"), "trajectory.stored": (0, "N")}
+    for name, (least, size) in numbered.items():
+        count = sizes[size]
+        if len(arrays[name]) and not (arrays[name].min() >= least and arrays[name].max() < count):
             raise ValueError(f"found {name} from {arrays[name].min()} to {arrays[name].max()} of {count}")
 
 

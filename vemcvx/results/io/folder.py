@@ -84,6 +84,14 @@ def write_results(
     """
     if not isinstance(history, Results):
         raise HistoryError(f"write: found {brief(history)}; wanted a History, such as simulate(...) returns.")
+    strange = np.argwhere(~np.isfinite(history.displacement))
+    if len(strange):
+        row, node, _ = strange[0]
+        found = history.displacement[row, node]
+        raise HistoryError(
+            f"write: the displacement of node {node} in step {history.stored[row]} is {found}; only finite fields are "
+            "written. Run without check=False, which tells what went wrong there."
+        )
     folder, start = writable_folder(folder), time.perf_counter()
     try:
         with _scratch(folder) as scratch:
@@ -91,7 +99,9 @@ def write_results(
             try:
                 new = scratch.take(DRAFTS)
                 new.mkdir()
-                _write_series(history, new / SERIES)
+                # The energy of displacements beyond 1e154 overflows, and is written as infinite.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    _write_series(history, new / SERIES)
                 write_archive(history, new / ARCHIVE)
                 tables = write_tables(history, new, probes)
                 write_summary(

@@ -27,6 +27,7 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 
 HEAD = "# vemcvx program:"
+SIZES = "unknowns", "terms", "block", "limits", "soft"
 
 
 def root(operators: Operators) -> sp.csr_matrix:
@@ -88,8 +89,11 @@ def _constraints(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Float
     # A cone's first row is that of t_i, the others are those of B_i.
     terms = np.concatenate([np.arange(m)[:, None], m + np.arange(m * block).reshape(m, block)], axis=1).ravel()
     order = np.concatenate([np.arange(energy), energy + terms, np.arange(len(b) - len(c), len(b))])
-    cones = [f"QR {energy}", *[f"Q {1 + block}"] * m, *([f"L+ {len(c)}"] if len(c) else [])]
-    return A[order], b[order], cones
+    return A[order], b[order], _cones(energy, m, block, len(c))
+
+
+def _cones(energy: int, m: int, block: int, limits: int) -> list[str]:
+    return [f"QR {energy}", *[f"Q {1 + block}"] * m, *([f"L+ {limits}"] if limits else [])]
 
 
 def from_cbf(path: Path) -> StepProgram:
@@ -102,38 +106,66 @@ def from_cbf(path: Path) -> StepProgram:
     """
     lines = path.read_text().splitlines()
     if not lines or not lines[0].startswith(HEAD):
-        raise ProgramError(f"{path}: found no first line {HEAD!r}; only files that write_program() has made are read.")
+        raise ProgramError(f"found no first line {HEAD!r}; only files that write_program() has made are read.")
     try:
-        words = lines[0].removeprefix(HEAD).split()
-        sizes = {name: int(size) for name, size in zip(words[::2], words[1::2], strict=True)}
-        return _program(sizes, lines, str(path))
-    except (ValueError, KeyError, IndexError, AttributeError) as error:
-        raise ProgramError(f"{path}: is no CBF file of a step's program: {error!r}.") from error
+        return _program(_sizes(lines), lines)
+    except (ValueError, IndexError, OverflowError) as error:
+        raise ProgramError(f"is no CBF file of a step's program: {error}.") from error
 
 
-def _program(sizes: dict[str, int], lines: list[str], subject: str) -> StepProgram:
-    n, m, block, r, s = (sizes[name] for name in ("unknowns", "terms", "block", "limits", "soft"))
-    rows = int(lines[lines.index("CON") + 1].split()[0])
-    cost, b = np.zeros(n + m + 1 + s), np.zeros(rows)
-    for j, x in _entries(lines, "OBJACOORD"):
-        cost[int(j)] = float(x)
-    for i, x in _entries(lines, "BCOORD"):
-        b[int(i)] = float(x)
-    entries = np.array([[float(x) for x in words] for words in _entries(lines, "ACOORD")]).reshape(-1, 3)
-    A = sp.csr_matrix((entries[:, 2], entries[:, :2].astype(int).T), shape=(rows, n + m + 1 + s))
+def _sizes(lines: list[str]) -> tuple[int, ...]:
+    """What the first line says, where there is room for it."""
+    words, most = lines[0].removeprefix(HEAD).split(), sum(map(len, lines))
+    sizes = tuple(int(word) if word.isdecimal() and len(word) < 19 else -1 for word in words[1::2])
+    if tuple(words[::2]) != SIZES or len(sizes) != len(SIZES) or not 0 <= min(sizes) <= max(sizes) <= most:
+        raise ValueError(
+            f"the first line says {' '.join(words)[:100]!r}; wanted {', '.join(SIZES)}, each with a whole number "
+            f"from 0 to {most}, which a file of this size has room for"
+        )
+    return sizes
+
+
+def _program(sizes: tuple[int, ...], lines: list[str]) -> StepProgram:
+    n, m, block, r, s = sizes
+    if block < 1 or "CON" not in lines:
+        raise ValueError(f"found {f'blocks of {block} components' if block < 1 else 'no section CON'}")
+    at = lines.index("CON")
+    rows = int(lines[at + 1].split()[0])
     energy = rows - r - m * (1 + block)
+    cones = _cones(energy, m, block, r)
+    found = lines[at + 2 : at + 2 + len(cones)]
+    if found != cones or not 0 <= energy - 2 - s <= n:
+        raise ValueError(
+            f"its cones are not those of {n} unknowns, {m} terms of block {block}, {r} limits and {s} soft ones, which "
+            f"leave {energy} of {rows} rows to the energy"
+        )
+    cost, b = np.zeros(n + m + 1 + s), np.zeros(rows)
+    for x, section in ((cost, "OBJACOORD"), (b, "BCOORD")):
+        places, values = _entries(lines, section, x.shape)
+        x[places[:, 0]] = values
+    places, values = _entries(lines, "ACOORD", (rows, len(cost)))
+    A: sp.csr_matrix = sp.csr_matrix((values, places.T), shape=(rows, len(cost)))
     cone = energy + np.arange(m * (1 + block)).reshape(m, 1 + block)[:, 1:].ravel()
     F, limits = A[2 : energy - s, :n], slice(rows - r, rows)
     K = F.T @ F
-    K = 0.5 * (K + K.T)
+    K = sp.csr_matrix(0.5 * (K + K.T))
     parts: Parts = {"g": -cost[:n], "w": cost[n : n + m], "B": A[cone, :n], "b": -b[cone]}
     parts |= {"D": -A[limits, :n], "e": b[limits], "c": A[limits, n + m + 1 :] @ np.ones(s)}
-    parts["K"] = K.toarray() if K.nnz > 0.5 * n * n else sp.csr_matrix(K)
-    return put_together(parts | null_motions(parts["K"], n - F.shape[0]), subject)
+    stiffness = K.toarray() if K.nnz > 0.5 * n * n else K
+    return put_together(parts | {"K": stiffness} | null_motions(stiffness, n - F.shape[0]))
 
 
-def _entries(lines: list[str], section: str) -> list[list[str]]:
-    if section not in lines:
-        return []
-    start = lines.index(section)
-    return [line.split() for line in lines[start + 2 : start + 2 + int(lines[start + 1])]]
+def _entries(lines: list[str], section: str, shape: tuple[int, ...]) -> tuple[Ints, Floats]:
+    """Places and values of the entries of a section, of an array of that shape."""
+    width, found = len(shape) + 1, []
+    if section in lines:
+        start = lines.index(section) + 2
+        count = int(lines[start - 1])
+        found = [line.split() for line in lines[start : start + count]] if count > 0 else []
+        if len(found) != count or any(len(words) != width for words in found):
+            raise ValueError(f"section {section} announces {count} lines of {width} numbers; found others, or fewer")
+    places = np.array([[int(word) for word in words[:-1]] for words in found], dtype=np.int64).reshape(-1, width - 1)
+    outside = ((places < 0) | (places >= shape)).any(axis=1)
+    if outside.any():
+        raise ValueError(f"section {section} has an entry at {places[outside][0].tolist()}; there are {list(shape)}")
+    return places, np.array([float(words[-1]) for words in found])

@@ -67,9 +67,9 @@ def to_fclib(program: StepProgram) -> dict[str, bytes]:
     return {".hdf5": made.getvalue()}
 
 
-def from_fclib(path: Path) -> StepProgram:
+def from_fclib(_: Path) -> StepProgram:
     """Refuses: the file has W, not K, B and D."""
-    raise ProgramError(f"{path}: FCLIB's files keep W = h K^-1 h' alone, no program; read an .npz, .mtx, .cbf or .qps.")
+    raise ProgramError("FCLIB's files keep W = h K^-1 h' alone, no program; read an .npz, .mtx, .cbf or .qps.")
 
 
 def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:

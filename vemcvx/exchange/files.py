@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from vemcvx.arrays import brief
-from vemcvx.errors import ProgramError
+from vemcvx.errors import ProgramError, VemcvxError
 from vemcvx.exchange.cbf import from_cbf, to_cbf
 from vemcvx.exchange.description import description
 from vemcvx.exchange.fclib import from_fclib, to_fclib
@@ -111,8 +111,8 @@ def read_program(path: str | Path) -> StepProgram:
         raise ProgramError(f"{place}: there is no such file.")
     try:
         return FORMATS[name][1](place)
-    except ProgramError:
-        raise
+    except VemcvxError as error:
+        raise ProgramError(f"{place}: {error}") from error
     except Exception as error:  # damage shows as whatever numpy, zipfile or scipy stumble over
         raise ProgramError(f"{place}: is damaged, or no .{name} file: {error}.") from error
 

@@ -11,10 +11,12 @@ import io
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sp
 
-from vemcvx.exchange.parts import Parts, parts_of, put_together
+from vemcvx.archives import read_arrays
+from vemcvx.errors import ProgramError
+from vemcvx.exchange.parts import Parts, compressed_rows, parts_of, put_together
 from vemcvx.program.answer import Answer
+from vemcvx.program.checks import finite, of_shape
 from vemcvx.program.solved_program import SolvedProgram
 from vemcvx.program.step_program import StepProgram
 
@@ -36,15 +38,21 @@ def to_npz(program: StepProgram) -> dict[str, bytes]:
 
 def from_npz(path: Path) -> StepProgram:
     """The program, solved if the file has the answer."""
-    with np.load(path, allow_pickle=False) as file:
-        kept = {name: file[name] for name in file.files}
-    sparse = sorted({name.rpartition("_")[0] for name in kept if "_" in name})
+    kept = read_arrays(path)
     parts: Parts = {name: kept[name] for name in ("K", "g", "w", "b", "e", "c", "N", "anchor") if name in kept}
-    for name in sparse:
-        data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in CSR)
-        parts[name] = sp.csr_matrix((data, indices, indptr), shape=tuple(shape.tolist()))
-    program = put_together(parts, str(path))
+    for name in "KBD":
+        members = [f"{name}_{k}" for k in CSR]
+        if any(member in kept for member in members):
+            missing = [member for member in members if member not in kept]
+            if missing:
+                raise ProgramError(f"found no {missing[0]}; a sparse {name} has {', '.join(members)}.")
+            parts[name] = compressed_rows(name, *(kept[member] for member in members))
+    program = put_together(parts)
     if "d" not in kept:
         return program
-    answer = Answer(kept["d"], kept["lam"], 0, "read from a file", p=kept["p"])
-    return SolvedProgram.of(program, answer, int(kept["step"]), float(kept["t"]))
+    shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
+    missing = [name for name in shapes if name not in kept]
+    if missing:
+        raise ProgramError(f"found no {missing[0]}; an answer has {', '.join(shapes)}.")
+    d, lam, p, step, t = (finite(of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
+    return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))

@@ -94,32 +94,45 @@ def from_qps(path: Path) -> StepProgram:
         if line[0] != " ":
             section = words[0]
             if section not in entries:
-                raise ProgramError(f"{path}: found the section {section!r}; there are {', '.join(SECTIONS)}.")
+                raise ProgramError(f"found the section {section!r}; there are {', '.join(SECTIONS)}.")
             continue
         entries[section].append(words)
     try:
-        return _assembled(entries, int(lines[0].removeprefix(HEAD)), str(path))
-    except (ValueError, KeyError, IndexError) as error:
-        raise ProgramError(f"{path}: is no QPS file of a step's program: {error!r}.") from error
+        if not lines or not lines[0].startswith(HEAD):
+            raise ValueError(f"found no first line {HEAD!r}; only files that write_program() has made are read")
+        return _assembled(entries, int(lines[0].removeprefix(HEAD)))
+    except (ValueError, OverflowError) as error:
+        raise ProgramError(f"is no QPS file of a step's program: {error}.") from error
 
 
-def _assembled(entries: dict[str, list[list[str]]], kernel: int, subject: str) -> StepProgram:
+def _assembled(entries: dict[str, list[list[str]]], kernel: int) -> StepProgram:
+    lengths = {"ROWS": 2, "COLUMNS": 3, "RHS": 3, "QUADOBJ": 3, "BOUNDS": 3}
+    for section, length in lengths.items():
+        other = [words for words in entries[section] if len(words) != length]
+        if other:
+            raise ValueError(f"section {section} has the line {' '.join(other[0])[:60]!r}; wanted {length} words")
     rows = [words[1] for words in entries["ROWS"]]
     n = sum(words[0] == "FR" for words in entries["BOUNDS"])
     m, r = (sum(name[0] == letter for name in rows) for letter in "UZ")
+    sizes = {"d": n, "t": m, "p": r, "U": m, "L": m, "Z": r}
     vectors = {"g": np.zeros(n), "w": np.zeros(m), "b": np.zeros(m), "e": np.zeros(r), "c": np.zeros(r)}
     B, D, K = sp.lil_matrix((m, n)), sp.lil_matrix((r, n)), sp.lil_matrix((n, n))
     for column, row, value in entries["COLUMNS"]:
-        (kind, i), x = _place(column), float(value)
+        (kind, i), x = _place(column, "dtp", sizes), float(value)
         if row == "cost":
             vectors["g" if kind == "d" else "w"][i] = -x if kind == "d" else x
-        elif kind == "d" and row[0] in "UZ":
-            (B if row[0] == "U" else D)[_place(row)[1], i] = x
+            continue
+        side, j = _place(row, "ULZ", sizes)
+        if kind == "d" and side in "UZ":
+            (B if side == "U" else D)[j, i] = x
     for _, row, value in entries["RHS"]:
-        if row[0] in "UZ":
-            vectors["b" if row[0] == "U" else "e"][_place(row)[1]] = float(value)
+        side, j = _place(row, "ULZ", sizes)
+        if side in "UZ":
+            vectors["b" if side == "U" else "e"][j] = float(value)
     for one, two, value in entries["QUADOBJ"]:
-        (kind, i), (_, j), x = _place(one), _place(two), float(value)
+        (kind, i), (other_kind, j), x = _place(one, "dp", sizes), _place(two, "dp", sizes), float(value)
+        if kind != other_kind or (kind == "p" and i != j):
+            raise ValueError(f"section QUADOBJ couples {one!r} and {two!r}; wanted two of d, or one p twice")
         if kind == "p":
             vectors["c"][i] = x
         else:
@@ -127,8 +140,13 @@ def _assembled(entries: dict[str, list[list[str]]], kernel: int, subject: str) -
     stiffness = sp.csr_matrix(K)
     dense = stiffness.toarray() if stiffness.nnz > 0.5 * n * n else stiffness
     parts: Parts = {"K": dense, "B": sp.csr_matrix(B), "D": sp.csr_matrix(D), **vectors}
-    return put_together(parts | null_motions(dense, kernel), subject)
+    return put_together(parts | null_motions(dense, kernel))
 
 
-def _place(name: str) -> tuple[str, int]:
-    return name[0], int(name[1:]) - 1
+def _place(name: str, kinds: str, sizes: dict[str, int]) -> tuple[str, int]:
+    """The kind of a row or column and its number from 0."""
+    kind, number = name[0], name[1:]
+    if kind not in kinds or not number.isdecimal() or len(number) > 18 or not 1 <= int(number) <= sizes[kind]:
+        there = ", ".join(f"{letter}1 to {letter}{sizes[letter]}" for letter in kinds if sizes[letter])
+        raise ValueError(f"found {name[:30]!r}; there are {there or 'none'}")
+    return kind, int(number) - 1

@@ -86,7 +86,8 @@ def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
     if K.shape[0] != K.shape[1]:
         raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
     # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
-    x, largest = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0]), max(K.data.max(), -K.data.min())
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
+    largest = max(K.data.max(initial=0.0), -K.data.min(initial=0.0))
     doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * largest
     apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
     if apart.nnz and apart.data.max() > SYMMETRIC * largest:

@@ -19,12 +19,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from vemcvx.archives import Arrays
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.norms import DraggedTerms, Norms
 from vemcvx.program.system import System
 from vemcvx.stepping.state import PreparedRun, State
-from vemcvx.stepping.storage import Arrays
 from vemcvx.version import __version__
 
 DRIVE = "data"

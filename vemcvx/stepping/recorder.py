@@ -13,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
+from vemcvx.archives import Arrays
 from vemcvx.arguments import is_whole
 from vemcvx.arrays import Bools, Floats, Ints, brief, sizes_of
 from vemcvx.errors import HistoryError, SceneError
@@ -21,7 +22,7 @@ from vemcvx.program.tolerances import INTERIOR
 from vemcvx.stepping.acceptance import require_certified, say_floor
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
 from vemcvx.stepping.state import PreparedRun, State, sticking
-from vemcvx.stepping.storage import Arrays, Storage
+from vemcvx.stepping.storage import Storage
 from vemcvx.stepping.trajectory import Trajectory
 
 log = logging.getLogger("vemcvx")

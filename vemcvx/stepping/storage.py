@@ -16,10 +16,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from vemcvx.archives import Arrays, read_arrays
 from vemcvx.errors import HistoryError
 from vemcvx.owned_files import Owned, path_of
 
-Arrays = dict[str, NDArray[Any]]
 CHECKPOINT = "checkpoint.npz"
 ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"
 """Names of the files of a run, as a regular expression."""
@@ -144,8 +144,7 @@ class Folder(Owned):
             return None
         self.take(CHECKPOINT)
         try:
-            with open(file, "rb") as opened, np.load(opened, allow_pickle=False) as kept:
-                return {name: kept[name] for name in kept.files}
+            return read_arrays(file)
         except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
             raise HistoryError(f"{file}: damaged: {error}. Remove the folder and run again.") from error
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vemcvx.archives import Arrays, read_arrays
 from vemcvx.arrays import sizes_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
@@ -18,8 +18,6 @@ from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import component_names
-
-Arrays = dict[str, NDArray[Any]]
 
 NAME = "vemcvx history"
 FORMAT = f"{NAME} 4"
@@ -71,9 +69,7 @@ def read_archive(path: Path) -> Results:
         The file is damaged, foreign, or of another format.
     """
     try:
-        # Opened here, because numpy leaves a damaged file open.
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
     except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
         raise HistoryError(f"{path}: cut short or damaged: {error}. Run the problem again.") from error
     try:

@@ -1,0 +1,244 @@
+"""Programs in files that went wrong: refused in a sentence, or read; no process ends, and no memory is written over."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import hostile
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.io import mmwrite
+
+import vemcvx as vx
+from vemcvx.exchange.matrix_market import read_matrix
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import StepProgram
+from vemcvx.results.io.archive import read_archive
+
+FORMS = "npz", "mtx", "cbf", "qps"
+
+
+def program(block=1, n=8):
+    """One of norm terms and limits, soft and hard, with a sparse K."""
+    rng = np.random.default_rng(0)
+    K = sp.csr_matrix(sp.diags_array([np.full(n, 4.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], offsets=[0, 1, -1]))
+    B, D = (sp.csr_matrix(rng.normal(size=(rows, n))) for rows in (3 * block, 2))
+    operators = Operators(K, B, block=block, D=D, compliance=np.array([0.0, 0.3]))
+    return StepProgram(operators, rng.normal(size=n), np.full(3, 0.7), rng.normal(size=3 * block), np.full(2, 0.05))
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Sound files, sound.npz and so on; those of Matrix Market are several."""
+    for form in FORMS:
+        vx.write_program(program(1 if form == "qps" else 2), tmp_path / f"sound.{form}")
+    return tmp_path
+
+
+def test_columns_and_rows_that_lead_out_of_a_matrix(written):
+    """SciPy writes where they lead: of ten such files nine ended the process."""
+    kept, paths = dict(np.load(written / "sound.npz")), []
+    for name in ("K", "B", "D"):
+        wrong = {"indices": (10**9, -5, 8), "indptr": (10**9, -3), "shape": (10**12, -1, 3)}
+        for part, values in wrong.items():
+            for value in values:
+                array = kept[f"{name}_{part}"].astype(np.int64)
+                array[len(array) // 2] = value
+                paths.append(written / f"{name}_{part}{value}.npz")
+                np.savez(paths[-1], **{**kept, f"{name}_{part}": array})
+        for part in ("data", "indices", "indptr"):
+            paths.append(written / f"{name}_{part}.npz")
+            np.savez(paths[-1], **{**kept, f"{name}_{part}": kept[f"{name}_{part}"][:-2]})
+    for path, says in zip(paths, hostile.read_all(paths, "program"), strict=True):
+        lead_out = f"{path}: {path.stem[0]}: found "
+        assert says.startswith((lead_out, f"{path}: is no convex program of a step: ")), says
+
+
+@pytest.mark.parametrize("name", ["sound.mtx", "sound_B.mtx", "sound_g.mtx"])
+def test_matrices_that_end_in_the_middle_of_a_number(written, name):
+    """Cut anywhere in the last lines, or with a zero byte there: SciPy's reader ended the process."""
+    whole, paths = (written / name).read_bytes(), []
+    for k in range(1, 30):
+        for kind, data in (("cut", whole[:-k]), ("zero", whole[:-k] + b"\0" + whole[1 - k or len(whole) :])):
+            folder = written / f"{kind}{k}"
+            folder.mkdir()
+            for path in written.glob("sound*.mtx"):
+                (folder / path.name).write_bytes(data if path.name == name else path.read_bytes())
+            paths.append(folder / "sound.mtx")
+    array = name.removeprefix("sound").removeprefix("_").removesuffix(".mtx") or "K"
+    for path, says in zip(paths, hostile.read_all(paths, "program"), strict=True):
+        assert re.match(rf"{path}: {array}: (found \d+ lines of numbers|some line is not of)", says), (path, says)
+
+
+RNG = np.random.default_rng(0)
+WIDE = RNG.normal(size=(7, 7)) * 10.0 ** RNG.integers(-300, 300, (7, 7))
+SPARSE = np.where(RNG.random((7, 7)) < 0.4, WIDE, 0.0)
+
+
+@pytest.mark.parametrize("form", [np.asarray, sp.coo_matrix])
+@pytest.mark.parametrize(
+    "dense", [SPARSE, SPARSE + SPARSE.T, SPARSE - SPARSE.T, np.triu(SPARSE)[:4], np.arange(9.0)[:, None]]
+)
+def test_matrices_to_the_bit(tmp_path, form, dense):
+    mmwrite(tmp_path / "a.mtx", form(dense), precision=17)
+    found = read_matrix(tmp_path / "a.mtx", "A")
+    assert isinstance(found, np.ndarray) == (form is np.asarray)
+    assert np.array_equal(found if isinstance(found, np.ndarray) else found.toarray(), dense)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("coordinate pattern general\n% of others\n\n2 3 2\n1 3\n2 1\n", [[0, 0, 1], [1, 0, 0]]),
+        ("coordinate pattern symmetric\n2 2 2\n1 1\n2 1\n", [[1, 1], [1, 0]]),
+        ("coordinate integer skew-symmetric\n2 2 1\n2 1 5\n", [[0, -5], [5, 0]]),
+        ("coordinate real general\n2 2 3\n1 1 .5\n\n1 1 2.5E0\n2 2 -1e-3\n", [[3, 0], [0, -0.001]]),
+        ("array integer general\n%\n2 2\n1\n2\n3\n4\n", [[1, 3], [2, 4]]),
+        ("array real symmetric\n2 2\n1\n2\n3\n", [[1, 2], [2, 3]]),
+        ("ARRAY real skew-symmetric\n2 2\n7\n", [[0, -7], [7, 0]]),
+        ("coordinate real general\n2 2 0\n", [[0, 0], [0, 0]]),
+    ],
+)
+def test_matrices_of_others(tmp_path, text, wanted):
+    (tmp_path / "a.mtx").write_text(f"%%MatrixMarket matrix {text}")
+    found = read_matrix(tmp_path / "a.mtx", "A")
+    assert (found if isinstance(found, np.ndarray) else found.toarray()).tolist() == wanted
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "A: found the first line ''; wanted '%%MatrixMarket matrix'"),
+        (
+            "%%MatrixMarket matrix array complex general\n1 1\n1 1\n",
+            "A: found the first line .*real, integer or pattern",
+        ),
+        ("%%MatrixMarket matrix array real general\n", "A: found the sizes ''; wanted those of arrays"),
+        ("%%MatrixMarket matrix array real general\n1 -1\n", "A: found the sizes '1 -1'"),
+        ("%%MatrixMarket matrix array real symmetric\n1 2\n", "A: found a symmetric matrix of 1 rows and 2 columns"),
+        (
+            "%%MatrixMarket matrix array real general\n1000000 1000000\n1\n",
+            "A: found 1 lines of numbers; announced are",
+        ),
+        ("%%MatrixMarket matrix array real general\n1 1\n1 1\n", "A: found lines of 2 numbers; wanted 1"),
+        ("%%MatrixMarket matrix array real general\n1 1\n1_0\n", "A: some line is not of 1 numbers"),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n3 1 1\n", r"A: found an entry at \(3, 1\) of 2 rows"),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\n1.5 1 1\n", r"A: found an entry at \(1.5, 1\)"),
+        ("%%MatrixMarket matrix coordinate real general\n2 2 1\nnan 1 1\n", r"A: found an entry at \(nan, 1\)"),
+        (
+            "%%MatrixMarket matrix coordinate real general\n99999999999 1 1\n1 1 1\n",
+            "A: found 99999999999 rows and 1 entr",
+        ),
+    ],
+)
+def test_matrices_that_are_refused(tmp_path, text, says):
+    (tmp_path / "a.mtx").write_text(text)
+    with pytest.raises(vx.ProgramError, match=says):
+        read_matrix(tmp_path / "a.mtx", "A")
+
+
+CHANGES = [
+    (
+        "cbf",
+        "block 2",
+        "block -5",
+        "the first line says .*; wanted unknowns, terms, block, limits, soft, each with a whole",
+    ),
+    ("cbf", "block 2", "block 0", "found blocks of 0 components"),
+    (
+        "cbf",
+        "terms 3",
+        "terms 7",
+        "its cones are not those of 8 unknowns, 7 terms of block 2, 2 limits and 1 soft ones",
+    ),
+    ("cbf", "unknowns 8", "unknowns 300000000", "the first line says .* which a file of this size has room for"),
+    ("cbf", "unknowns 8", "unknown 8", "the first line says"),
+    ("cbf", "\nCON\n", "\nCONE\n", "found no section CON"),
+    ("cbf", "\nQ 3\n", "\nQ 4\n", "its cones are not those of"),
+    ("cbf", "\nBCOORD\n", "\nBCOORD\n9", "section BCOORD announces 9[0-9]+ lines of 2 numbers; found others, or fewer"),
+    (
+        "cbf",
+        "\nACOORD\n[0-9]+\n[0-9]+",
+        "\\g<0>999",
+        r"section ACOORD has an entry at \[999, 11\]; there are \[22, 13\]",
+    ),
+    ("cbf", "\nOBJACOORD\n[0-9]+\n", "\\g<0>-1", r"section OBJACOORD has an entry at \[-10\]; there are \[13\]"),
+    ("qps", "^.*\n", "", "found no first line .* only files that write_program"),
+    ("qps", "kernel of K: 0", "kernel of K: 99", "found 99 motions in the kernel of K, which has 8 unknowns"),
+    ("qps", " d1 cost", " d0 cost", "found 'd0'; there are d1 to d8, t1 to t3, p1 to p2"),
+    ("qps", " d1 cost", " d99 cost", "found 'd99'; there are"),
+    ("qps", " rhs U1", " rhs Y1", "found 'Y1'; there are U1 to U3, L1 to L3, Z1 to Z2"),
+    ("qps", " d1 d1 ", " d1 p1 ", "section QUADOBJ couples 'd1' and 'p1'"),
+    ("qps", " d1 d1 ", " d1 ", "section QUADOBJ has the line 'd1 .*'; wanted 3 words"),
+]
+
+
+@pytest.mark.parametrize(("form", "old", "new", "says"), CHANGES)
+def test_malformed_texts_are_refused_in_a_sentence(written, form, old, new, says):
+    text = (written / f"sound.{form}").read_text()
+    changed, count = re.subn(old, new, text, count=1)
+    assert count
+    (written / f"bad.{form}").write_text(changed)
+    with pytest.raises(vx.ProgramError, match=f"bad.{form}: .*{says}"):
+        vx.read_program(written / f"bad.{form}")
+
+
+def test_parts_of_other_kinds_and_shapes(written):
+    kept = dict(np.load(written / "sound.npz"))
+    changes = {
+        "g": (kept["g"] + 1j, "g: found .* does not read as an array of real numbers"),
+        "w": (np.array(["a", "b", "c"]), "w: found .* does not read as an array of real numbers"),
+        "K_data": (kept["K_data"].astype(complex), "K"),
+        "K_indices": (kept["K_indices"].astype(float), "K: found no numbers, columns, ends of rows and shape"),
+        "K_shape": (np.array([10**12, 8]), "K: found rows that lead out of the matrix"),
+        "d": (np.zeros(3), "d: found an array of shape"),
+        "t": (np.array(np.nan), "t: found NaN"),
+    }
+    answer = {"d": np.zeros(8), "lam": np.zeros((3, 2)), "p": np.zeros(2), "step": np.array(1), "t": np.array(0.5)}
+    np.savez(written / "solved.npz", **kept, **answer)
+    assert vx.read_program(written / "solved.npz").step == 1
+    for name, (value, says) in changes.items():
+        np.savez(written / "bad.npz", **{**kept, **answer, name: value})
+        with pytest.raises(vx.ProgramError, match=f"bad.npz: .*{says}"):
+            vx.read_program(written / "bad.npz")
+    for name in ("K_indptr", "lam", "g"):
+        np.savez(written / "bad.npz", **{k: v for k, v in {**kept, **answer}.items() if k != name})
+        with pytest.raises(vx.ProgramError, match=f"bad.npz: found no {name}; "):
+            vx.read_program(written / "bad.npz")
+    motions = {"N": np.ones((7, 1)), "anchor": np.ones(8)}
+    np.savez(written / "bad.npz", **kept, **motions)
+    with pytest.raises(vx.ProgramError, match=r"N \(7, 1\) and anchor \(8,\) are no motions of 8 unknowns"):
+        vx.read_program(written / "bad.npz")
+
+
+def test_archives_that_unpack_to_more_than_their_size_lets_expect(tmp_path):
+    """Zeros compress a thousand times: of two gigabytes a file keeps two megabytes."""
+    made = io.BytesIO()
+    np.savez_compressed(made, K=np.zeros((2000, 2000)))
+    (tmp_path / "bomb.npz").write_bytes(made.getvalue())
+    with pytest.raises(
+        vx.ProgramError, match=r"bomb.npz: .*unpacks to 32000\d\d\d bytes, more than 200 times its size"
+    ):
+        vx.read_program(tmp_path / "bomb.npz")
+    with pytest.raises(vx.HistoryError, match=r"bomb.npz: .*more than 200 times its size"):
+        read_archive(tmp_path / "bomb.npz")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", FORMS)
+def test_many_damaged_programs(written, form):
+    rng, names = np.random.default_rng(1), sorted(path.name for path in written.glob(f"sound*.{form}"))
+    for _ in range(10):
+        paths = []
+        for k in range(50):
+            victim = names[k % len(names)]
+            folder = written / f"broken{k}"
+            folder.mkdir(exist_ok=True)
+            for name in names:
+                data = (written / name).read_bytes()
+                damage = hostile.mutated_archive if form == "npz" and k % 2 else hostile.mutated
+                (folder / name).write_bytes(damage(data, rng) if name == victim else data)
+            paths.append(folder / f"sound.{form}")
+        hostile.read_all(paths, "program")

@@ -56,7 +56,7 @@ class DataOscillation:
 
     def squares(self, now: Instant, strain: Floats, volume: float) -> tuple[Floats, Floats]:
         """Squares (n_cells,) of what is to be weighed as residuals are, and of what is work by itself."""
-        n, edges = len(self.edges.sizes), self.edges
+        n, edges = len(self.edges.shear), self.edges
         residual, work = np.zeros(n), np.zeros(n)
         for given, places in self.on:
             residual += totals(edges.outer, self._on_edges(given, places, now), n)

@@ -10,8 +10,8 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.estimate.budget.joints import Joints, joints
-from vemcvx.meshes import plane_mesh
-from vemcvx.meshes.polygons.segments import right_of
+from vemcvx.meshes import PolygonMesh, plane_mesh
+from vemcvx.meshes.polygons.segments import cross, right_of
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges
 from vemcvx.scene.pose import PosedScene
 from vemcvx.vem import elastic_matrix, mean_shear
@@ -24,8 +24,14 @@ FREE = 1e-9
 class Skeleton:
     """Edges inside and on the boundary."""
 
-    sizes: Floats
-    """(n_cells,) |K|^{1/2}"""
+    extents: Floats
+    """(n_cells, 2, 2) squared sides of the rectangle with the cell's second moments: n'Mn along a unit vector n"""
+    areas: Floats
+    """(n_cells,)"""
+    sides: Ints
+    """(c, 2) the edges of every cell, counter-clockwise"""
+    owner: Ints
+    """(c,) the cell of each"""
     shear: Floats
     """(n_cells,) mu; half the harmonic mean of the two moduli of shear, at most twice the softer, where they differ"""
     inside: Ints
@@ -56,8 +62,20 @@ class Skeleton:
 
     @cached_property
     def weights(self) -> Floats:
-        """(b,) h_e / (2 mu) of boundary edges, by which squares of what they miss count."""
-        return self.sizes[self.outer] / (2.0 * self.shear[self.outer])
+        """(b,) d_e / (2 mu) of boundary edges, by which squares of what they miss count."""
+        return self.depths(self.outer, self.outer_normals) / (2.0 * self.shear[self.outer])
+
+    def depths(self, cells: Ints, normals: Floats) -> Floats:
+        """(e,) d_e: how far cells (e,) extend along these normals (e, 2), of any length."""
+        squares = np.einsum("ei,eij,ej->e", normals, self.extents[cells], normals)
+        depths: Floats = np.sqrt(squares / np.einsum("ei,ei->e", normals, normals))
+        return depths
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """(n_cells,) h_K: the longer side of that rectangle."""
+        sizes: Floats = np.sqrt(np.linalg.eigvalsh(self.extents)[:, 1])
+        return sizes
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
@@ -67,18 +85,35 @@ def skeleton(posed: PosedScene) -> Skeleton:
     edges = directed_edges(mesh.offsets, mesh.vertices)
     normals = right_of(np.diff(mesh.points[edges], axis=1)[:, 0])
     first, two = shared.corners[shared.first], shared.counts == 2
+    owner = cell_of_corner(mesh.offsets)
     inner, outer = first[two], first[~two]
     return Skeleton(
-        sizes=np.sqrt(mesh.areas),
+        extents=_extents(mesh, edges, owner),
+        areas=mesh.areas,
+        sides=edges,
+        owner=owner,
         shear=0.5 * mean_shear(elastic_matrix(posed.material.moduli)),
         inside=mesh.neighbours,
         inside_normals=normals[inner],
-        outer=cell_of_corner(mesh.offsets)[outer],
+        outer=owner[outer],
         outer_edges=edges[outer],
         outer_normals=normals[outer],
         free=_free(posed.supports.P, edges[outer]),
         joints=joints(posed, edges[outer], normals[outer]),
     )
+
+
+def _extents(mesh: PolygonMesh, edges: Ints, owner: Ints) -> Floats:
+    """M = 12 / |K| int_K (x - c)(x - c)' dx: diag(a^2, b^2) for a rectangle with the sides a, b.
+
+    Over the triangle of c = 0, a and b, int x x' = |T| (a a' + b b' + (a + b)(a + b)') / 12.
+    """
+    ends = mesh.points[edges] - mesh.centroids[owner, None]
+    corners = np.concatenate([ends, ends.sum(axis=1, keepdims=True)], axis=1)
+    share = 0.5 * cross(ends[:, 0], ends[:, 1]) / mesh.areas[owner]
+    extents = np.zeros((mesh.n_cells, 2, 2))
+    np.add.at(extents, owner, share[:, None, None] * np.einsum("eki,ekj->eij", corners, corners))
+    return extents
 
 
 def _free(P: sp.csr_matrix, edges: Ints) -> Floats:

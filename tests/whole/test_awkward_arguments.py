@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scenes import paper_scene, small
 
 import vemcvx as vx
@@ -72,3 +73,15 @@ def test_partners_that_are_no_nodes_are_refused(tmp_path, wrong):
     np.savez(tmp_path / "history.npz", **arrays)
     with pytest.raises(vx.HistoryError, match=f"found contact.partners from .*{wrong}"):
         vx.read_history(tmp_path)
+
+
+@pytest.mark.parametrize("part", ["indices", "indptr"])
+@pytest.mark.parametrize("wrong", [10**6, -1])
+def test_sparse_matrices_that_lead_out_of_themselves_are_refused(part, wrong):
+    """SciPy would read and write there, and end the process."""
+    bad, good = sp.csr_matrix(2 * np.eye(4)), sp.csr_matrix(2 * np.eye(4))
+    getattr(bad, part)[2] = wrong
+    for act in (lambda: vx.System(bad, lambda t: np.ones(4)), lambda: vx.Norms(bad, 1.0), lambda: vx.Limits(bad, 1.0)):
+        with pytest.raises(vx.SceneError, match="found a sparse matrix that leads out of itself"):
+            act()
+    vx.System(good, lambda t: np.ones(4))

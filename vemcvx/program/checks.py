@@ -36,6 +36,12 @@ def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None)
     """
     sparse = sp.issparse(raw)
     if sparse and raw.dtype.kind in "biuf":
+        if hasattr(raw, "check_format"):
+            # SciPy's compiled code reads and writes where indices lead.
+            try:
+                raw.check_format(full_check=True)
+            except (ValueError, TypeError, AttributeError) as error:
+                raise SceneError(f"{subject}: found a sparse matrix that leads out of itself: {error}.") from error
         open_to_change = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
         matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=open_to_change)
     else:

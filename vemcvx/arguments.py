@@ -79,17 +79,16 @@ def function(raw: Any, found: str, wanted: str) -> Any:
     return raw
 
 
-def takes(raw: Any, found: str, wanted: str, count: int) -> Any:
-    """A function that takes so many arguments, or None; `found` says what was asked for, `wanted` what they are."""
-    function(raw, found, f"a function of {wanted}")
+def check_takes(function: Callable[..., object] | None, count: int, subject: str, wanted: str) -> None:
+    """Raise SceneError if a function does not take so many arguments, which `wanted` names."""
+    if function is None:
+        return
     try:
-        if raw is not None:
-            inspect.signature(raw).bind(*range(count))
+        inspect.signature(function).bind(*range(count))
     except TypeError as error:
-        raise SceneError(f"{found} = {brief(raw)}; wanted a function of {wanted}, but {error}.") from None
+        raise SceneError(f"{subject}: found {brief(function)}; wanted a function of {wanted}, but {error}.") from None
     except ValueError:
         pass  # some of those in C do not tell
-    return raw
 
 
 def called(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str, wanted: str) -> Any:

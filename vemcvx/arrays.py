@@ -6,6 +6,8 @@ import contextlib
 import math
 import numbers
 import reprlib
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
@@ -102,6 +104,29 @@ def _masked(raw: Any) -> bool:
 
 def _numbers(array: NDArray[np.object_]) -> bool:
     return all(isinstance(number, numbers.Real) and not isinstance(number, np.timedelta64) for number in array.flat)
+
+
+VANISHING = 1e-60
+"""Part of the largest value in a run below which data in time are zero: their energies are no numbers beside its."""
+
+
+def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
+    """A datum in time, zero where it vanishes beside its largest value at the instants of a run.
+
+    So is what a pulse leaves before and after it: exp(-x^2) is 1e-150 at x = 18.6.
+    """
+
+    @cache
+    def largest() -> float:
+        return max((float(np.abs(value(t)).max(initial=0.0)) for t in times), default=0.0)
+
+    def faded(t: float) -> Floats:
+        found = value(t)
+        size = float(np.abs(found).max(initial=0.0))
+        # Whatever the units are, few data are as small as this; of those alone the others are asked.
+        return np.zeros_like(found) if 0.0 < size < VANISHING and size < VANISHING * largest() else found
+
+    return faded
 
 
 def brief(raw: Any) -> str:

@@ -173,7 +173,7 @@ def test_steps_are_split_where_they_lose():
         ({"target": "fine"}, r"^adapt: found target = 'fine'"),
         ({"target": True}, r"^adapt: found target = True; it is a relative error"),
         ({"most_unknowns": -5}, r"^adapt: found most_unknowns = -5; it is a number of unknowns"),
-        ({"progress": True}, r"^adapt: found progress = True; wanted a function of each Pass"),
+        ({"progress": True}, r"^adapt: found progress = True; it is a function that is told of each Pass"),
         ({"solver": "newton"}, r"^solver: found 'newton'; wanted a solver with its settings"),
         ({"theta": 0.0}, r"^adapt: found theta = 0\.0; it is a part"),
         ({"initial": np.zeros((9, 2))}, r"^adapt: found an initial displacement, which belongs to one mesh"),

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.arrays import Bools, Floats, Ints, brief, fading
 from vemcvx.effects import data
 from vemcvx.effects.slip_law import SlipLaw
 from vemcvx.errors import SceneError
@@ -34,6 +35,8 @@ class Load:
     """(q,) of a load in the body: the cell of each point"""
     edges: Ints | None = None
     """(q, 2) of a load on the boundary: the edge of each point"""
+    times: tuple[float, ...] = ()
+    """the instants of the run, where they are known"""
 
     def at(self, x: Floats, t: float) -> Floats:
         """The datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
@@ -52,7 +55,11 @@ class Load:
 
     def values(self, t: float) -> Floats:
         """The datum at all points, by which `matrix` is to be multiplied."""
-        return self.at(self.points, t).ravel()
+        return self._faded(t)
+
+    @cached_property
+    def _faded(self) -> Callable[[float], Floats]:
+        return fading(lambda t: self.at(self.points, t).ravel(), self.times)
 
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""

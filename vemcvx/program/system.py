@@ -6,8 +6,9 @@ j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of mesh
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called, instance
-from vemcvx.arrays import Floats, Ints, MatrixLike, brief, shaped
+from vemcvx.arrays import Floats, Ints, MatrixLike, brief, fading, shaped
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.outline import ArrayRecord
@@ -230,6 +231,17 @@ class System(ArrayRecord):
         """The load vector (n,) at the instant `t`, the bias of norm terms taken off."""
         f = self.load_at(t)
         return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.bias_at(t)
+
+    def faded(self, instants: Sequence[float]) -> System:
+        """The system whose load is zero where it vanishes beside its largest one in a run."""
+        load = self.load
+        if isinstance(load, ForceOnPart):
+            load = replace(load, entries=fading(load.entries, instants))
+        else:
+            load = fading(self.load_at, instants)
+        other = copy(self)
+        object.__setattr__(other, "load", load)  # All else has been checked.
+        return other
 
     def multiplier_force(self, lam: Floats, p: Floats) -> Floats:
         """B'lam + D'p, the forces (n,) of norm terms and limits."""

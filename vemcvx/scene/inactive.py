@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats
+from vemcvx.arrays import Bools, Floats, fading
 from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load
 from vemcvx.errors import VemcvxError
 from vemcvx.program.motion import DRAG_ROUNDING
@@ -54,10 +54,15 @@ def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float]
     return replace(
         part,
         **none,
-        loads=alive(part.loads, lambda load: load.vector, "force"),
+        loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
+        supports=tuple(x if x.value is None else replace(x, value=fading(x.value, times)) for x in part.supports),
         frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
-        eigenstrains=alive(part.eigenstrains, lambda eigenstrain: eigenstrain.value, "strain"),
-        initial_stresses=alive(part.initial_stresses, lambda stress: stress.value, "stress"),
+        eigenstrains=tuple(
+            replace(x, value=fading(x.value, times)) for x in alive(part.eigenstrains, lambda x: x.value, "strain")
+        ),
+        initial_stresses=tuple(
+            replace(x, value=fading(x.value, times)) for x in alive(part.initial_stresses, lambda x: x.value, "stress")
+        ),
     )
 
 

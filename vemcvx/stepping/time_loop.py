@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import flag, takes
+from vemcvx.arguments import check_takes, flag
 from vemcvx.arrays import Floats, as_real_array, brief
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver
@@ -75,6 +75,7 @@ def march(
     if storage is not None and not isinstance(storage, Storage):
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
     instants = checked_times(times)
+    system = system.faded(instants.tolist())
     steps = len(instants) - 1
     kept = stored_steps(store, steps)
     start = time.perf_counter()
@@ -140,7 +141,9 @@ def check_kinds(
         as_solver(solver).check_accuracy()
     if linear is not None and not isinstance(linear, LinearSolver):
         raise SceneError(f"linear: found {brief(linear)}; wanted SuperLU(), Pardiso(), Multigrid(), or None (chosen).")
-    takes(progress, "progress: found", "(step, steps)", 2)
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress: found {brief(progress)}; wanted a function of (step, steps).")
+    check_takes(progress, 2, "progress", "(step, steps)")
 
 
 def checked_times(times: ArrayLike) -> Floats:

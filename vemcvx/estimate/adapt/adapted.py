@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import LARGEST, is_real, part, takes
+from vemcvx.arguments import LARGEST, check_takes, is_real, part
 from vemcvx.arrays import Bools, Floats, Ints, brief
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.adapt.marking import cells_to_refine, split_steps
@@ -247,7 +247,9 @@ def _check(target: object, theta: object, most: object, progress: object) -> Non
     part(theta, "adapt", "theta", "a part,", "0.6")
     if not (is_real(most) and 1 <= most <= LARGEST):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
-    takes(progress, "adapt: found progress", "each Pass", 1)
+    if not (progress is None or callable(progress)):
+        raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")
+    check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
 def _beginning(initial: ArrayLike | str | None) -> str | None:

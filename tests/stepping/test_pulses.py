@@ -1,0 +1,81 @@
+"""Data that vanish beside what they are at other instants are zero: a pulse alone drives a run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import small
+
+import vemcvx as vx
+
+STEEL, TOUCHING = vx.Elasticity(200.0, 0.3), vx.BilateralContact(on="bottom")
+RUBBING, HELD = vx.TrescaFriction(0.1, on="bottom"), vx.Clamp(on="right")
+
+
+def pulse(t):
+    return 5.0 * np.exp(-(((t - 0.437) / 0.01) ** 2))
+
+
+def pull(x, t):
+    return np.column_stack([np.full(len(x), pulse(t)), np.zeros(len(x))])
+
+
+def scalar(size):
+    return lambda x, t: np.full(len(x), size * pulse(t))
+
+
+SCENES = {
+    "traction": (STEEL, TOUCHING, RUBBING, HELD, vx.Traction(pull, on="left")),
+    "body force": (STEEL, TOUCHING, RUBBING, HELD, vx.BodyForce(pull)),
+    "support": (
+        STEEL, TOUCHING, RUBBING, HELD, vx.PrescribedDisplacement(scalar(0.01), on="left", direction=(1.0, 0.0))
+    ),
+    "heat": (STEEL, TOUCHING, RUBBING, HELD, vx.ThermalStrain(1e-3, scalar(1.0))),
+    "viscous": (STEEL, TOUCHING, RUBBING, HELD, vx.Viscosity(1.0, 1.0), vx.Traction(pull, on="left")),
+    "Coulomb": (
+        STEEL, vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"), HELD,
+        vx.Pressure(scalar(1.0), on="top"), vx.Traction(pull, on="left"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("steps", [16, 128])
+@pytest.mark.parametrize("name", SCENES)
+def test_a_pulse_drives_a_run(name, steps):
+    history = vx.simulate(vx.Scene(*SCENES[name]), small("squares", 4), np.linspace(0.0, 1.0, steps + 1))
+    assert history.certificate.max() <= 1e-8
+    assert not history.displacement[1].any()
+    last = np.flatnonzero(history.times < 0.437)[-1]
+    assert history.energy[last : last + 2].max() > 0.01 * history.energy.max() > 0.0
+
+
+def test_what_comes_of_the_pulse_is_what_comes_of_it_alone():
+    """The instants without load change nothing of those with it."""
+    mesh, scene = small("squares", 4), vx.Scene(*SCENES["traction"])
+    times = np.linspace(0.0, 1.0, 65)
+    whole = vx.simulate(scene, mesh, times)
+    driven = np.abs([pulse(t) for t in times]) > 1e-30
+    part = vx.simulate(scene, mesh, np.concatenate([[0.0], times[driven]]))
+    error = np.abs(whole.displacement[driven] - part.displacement[1:]).max()
+    assert error <= 1e-8 * np.abs(whole.displacement).max()
+
+
+def test_a_pulse_drives_a_system():
+    system = vx.System(np.array([[4.0, -1.0], [-1.0, 3.0]]), lambda t: [pulse(t), -pulse(t)], vx.Norms(np.eye(2), 0.1))
+    run = vx.march(system, np.linspace(0.0, 1.0, 17))
+    assert run.certificate.max() <= 1e-8
+    assert not run.state[:5].any()
+    assert run.state.any()
+
+
+def test_small_loads_of_small_units_are_no_zeros():
+    """A whole run in units in which all loads are tiny is as good as any."""
+    mesh, times = small("squares", 3), np.linspace(0.0, 1.0, 3)
+
+    def run(force):
+        scene = vx.Scene(
+            vx.Elasticity(force, 0.3), HELD, vx.Traction(lambda x, t: np.tile([force * t, 0.0], (len(x), 1)), on="left")
+        )
+        return vx.simulate(scene, mesh, times)
+
+    assert np.allclose(run(1e-90).displacement, run(1.0).displacement, rtol=1e-12)

@@ -36,7 +36,7 @@ def file(name, suffix, says, change=lambda data: data):
 
 def lost_cells():
     with tempfile.TemporaryDirectory() as folder:
-        vx.meshes.voronoi(3).write(folder + "/mesh.stl")
+        vx.meshes.voronoi(3).write(folder + "/mesh.msh")
     return on(MESH)
 
 
@@ -70,7 +70,7 @@ CASES = (
     file("a file of another kind", ".vtu", "mesh.vtu", lambda data: b"\x89PNG\r\n" + bytes(200)),
     file("an empty file", ".vtk", "mesh.vtk", lambda data: b""),
     file("a file of no known kind", ".docx", "mesh.docx"),
-    Case("a format that loses polygons", lost_cells, REFUSAL, "stl"),
+    Case("a format that loses polygons", lost_cells, REFUSAL, ".msh files do not keep polygons"),
     bad("NaN in the bound", "found NaN", bound=np.nan),
     bad("NaN in a modulus", "found NaN", young=np.where(np.arange(16) == 3, np.nan, 1.0)),
     bad("moduli of another mesh", "one a cell", young=np.ones(9)),

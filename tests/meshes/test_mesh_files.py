@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -76,7 +78,7 @@ def test_gmsh_keeps_the_order_of_mixed_cells(tmp_path):
     assert_same(mesh, read(tmp_path / "mesh.msh"))
 
 
-@pytest.mark.parametrize("suffix", [".inp", ".mesh", ".vol", ".obj", ".ply", ".bdf", ".dat", ".mdpa", ".avs"])
+@pytest.mark.parametrize("suffix", [".inp", ".bdf", ".nas", ".fem"])
 def test_other_formats_say_what_they_lose(suffix, tmp_path):
     mesh = vx.meshes.triangles(3).with_cell_data("young", np.ones(18))
     with pytest.warns(vx.MeshWarning, match=r"files do not keep .*'bottom', 'left', 'right', 'top', 'young'; .vtu and"):
@@ -92,10 +94,7 @@ def test_rounded_points_are_said(tmp_path):
     assert caught[0].filename == __file__
 
 
-LOSSY = (".xdmf", ".xmf", ".off", ".stl", ".mesh", ".meshb", ".su2", ".msh", ".inp", ".obj", ".ply", ".bdf", ".dat")
-
-
-@pytest.mark.parametrize("suffix", LOSSY)
+@pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
 @pytest.mark.parametrize("family", ["voronoi", "hexagons", "hanging", "nonconvex"])
 def test_formats_that_lose_polygons_are_refused(family, suffix, tmp_path):
     with pytest.raises(vx.MeshError, match=r"do not keep polygons of more than four vertices.*Write .vtu or .vtk"):
@@ -103,20 +102,32 @@ def test_formats_that_lose_polygons_are_refused(family, suffix, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", [".off", ".stl", ".wkt", ".svg"])
-def test_formats_that_lose_squares_are_refused(suffix, tmp_path, capfd):
-    with pytest.raises(vx.MeshError, match=r"cannot be written; .vtu and .vtk hold every mesh"):
-        vx.meshes.squares(2).write(tmp_path / f"mesh{suffix}")
+@pytest.mark.parametrize("suffix", [".hmf", ".med", ".xdmf", ".stl", ".off", ".ele", ".vol.gz", ".doc", ""])
+def test_other_formats_are_refused(suffix, tmp_path):
+    """The list is closed: behind some of these are readers that hang on damaged files."""
+    (tmp_path / f"mesh{suffix}").touch()
+    says = (
+        f"mesh{suffix}: the suffix {Path(f'mesh{suffix}').suffix!r} is none of the mesh formats here: "
+        "Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) and Nastran (.bdf, .nas, .fem). Convert the file: "
+        f"meshio convert mesh{suffix} mesh"
+    )
+    for attempt in (read, vx.meshes.squares(2).write):
+        with pytest.raises(vx.MeshError, match=re.escape(says) + r".*\.vtu$"):
+            attempt(tmp_path / f"mesh{suffix}")
+
+
+@pytest.mark.parametrize("name", ['a "b', "a\\b", "a\nb"])
+def test_names_that_gmsh_cannot_have(name, tmp_path):
+    """A quote or a backslash in a name made a file that nobody reads."""
+    mesh = vx.meshes.squares(2).with_boundary(name, lambda x: x[:, 0] < 0.1)
+    with pytest.raises(vx.MeshError, match="mesh.msh: .msh files have no names with quotes, backslashes or ends of"):
+        mesh.write(tmp_path / "mesh.msh")
     assert not list(tmp_path.iterdir())
-    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ("mesh", "the suffix '' is no mesh format; .vtu and .vtk hold every mesh, others are .avs"),
-        ("mesh.pdf", "the suffix '.pdf' is no mesh format"),
-        ("mesh.ele", "the suffix '.ele' is no mesh format"),
         ("no/mesh.vtu", "there is no folder .*no; create it first"),
         ("folder.vtu", "folder.vtu is a folder; name a file"),
     ],
@@ -154,12 +165,14 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         ("foreign.vtu", b"\x89PNG\r\n\x1a\n" + bytes(100), "foreign.vtu cannot be read as a mesh"),
         ("text.vtk", b"Dear colleague,\nhere is the mesh.\n", "text.vtk cannot be read as a mesh"),
         ("text.msh", b"Dear colleague,\nhere is the mesh.\n", "text.msh cannot be read as a mesh"),
-        ("grid.vtu", b'<?xml version="1.0"?><VTKFile type="PolyData"></VTKFile>', "cannot be read .*found PolyData"),
-        ("mesh.doc", b"", "the suffix '.doc' is no mesh format"),
+        (
+            "grid.vtu",
+            b'<?xml version="1.0"?><VTKFile type="PolyData"></VTKFile>',
+            "cannot be read .*holds no Unstructured",
+        ),
         ("end.msh", b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "end.msh"),
-        ("end.ply", b"ply\nformat ascii 1.0\n", "end.ply cannot be read as a mesh .*ends too early"),
-        ("end.off", b"OFF\n", "end.off cannot be read as a mesh .*ends too early"),
-        ("end.bdf", b"BEGIN BULK\n", "end.bdf cannot be read as a mesh"),
+        ("ansys.msh", b'(1 "x")\n(2 3)\n', "it does not begin as Gmsh's files do, with .MeshFormat"),
+        ("end.bdf", b"BEGIN BULK\n", "end.bdf cannot be read as a mesh .*ends too early"),
     ],
 )
 def test_hostile_files(name, content, message, tmp_path, capfd):

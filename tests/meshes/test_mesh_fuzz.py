@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import resource
-import subprocess
-import sys
-import textwrap
 import warnings
-from pathlib import Path
 
 import numpy as np
 import polydata
 import pytest
+from hostile import mutated, read_all
 
 import vemcvx as vx
 
-ROOT = Path(vx.__file__).parent.parent
 SOUND = {".vtu": vx.meshes.voronoi, ".vtk": vx.meshes.hexagons}
-SOUND |= dict.fromkeys(
-    (".msh", ".obj", ".inp", ".ply", ".bdf", ".mesh", ".vol", ".dat", ".mdpa", ".avs"), vx.meshes.triangles
-)
+SOUND |= dict.fromkeys((".msh", ".inp", ".bdf", ".nas", ".fem"), vx.meshes.triangles)
 POLYDATA = {
     ".vtp": polydata.xml,
     ".appended.vtp": lambda mesh: polydata.xml(mesh, appended=True),
@@ -28,34 +22,6 @@ POLYDATA = {
 }
 SPACE = {".kelvin.vtu": vx.meshes.kelvin, ".tetrahedra.msh": vx.meshes.tetrahedra, ".cubes.vtk": vx.meshes.cubes}
 SOUND |= POLYDATA | SPACE | {".theirs.vtu": None}
-MEMORY = 3 * 2**30
-SECONDS = 20
-"""For a batch of files; a sound one takes milliseconds."""
-
-STRANGE = (b"1000000000000", b"-1", b"nan", b"inf", b"1e400", b"99999999999999999999", b"", b"\xff\xfe")
-READER = textwrap.dedent(
-    """
-    import resource, sys, warnings
-    from pathlib import Path
-    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
-    import vemcvx as vx
-    warnings.simplefilter("ignore")
-    for path in sys.argv[2:]:
-        print("reading", path, flush=True)
-        try:
-            vx.meshes.read(path)
-        except vx.MeshError as error:
-            assert str(error).startswith(path), error
-    print("done")
-    """
-)
-
-
-def read_all(paths):
-    """Read files in a process of their own, with little memory and little time."""
-    command = [sys.executable, "-c", READER, str(MEMORY), *map(str, paths)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, cwd=ROOT, check=False)
-    assert done.stdout.endswith("done\n"), f"{done.stdout[-300:]}\n{done.stderr[-1500:]}"
 
 
 def sound(suffix, folder):
@@ -68,34 +34,6 @@ def sound(suffix, folder):
         warnings.simplefilter("ignore")
         SOUND[suffix](1 if suffix in SPACE else 2).write(path)
     return path.read_bytes()
-
-
-def mutated(data, rng):
-    """One of the ways in which files go wrong."""
-    at, kind = int(rng.integers(len(data))), rng.integers(7)
-    if kind == 0:
-        return data[:at]
-    if kind == 1:
-        return data[:at] + bytes([rng.integers(256)]) + data[at + 1 :]
-    if kind == 2:
-        lines = data.split(b"\n")
-        i, j = rng.integers(len(lines), size=2)
-        lines[i], lines[j] = lines[j], lines[i]
-        return b"\n".join(lines)
-    if kind == 3:
-        return data[:at] + data[at // 2 :]
-    words = data.split(b" ")
-    i = int(rng.integers(len(words)))
-    words[i] = STRANGE[rng.integers(len(STRANGE))]
-    if kind == 4:
-        return b" ".join(words)
-    if kind == 5:
-        return data[:at] + bytes(rng.integers(256, size=16).tolist()) + data[at:]
-    digits = [k for k, c in enumerate(data) if 48 <= c <= 57]
-    if not digits:
-        return b""
-    k = digits[int(rng.integers(len(digits)))]
-    return data[:k] + bytes([48 + rng.integers(10)]) * int(rng.integers(1, 14)) + data[k + 1 :]
 
 
 def broken(suffix, folder, count, seed):

@@ -112,5 +112,5 @@ def test_what_is_refused(name, data, message, tmp_path, capfd):
 
 
 def test_they_are_not_written(tmp_path):
-    with pytest.raises(vx.MeshError, match="the suffix '.vtp' is no mesh format; .vtu and .vtk hold every mesh"):
+    with pytest.raises(vx.MeshError, match=".vtp files are read, not written; .vtu and .vtk hold every mesh"):
         vx.meshes.voronoi(2).write(tmp_path / "mesh.vtp")

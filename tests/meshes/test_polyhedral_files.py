@@ -156,7 +156,7 @@ def places(mesh, name):
     return sorted(map(tuple, mesh.face_centroids[faces].round(12).tolist()))
 
 
-@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".inp", ".mesh", ".vol", ".xdmf", ".bdf"])
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".inp", ".bdf"])
 def test_other_formats(standard, suffix, tmp_path):
     path = tmp_path / f"mesh{suffix}"
     standard = standard.with_boundary("lid", lambda x: x[:, 2] == x[:, 2].max())

@@ -20,8 +20,8 @@ class Exported:
         path : str or Path
             The suffix chooses the format. Every mesh goes into .vtu files (polyhedra as VTK has them, their boundaries
             as polygons), every plane one into .vtk, too, which gives rows of two cell data back as rows of three, the
-            last zero. Other formats of meshio take triangles and quads; in space tetrahedra, hexahedra, wedges and
-            pyramids.
+            last zero. Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem) take triangles and quads; in
+            space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids.
 
         Raises
         ------

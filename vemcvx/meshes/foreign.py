@@ -15,7 +15,7 @@ from vemcvx.meshes.tessellation import Tessellation
 
 # To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
 def read(path: str | Path) -> PolygonMesh | Any:
-    """Read a mesh from a file in any format of meshio, of VTK's polygons (.vtp and .vtk) or polyhedra (.vtu).
+    """Read a mesh from a file of Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
     Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
     wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
@@ -32,7 +32,7 @@ def read(path: str | Path) -> PolygonMesh | Any:
     Parameters
     ----------
     path : str or Path
-        The file; its suffix tells the format.
+        The file; its suffix tells the format. What others wrote, `meshio convert a.xyz a.vtu` makes a file of VTK.
 
     Returns
     -------

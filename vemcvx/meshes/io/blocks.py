@@ -31,6 +31,7 @@ from vemcvx.meshes.tessellation import Tessellation
 
 CELL, MARK, PARTNERS, PHYSICAL = "vemcvx:cell", "boundary:", "partners:", "gmsh:physical"
 VTK_TYPES = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "triangle_strip", 7: "polygon"}
+VTK_TYPES |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20", 26: "wedge15", 28: "quad9"}
 VTK_TYPES |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhedron"}
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")

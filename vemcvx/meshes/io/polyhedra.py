@@ -1,8 +1,9 @@
-"""Grids with VTK's polyhedra (cell type 42): the arrays that say what their faces are.
+"""Cells of VTK's XML files: the arrays that say what their nodes are, and of polyhedra (type 42) their faces.
 
-meshio reads no polyhedra beside other cells, and permutes them. So a file with polyhedra is handed to it with one point
-a cell, and the arrays that describe cells as data of the whole file, in names that begin with `PREFIX`. Up to VTK 9.3
-the faces of a cell are a stream (number of faces; number of nodes and nodes of each), since then rows of faces.
+meshio reads no polyhedra beside other cells, permutes them, keeps one piece of several, and believes offsets (one that
+is too large took gigabytes). So a file is handed to it with one point a cell, and the arrays that describe cells as
+data of the whole file, in names that begin with `PREFIX`. Up to VTK 9.3 the faces of a cell are a stream (number of
+faces; number of nodes and nodes of each), since then rows of faces.
 """
 
 from __future__ import annotations
@@ -23,20 +24,16 @@ from vemcvx.meshes.polyhedra.topology import Listed
 PREFIX = "vemcvx:cells:"
 TYPES = f"{PREFIX}types"
 POLYHEDRON = 42
-FACES = re.compile(rb'Name="(faces|polyhedron_to_faces)"')
 CELLS = re.compile(rb"<Cells>(.*?)</Cells>", re.DOTALL)
 VERSION = re.compile(rb'(<VTKFile[^>]*\bversion=")[0-9.]+"')
 
 
-def has_polyhedra(data: bytes) -> bool:
-    """Whether a VTU file has arrays of faces."""
-    return FACES.search(data.partition(b"<AppendedData")[0]) is not None
-
-
-def without_polyhedra(data: bytes) -> bytes:
+def without_cells(data: bytes) -> bytes:
     """A VTU file with points for cells, and the arrays of its cells as data of the whole file."""
     head, appended, arrays = data.partition(b"<AppendedData")
     found, counts = CELLS.findall(head), re.findall(rb'NumberOfCells="\s*(\d{1,18})\s*"', head)
+    if b"<UnstructuredGrid" not in head:
+        raise MeshError("it holds no UnstructuredGrid.")
     if len(found) != 1 or len(counts) != 1:
         raise MeshError(f"it holds {len(found)} pieces; wanted is one: merge them before writing.")
     count = int(counts[0])
@@ -57,7 +54,8 @@ def blocks_of_vtk(fields: Mapping[str, Any], data: Mapping[str, NDArray[Any]]) -
     arrays = {
         name.removeprefix(PREFIX): np.asarray(values) for name, values in fields.items() if name.startswith(PREFIX)
     }
-    if any(values.dtype.kind not in "iu" for values in arrays.values()) or {"offsets", "connectivity"} - set(arrays):
+    whole = all(values.dtype.kind in "iu" for values in arrays.values())
+    if not whole or {"types", "offsets", "connectivity"} - set(arrays):
         raise MeshError("its cells are no whole numbers.")
     arrays = {name: values.astype(np.int64).ravel() for name, values in arrays.items()}
     types, ends, nodes = arrays["types"], arrays["offsets"], arrays["connectivity"]
@@ -65,7 +63,7 @@ def blocks_of_vtk(fields: Mapping[str, Any], data: Mapping[str, NDArray[Any]]) -
     if len(ends) != len(types) or (np.diff(offsets) < 0).any() or offsets[-1] > len(nodes):
         raise MeshError("its lists of cells are damaged: offsets do not increase, or lead beyond the end.")
     solid = types == POLYHEDRON
-    polyhedra = _faces_by_rows(arrays, solid) if "polyhedron_to_faces" in arrays else _faces_by_stream(arrays, solid)
+    polyhedra = _faces(arrays, solid) if solid.any() else None
     # A polyhedron stands in its block by its number.
     counts = np.where(solid, 1, np.diff(offsets))
     rows = offsets_of(counts)
@@ -76,6 +74,14 @@ def blocks_of_vtk(fields: Mapping[str, Any], data: Mapping[str, NDArray[Any]]) -
     blocks = grouped(types, rows, vertices, data=data)
     blocks.polyhedra = polyhedra
     return blocks
+
+
+def _faces(arrays: Mapping[str, Ints], solid: Any) -> Listed:
+    if "polyhedron_to_faces" in arrays:
+        return _faces_by_rows(arrays, solid)
+    if {"faces", "faceoffsets"} - set(arrays):
+        raise MeshError("it has no lists of faces for its polyhedra.")
+    return _faces_by_stream(arrays, solid)
 
 
 def _faces_by_rows(arrays: Mapping[str, Ints], solid: Any) -> Listed:
@@ -93,7 +99,7 @@ def _faces_by_rows(arrays: Mapping[str, Ints], solid: Any) -> Listed:
 
 
 def _faces_by_stream(arrays: Mapping[str, Ints], solid: Any) -> Listed:
-    stream, ends = arrays["faces"], arrays.get("faceoffsets", np.empty(0, dtype=np.int64))
+    stream, ends = arrays["faces"], arrays["faceoffsets"]
     damaged = MeshError("its lists of faces are damaged: they lead beyond the end, or do not fill their room.")
     if len(ends) != len(solid) or (ends[solid] > len(stream)).any() or (np.diff(ends[solid]) < 2).any():
         raise damaged

@@ -1,41 +1,42 @@
-"""Files that would hang a reader or mislead it: what is checked before, and after, meshio has a file in its hands.
+"""Files that would hang a reader or take all memory: what is checked before, and after, meshio has a file in its hands.
 
-meshio looks for a well-known text (WKT) by an expression whose numbers match in several ways: a triangle
-with one coordinate too few costs it 2^digits steps. The expression `TIN` says the same with groups that are never
-entered again (atomic), so that it takes linear time, and what it accepts meshio finds at its first attempt.
-The reader of Gmsh's files believes the counts of nodes, cells and tags; and compressed files are read whole, whatever
-they unpack to. Some readers look for a closing line in a loop that the end of the file does not leave: they get an open
-file, which objects to being read on and on at its end.
+Compressed arrays are unpacked whole; sets of Abaqus that are generated, and points of VTK that lie on a grid, are as
+many as they say. The reader of Nastran's files looks for a closing line in a loop that the end of the file does not
+leave: it gets an open file, which objects to being read on and on at its end.
 """
 
 from __future__ import annotations
 
-import gzip
+import base64
 import io
+import lzma
 import re
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
+from vemcvx.archives import UNPACKED, most_unpacked
 from vemcvx.errors import MeshError
 from vemcvx.meshes.io.blocks import CELL, MARK, PHYSICAL, Blocks
-from vemcvx.meshes.io.polyhedra import has_polyhedra
+from vemcvx.meshes.io.gmsh_files import check_gmsh
 from vemcvx.meshes.io.vtk_files import rewritten
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
-NUMBER = r"(?>[+-]?(?:\d++\.?+\d*+|\.\d++))"
-POINT = rf"(?>{NUMBER}(?:\s++{NUMBER}){{2,3}}+)"
-RING = rf"\(\s*+\(\s*+{POINT}(?:\s*+,\s*+{POINT}){{3}}+\s*+\)\s*+\)"
-TIN = re.compile(rf"\s*+TIN\s*+\((?>\s*+{RING}\s*+,?+)*+\s*+\)")
-SECTION = re.compile(rb"^\$(Nodes|Elements|NodeData|ElementData|ElementNodeData)[ \t\r]*\n", re.MULTILINE)
-# Meshes as text compress 3 to 15 times, gzip at best 1030 times; beyond a megabyte that is no mesh.
-UNPACKED, SMALL = 200, 2**20
-# Formats whose readers may wait for ever; at the end of a sound file they ask once or twice.
-WAITING_FOR_TEXT, WAITING_FOR_BYTES, PATIENCE = ("nastran", "off", "tecplot"), ("ply", "mdpa", "ansys"), 100
+COMPRESSOR = re.compile(rb"""compressor\s*=\s*["']vtk(ZLib|LZMA)DataCompressor""")
+INLINE = re.compile(rb"""format\s*=\s*["']binary["'][^>]*>([^<]*)<""")
+OFFSET = re.compile(rb"""offset\s*=\s*["']\s*(\d{1,18})""")
+GENERATED = re.compile(
+    rb"^\*[NE]L?SET[^\n]*GENERATE[^\n]*\n\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})",
+    re.MULTILINE | re.IGNORECASE,
+)
+PATIENCE = 100
+"""Reads at the end of a file: at that of a sound one readers ask once or twice."""
 
 
 class _Impatient(io.FileIO):
@@ -58,71 +59,80 @@ def opened(path: Path, file_format: str) -> Iterator[Path | io.IOBase]:
     Raises
     ------
     MeshError
-        PolyData are not polygons alone; a compressed file unpacks to more than 200 times its size; a section of a
-        Gmsh file claims more than the file has room for; a well-known text is not of the form TIN (((x y z, x y z,
-        x y z, x y z)), ...).
+        PolyData are not polygons alone; arrays unpack to more than 200 times the file's size; a section, a set or a
+        grid claims more than the file has room for.
     """
-    _check_file(path, file_format)
-    if path.suffix.lower() in (".vtk", ".vtp") or (file_format == "vtu" and has_polyhedra(path.read_bytes())):
-        with rewritten(path) as grid:
-            yield grid
-    elif file_format in WAITING_FOR_TEXT:
+    if file_format == "nastran":
         with io.TextIOWrapper(io.BufferedReader(_Impatient(path)), encoding="utf-8") as text:
             yield text
-    elif file_format in WAITING_FOR_BYTES:
-        with io.BufferedReader(_Impatient(path)) as data:
-            yield data
+        return
+    data = path.read_bytes()
+    if file_format == "gmsh":
+        check_gmsh(data)
+    if file_format == "abaqus":
+        _check_sets(data)
+    if file_format == "vtu":
+        _check_unpacked(data)
+    if file_format in ("vtk", "vtu"):
+        with rewritten(path, data) as grid:
+            yield grid
     else:
         yield path
 
 
-def _check_file(path: Path, file_format: str) -> None:
-    if path.suffix.lower() == ".gz":
-        _check_size(path)
-    if file_format == "gmsh":
-        _check_counts(path.read_bytes())
-    if file_format == "wkt" and not TIN.match(path.read_text(encoding="utf-8")):
-        raise MeshError(
-            "it is no well-known text of the form TIN (((x y z, x y z, x y z, x y z)), ...) with numbers in plain "
-            "decimals."
-        )
+def _check_sets(data: bytes) -> None:
+    for found in GENERATED.finditer(data):
+        first, last, step = map(int, found.groups())
+        count = (last - first) // step if step else 0
+        if count > len(data):
+            raise MeshError(f"a set of it has {count} members; there is room for {len(data)}.")
 
 
-def _check_size(path: Path) -> None:
-    most = max(SMALL, UNPACKED * path.stat().st_size)
-    try:
-        with gzip.open(path) as file:
-            while file.tell() <= most:
-                if not file.read(SMALL):
-                    return
-    except (OSError, EOFError, zlib.error):
-        return  # the reader says what is wrong
-    raise MeshError(f"it unpacks to more than {UNPACKED} times its size; unpack it first if that is right.")
+class _Unpacker(Protocol):
+    def decompress(self, data: bytes, max_length: int = ..., /) -> bytes: ...
 
 
-def _check_counts(data: bytes) -> None:
-    """MeshError if a section of a Gmsh file claims more entries than the file has bytes, or more tags than lines."""
-    for head in SECTION.finditer(data):
-        name, lines = head.group(1).decode(), data[head.end() :].splitlines()
-        if not name.endswith("Data"):
-            _check_count(name, lines[:1], len(data), "entries")
-            continue
-        place = 0
-        for kind in ("strings", "reals", "integers"):
-            count = _check_count(name, lines[place : place + 1], len(lines), kind)
-            if kind == "integers":
-                _check_count(name, lines[place + 3 : place + 4], len(data), "entries")
-            place += count + 1
+def _check_unpacked(data: bytes) -> None:
+    """MeshError if the compressed arrays of a VTU or VTP file hold more than 200 times its size."""
+    kind = COMPRESSOR.search(data)
+    if kind is None:
+        return
+    left = most_unpacked(len(data))
+    with suppress(ValueError, IndexError, zlib.error, lzma.LZMAError, EOFError):  # the reader says what is wrong
+        for block in _compressed(data):
+            unpacker: _Unpacker = zlib.decompressobj() if kind[1] == b"ZLib" else lzma.LZMADecompressor()
+            left -= len(unpacker.decompress(block, left + 1))
+            if left < 0:
+                raise MeshError(f"it unpacks to more than {UNPACKED} times its size; write it without compression.")
 
 
-def _check_count(name: str, line: list[bytes], most: int, what: str) -> int:
-    """The number on a line, 0 if there is none: the reader then says what is wrong."""
-    word = line[0].strip() if line else b""
-    if not word.isdigit():
-        return 0
-    if len(word) > 18 or int(word) > most:
-        raise MeshError(f"its section ${name} claims {word.decode()[:30]} {what}; there is room for {most}.")
-    return int(word)
+def _compressed(data: bytes) -> Iterator[bytes]:
+    """Compressed blocks, those in place and those at the end: numbers of bytes in front, and then the bytes."""
+    head, _, appended = data.partition(b"<AppendedData")
+    dtype = np.dtype(np.uint64 if b"UInt64" in head.partition(b"<Piece")[0] else np.uint32)
+    dtype = dtype.newbyteorder(">" if b"BigEndian" in head else "<")
+    start = appended.partition(b"_")[2].partition(b"</AppendedData")[0] if b"base64" in appended[:100] else b""
+    texts = [text.strip() for text in INLINE.findall(head)]
+    texts += [start[int(offset) :] for offset in OFFSET.findall(head) if start]
+    for text in texts:
+        width = -(-dtype.itemsize // 3) * 4
+        count = 3 + int(np.frombuffer(base64.b64decode(text[:width])[: dtype.itemsize], dtype)[0])
+        width = -(-count * dtype.itemsize // 3) * 4
+        sizes = np.frombuffer(base64.b64decode(text[:width]), dtype, count)[3:].tolist()
+        yield from _parts(base64.b64decode(text[width : width + -(-sum(sizes) // 3) * 4]), sizes)
+    raw = appended.partition(b"_")[2] if b"raw" in appended[:100] else b""
+    for offset in OFFSET.findall(head) if raw else ():
+        at = int(offset)
+        count = 3 + int(np.frombuffer(raw, dtype, 1, at)[0])
+        sizes = np.frombuffer(raw, dtype, count, at)[3:].tolist()
+        yield from _parts(raw[at + count * dtype.itemsize :], sizes)
+
+
+def _parts(data: bytes, sizes: list[int]) -> Iterator[bytes]:
+    at = 0
+    for size in sizes:
+        yield data[at : at + size]
+        at += size
 
 
 def check_data(blocks: Blocks) -> None:

@@ -1,11 +1,13 @@
 """VTK's own files, rewritten as what meshio reads of them.
 
 Files of polygons alone (PolyData, .vtp and .vtk) differ from unstructured grids in the names of a few sections; grids
-also say the type of every cell. In legacy files of version 5.1, meshio knows whole numbers by the names of few types.
+also say the type of every cell. In legacy files of version 5.1, meshio knows whole numbers by the names of few types;
+and it believes what legacy files say of the nodes of a cell and of the points of a grid.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import tempfile
 from collections.abc import Iterator
@@ -14,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vemcvx.archives import SMALL
 from vemcvx.errors import MeshError
-from vemcvx.meshes.io.polyhedra import without_polyhedra
+from vemcvx.meshes.io.polyhedra import without_cells
 
 POLYGON = 7  # VTK's number of the type
 POLYDATA = re.compile(rb"^DATASET\s+POLYDATA", re.MULTILINE | re.IGNORECASE)
@@ -25,17 +28,23 @@ NUMBERS = re.compile(
 )
 
 
+CELLS = re.compile(
+    rb"^CELLS[ \t]+(\d{1,18})[ \t]+(\d{1,18})[ \t\r]*\n(?:\S+[ \t]+(?:vtktype)?(u?int\d+)[ \t\r]*\n)?",
+    re.MULTILINE | re.IGNORECASE,
+)
+DIMENSIONS = re.compile(rb"^DIMENSIONS[ \t]+(\d{1,18})[ \t]+(\d{1,18})[ \t]+(\d{1,18})", re.MULTILINE | re.IGNORECASE)
+
+
 @contextmanager
-def rewritten(path: Path) -> Iterator[Path]:
-    """A passing file that holds the grid of a .vtk, the polygons of PolyData as one, or polyhedra of a .vtu as points.
+def rewritten(path: Path, data: bytes) -> Iterator[Path]:
+    """A passing file that holds the grid of a .vtk, the polygons of PolyData as one, or cells of a .vtu as points.
 
     Raises
     ------
     MeshError
         There are no polygons in PolyData, or other cells beside them.
     """
-    data = path.read_bytes()
-    ways = {".vtp": _xml, ".vtk": _legacy, ".vtu": without_polyhedra}
+    ways = {".vtp": lambda data: without_cells(_xml(data)), ".vtk": _legacy, ".vtu": without_cells}
     data = ways[path.suffix.lower()](data)
     with tempfile.TemporaryDirectory() as folder:
         grid = Path(folder) / path.name
@@ -47,7 +56,29 @@ def _legacy(data: bytes) -> bytes:
     newest = data.partition(b"\n")[0].rstrip().endswith(b"5.1")
     if newest:
         data = NUMBERS.sub(lambda m: b"%svtktype%sint%d" % (m[1], b"u" * bool(m[2]), SIZES[m[3]]), data)
-    return _legacy_polydata(data, newest) if POLYDATA.search(data[:1024]) else data
+    data = _legacy_polydata(data, newest) if POLYDATA.search(data[:1024]) else data
+    _check_legacy(data, newest)
+    return data
+
+
+def _check_legacy(data: bytes, newest: bool) -> None:
+    """MeshError where a cell has more nodes than the file has bytes, or a grid more points; such arrays are made."""
+    for found in DIMENSIONS.finditer(data):
+        points = math.prod(map(int, found.groups()))
+        if points > max(SMALL, len(data)):
+            raise MeshError(f"it is a grid of {points} points; there is room for {len(data)}.")
+    text = b"".join(data.split(b"\n", 3)[2:3]).strip().upper() == b"ASCII"
+    for found in CELLS.finditer(data):
+        count = int(found[1 if newest else 2])
+        kind = np.dtype((found[3] or b"int32").decode().lower() if newest else "int32").newbyteorder(">")
+        if count > len(data):
+            raise MeshError(f"its cells claim {count} numbers; there is room for {len(data)}.")
+        if text:
+            numbers = np.array(data[found.end() :].split(None, count)[:count]).astype(float)
+        else:
+            numbers = np.frombuffer(data, kind, count, found.end())
+        if len(numbers) and not 0 <= numbers.min() <= numbers.max() <= len(data):
+            raise MeshError(f"its cells run from {numbers.min()} to {numbers.max()}; there is room for {len(data)}.")
 
 
 def _legacy_polydata(data: bytes, newest: bool) -> bytes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import http.client
 import inspect
 import json
 import re
@@ -11,6 +13,8 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import closing
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -160,7 +164,7 @@ def test_a_port_that_is_taken_is_one_sentence():
 
 @pytest.fixture
 def address(tmp_path):
-    """Where a server of the page answers, in a process of its own; it ends as Ctrl-C ends it."""
+    """The address of the page, token and all, on a server in a process of its own; it ends as Ctrl-C ends it."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "vemcvx", "app", "--no-browser", "--port", str(port)]
@@ -168,11 +172,12 @@ def address(tmp_path):
     with printed.open("w") as out, subprocess.Popen(command, stdout=out, stderr=out) as server:
         try:
             deadline = time.monotonic() + 120
-            while not answers(port):
+            while "Ctrl-C ends it" not in printed.read_text():
                 assert server.poll() is None, printed.read_text()
                 assert time.monotonic() < deadline, printed.read_text()
                 time.sleep(0.2)
-            yield f"http://127.0.0.1:{port}"
+            found = re.search(rf"The page is at (http://127\.0\.0\.1:{port}/\?access_token=\S+)\n", printed.read_text())
+            yield found.group(1)
             server.send_signal(signal.SIGINT)
             assert server.wait(timeout=60) == 0
         finally:
@@ -184,6 +189,115 @@ def address(tmp_path):
 def answers(port):
     with socket.socket() as asking:
         return asking.connect_ex(("127.0.0.1", port)) == 0
+
+
+PORT = 8123
+OWN = f"127.0.0.1:{PORT}"
+
+
+async def page_itself(scope, receive, send):
+    """An app that lets everybody in; a session waits for leave to end."""
+    if scope["type"] == "http":
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b"the page"})
+    else:
+        await send({"type": "websocket.accept"})
+        await receive()
+
+
+def asked(door, kind="http", receive=None, **headers):
+    """What the door answers: a coroutine of a status, or of the way a session ends."""
+
+    async def asking():
+        said = []
+
+        async def send(message):
+            said.append(message)
+
+        lines = [(name.encode(), value.encode()) for name, value in headers.items()]
+        await door({"type": kind, "path": "/", "headers": lines}, receive, send)
+        return said[0].get("status", said[0]["type"])
+
+    return asking()
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"host": OWN}, 200),
+        ({"host": f"localhost:{PORT}"}, 200),
+        ({"host": OWN, "origin": f"http://{OWN}"}, 200),
+        ({}, 403),
+        ({"host": "evil.example"}, 403),
+        ({"host": f"evil.example:{PORT}"}, 403),
+        ({"host": "127.0.0.1"}, 403),
+        ({"host": "127.0.0.1:80"}, 403),
+        ({"host": f"{OWN}.evil.example"}, 403),
+        ({"host": OWN, "origin": "http://evil.example"}, 403),
+        ({"host": OWN, "origin": "null"}, 403),
+        ({"host": OWN, "origin": f"https://{OWN}"}, 403),
+        ({"host": OWN, "origin": f"http://{OWN}.evil.example"}, 403),
+        ({"host": OWN, "origin": "http://127.0.0.1:80"}, 403),
+    ],
+)
+def test_only_the_page_itself_comes_in(headers, status):
+    door = live_page.Door(page_itself, PORT)
+    assert asyncio.run(asked(door, **headers)) == status
+
+    async def leaves():
+        return {"type": "websocket.disconnect"}
+
+    ends = {200: "websocket.accept", 403: "websocket.close"}[status]
+    assert asyncio.run(asked(door, "websocket", leaves, **headers)) == ends
+
+
+def test_sessions_are_bounded(monkeypatch):
+    async def try_them():
+        door, leave = live_page.Door(page_itself, PORT), asyncio.Event()
+        begun = [asyncio.create_task(asked(door, "websocket", leave.wait, host=OWN)) for _ in range(MOST)]
+        await asyncio.sleep(0)
+        assert await asked(door, "websocket", leave.wait, host=OWN) == "websocket.close"
+        assert await asked(door, host=OWN) == 503
+        leave.set()
+        assert await asyncio.gather(*begun) == MOST * ["websocket.accept"]
+        # What was closed is kept for a while, in case that the browser comes back.
+        assert await asked(door, host=OWN) == 503
+        monkeypatch.setattr(live_page, "LINGER", -1.0)
+        assert await asked(door, host=OWN) == 200
+
+    MOST = live_page.MOST_SESSIONS
+    asyncio.run(try_them())
+
+
+def test_a_server_that_ends_by_itself_is_an_error(monkeypatch, ran):
+    import uvicorn
+
+    monkeypatch.setattr(live_page, "_run", lambda: ran)
+    monkeypatch.setattr(uvicorn.Server, "run", lambda self, sockets: None)
+    code, said = call("app", "--no-browser")
+    assert code == 2
+    assert "app: the server of the page has ended by itself" in said
+
+
+@pytest.mark.slow
+def test_without_the_token_there_is_no_page(address):
+    place = urlsplit(address)
+
+    def get(path, **headers):
+        with closing(http.client.HTTPConnection(place.hostname, place.port, timeout=30)) as asking:
+            asking.request("GET", path, headers={"Connection": "close", **headers})
+            answer = asking.getresponse()
+            answer.read()
+            return answer.status, answer.getheader("location"), answer.getheader("set-cookie")
+
+    own = f"/?{place.query}"
+    for path in ("/", "/?access_token=guessed", "/api/status"):
+        status, location, _ = get(path)
+        assert status in (401, 403) or (status == 303 and location.startswith("/auth/login"))
+    assert get(own, Host="evil.example")[0] == get(own, Origin="http://evil.example")[0] == 403
+    status, location, cookie = get(own)
+    assert (status, location) == (303, "/")
+    assert get("/", Cookie=cookie.partition(";")[0])[0] == 200
 
 
 @pytest.fixture
@@ -246,6 +360,7 @@ def test_in_a_browser_sliders_change_numbers_and_picture(ran, address, browser):
     assert third[1][:2] == expected(weaker, app.STEPS - 1)
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
     asked = [json.loads(line["message"])["message"]["params"] for line in browser.get_log("performance")]
-    urls = [one["request"]["url"] for one in asked if one.get("documentURL") == f"{address}/" and "request" in one]
+    page = address.partition("?")[0]
+    urls = [one["request"]["url"] for one in asked if one.get("documentURL") == page and "request" in one]
     assert len(urls) > 10
-    assert [url for url in urls if not url.startswith((address, "data:", "blob:"))] == []
+    assert [url for url in urls if not url.startswith((page, "data:", "blob:"))] == []

@@ -7,22 +7,32 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import secrets
 import socket
-import subprocess
-import sys
+import threading
 import time
+import webbrowser
 from base64 import b64encode
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from vemcvx.cli.pages import page
 from vemcvx.cli.python_file import executed, own_errors
+from vemcvx.cli.said import say
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.errors import ProblemError
 
 HOST = "127.0.0.1"
+MOST_SESSIONS = 6
+LINGER = 10
+"""Seconds for which a page that was closed, or lost its connection, is kept."""
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 FRAMES = 10
 STYLE = (
     "h1{font-size:1.5em}img{width:100%}dl{display:flex;gap:1em 2.5em;flex-wrap:wrap}"
@@ -41,23 +51,104 @@ def check() -> str:
 
 
 def serve(port: int | None, browser: bool) -> None:
-    """Let marimo offer the page to browsers on this machine, at that port or at any that is free, until Ctrl-C.
+    """Offer the page to browsers on this machine, at that port or at any that is free, until Ctrl-C.
 
     Raises
     ------
     ProblemError
-        The port is taken, or the app does not run here.
+        The port is taken, the app does not run here, or the server ended by itself.
     """
-    if port is not None:
-        _check_free(port)
-    _run()  # what does not work is told before anybody looks
-    where = ["--host", HOST, *([] if port is None else ["--port", str(port)])]
-    command = [sys.executable, "-m", "marimo", "--yes", "run", str(_path()), *where]
-    with subprocess.Popen(command if browser else [*command, "--headless"]) as server:
+    with _listening(port) as listener:
+        _run()  # what does not work is told before anybody looks
+        import uvicorn
+        from marimo import create_asgi_app
+
+        port, token = listener.getsockname()[1], secrets.token_urlsafe(24)
+        made = create_asgi_app(quiet=True, token=token, session_ttl=LINGER).with_app(path="/", root=str(_path()))
+        settings = uvicorn.Config(Door(made.build(), port), log_level="warning", timeout_graceful_shutdown=1)
+        server = uvicorn.Server(settings)
+        address = f"http://{HOST}:{port}/?access_token={token}"
+        say(f"The page is at {address}\nCtrl-C ends it.")
+        if browser:
+            opener = threading.Timer(1.0, webbrowser.open, [address])
+            opener.daemon = True
+            opener.start()
+        server.run(sockets=[listener])
+        # Ctrl-C raises KeyboardInterrupt in there.
+        raise ProblemError("app: the server of the page has ended by itself; what it printed says why.")
+
+
+class Door:
+    """What stands before the page: browsers of this machine come in, pages of other sites do not.
+
+    A request must name this machine and port as its host, so that no name of another site leads here, and no other
+    origin than the page itself. (The token in the page's address is marimo's to check.) Every open page is a session
+    with a process of Python's own memory, some 20 MB: so many at once, and no more.
+
+    Parameters
+    ----------
+    app : ASGI application
+    port : int
+        Where it is reached.
+    """
+
+    def __init__(self, app: Application, port: int):
+        self._app = app
+        self._hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
+        self._open, self._ended = 0, deque[float]()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand on a request, or refuse it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        named = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
+        session = scope["type"] == "websocket"
+        if named.get("host") not in self._hosts:
+            await _refuse(send, session, 403, f"This page is at http://{HOST}, on the machine that shows it.")
+        elif "origin" in named and named["origin"].removeprefix("http://") not in self._hosts:
+            await _refuse(send, session, 403, "Pages of other sites may not use this one.")
+        elif self._sessions() >= MOST_SESSIONS and (session or scope["path"] == "/"):
+            words = f"This page is open {MOST_SESSIONS} times; close one, and wait {LINGER} s."
+            await _refuse(send, session, 503, words)
+        elif session:
+            await self._counted(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+    async def _counted(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """A session, which counts from when the page, and its token, has let it in."""
+        accepted = False
+
+        async def told(message: MutableMapping[str, Any]) -> None:
+            nonlocal accepted
+            if message["type"] == "websocket.accept" and not accepted:
+                accepted = True
+                self._open += 1
+            await send(message)
+
         try:
-            server.wait()
+            await self._app(scope, receive, told)
         finally:
-            server.terminate()
+            if accepted:
+                self._open -= 1
+                self._ended.append(time.monotonic())
+
+    def _sessions(self) -> int:
+        """Pages that are open, and those closed so lately that marimo still keeps them."""
+        while self._ended and self._ended[0] < time.monotonic() - LINGER:
+            self._ended.popleft()
+        return self._open + len(self._ended)
+
+
+async def _refuse(send: Send, session: bool, status: int, words: str) -> None:
+    """Answer in a sentence; a session that has not begun is closed, which servers answer by 403."""
+    if session:
+        await send({"type": "websocket.close", "code": 1008, "reason": words})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8")]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": words.encode()})
 
 
 def write(path: Path) -> str:
@@ -95,9 +186,8 @@ def _run() -> tuple[Any, int, Mapping[str, Any]]:
     return module, len(outputs), found
 
 
-def _check_free(port: int) -> None:
+def _listening(port: int | None) -> socket.socket:
     try:
-        with socket.create_server((HOST, port)):
-            pass
+        return socket.create_server((HOST, port or 0))
     except OSError as error:
         raise ProblemError(f"--port: {port} cannot be had: {os.strerror(error.errno or 0)}; take another.") from error

@@ -179,3 +179,18 @@ def test_files_of_several_pieces(tmp_path):
     (tmp_path / "mesh.vtu").write_text(text.replace(piece, piece + piece))
     with pytest.raises(vx.MeshError, match="mesh.vtu cannot be read as a mesh: it holds 2 pieces; wanted is one"):
         vx.meshes.read(tmp_path / "mesh.vtu")
+
+
+def test_names_of_lines_that_there_are_none_of():
+    """A file of solids whose solids are lost, say: its boundaries are marked on polygons."""
+    points, cells = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]), np.array([(0, 1, 2), (0, 2, 3)])
+    mesh = meshio.Mesh(points, [("triangle", cells)], cell_data={"boundary:floor": [np.array([0, 1])]})
+    with pytest.warns(vx.MeshWarning, match="by their place"):
+        assert set(vx.meshes.convert(mesh).boundaries) == {"left", "right", "bottom", "top", "boundary"}
+
+
+def test_cells_of_more_nodes_than_their_kind_has(tmp_path):
+    text = polydata.POLYHEDRA.replace("42 12 9<", "42 12 5<")
+    (tmp_path / "mesh.vtu").write_text(text)
+    with pytest.raises(vx.MeshError, match="its cells of the kind 'triangle' do not all have 3 nodes"):
+        vx.meshes.read(tmp_path / "mesh.vtu")

@@ -233,7 +233,8 @@ def _with_lines(mesh: Tessellation, named: Mapping[str, Ints]) -> tuple[Tessella
 
 
 def _marked_lines(blocks: Blocks, parts: list[NDArray[Any]]) -> Ints:
-    return np.concatenate([c[part != 0] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"])
+    lines = [c[part != 0] for (kind, c), part in zip(blocks.cells, parts, strict=True) if kind == "line"]
+    return np.concatenate([np.empty((0, 2), dtype=np.int64), *lines])
 
 
 def _native(values: NDArray[Any]) -> NDArray[Any]:

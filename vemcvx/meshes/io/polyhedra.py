@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.io.blocks import Blocks, grouped
+from vemcvx.meshes.io.blocks import VTK_TYPES, Blocks, grouped
 from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order, spans
 from vemcvx.meshes.polyhedra.topology import Listed
 
 PREFIX = "vemcvx:cells:"
 TYPES = f"{PREFIX}types"
 POLYHEDRON = 42
+NODES = {3: 2, 5: 3, 9: 4}
+"""Of lines, triangles and quadrilaterals; those of solids are counted where their faces are made."""
 CELLS = re.compile(rb"<Cells>(.*?)</Cells>", re.DOTALL)
 VERSION = re.compile(rb'(<VTKFile[^>]*\bversion=")[0-9.]+"')
 
@@ -62,6 +64,9 @@ def blocks_of_vtk(fields: Mapping[str, Any], data: Mapping[str, NDArray[Any]]) -
     offsets = np.concatenate([[0], ends])
     if len(ends) != len(types) or (np.diff(offsets) < 0).any() or offsets[-1] > len(nodes):
         raise MeshError("its lists of cells are damaged: offsets do not increase, or lead beyond the end.")
+    for kind, count in NODES.items():
+        if (np.diff(offsets)[types == kind] != count).any():
+            raise MeshError(f"its cells of the kind {VTK_TYPES[kind]!r} do not all have {count} nodes.")
     solid = types == POLYHEDRON
     polyhedra = _faces(arrays, solid) if solid.any() else None
     # A polyhedron stands in its block by its number.

@@ -6,6 +6,7 @@ not depend on the solver. After Feng, Han and Huang, "A virtual element method f
 contact problem"; equation numbers in this package are its.
 """
 
+from vemcvx import interrupt as interrupt
 from vemcvx import meshes
 from vemcvx.effects import (
     BilateralContact,

@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
+LONGEST = 2_000
+"""Characters of a message: what a user handed in may be quoted in it, whatever its length."""
+
 
 class VemcvxError(Exception):
     """Base of every error raised on purpose by this package."""
 
+    def __init__(self, *arguments: object):
+        super().__init__(*(_shortened(x) if isinstance(x, str) else x for x in arguments))
+
     def __reduce__(self) -> tuple[Any, ...]:
         """As message and attributes: calling the class again would ask for keywords, and hang a pool of processes."""
         return _made_again, (type(self), *self.args), self.__dict__
+
+
+def _shortened(message: str) -> str:
+    """A message without its middle, if it is longer than any sentence of ours: its ends say what and what to do."""
+    if len(message) <= LONGEST:
+        return message
+    half = LONGEST // 2
+    return f"{message[:half]} ... ({len(message) - 2 * half} characters) ... {message[-half:]}"
 
 
 def _made_again(kind: type[VemcvxError], *arguments: object) -> VemcvxError:

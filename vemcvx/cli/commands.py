@@ -16,6 +16,7 @@ from vemcvx.cli.options import Accuracy, File, Linear, Mesh, N, Settings, Solver
 from vemcvx.cli.reported import NOT_CERTIFIED, reported
 from vemcvx.cli.said import say
 from vemcvx.errors import ProblemError
+from vemcvx.interrupt import as_usual
 from vemcvx.version import __version__
 
 app = typer.Typer(
@@ -314,4 +315,5 @@ def options(
 
 def main() -> None:
     """Run the command line on the program's arguments."""
+    as_usual()
     app(prog_name="vemcvx")

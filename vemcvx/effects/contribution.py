@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,8 +34,7 @@ class Load:
     """(q,) of a load in the body: the cell of each point"""
     edges: Ints | None = None
     """(q, 2) of a load on the boundary: the edge of each point"""
-    times: tuple[float, ...] = ()
-    """the instants of the run, where they are known"""
+    times: tuple[float, ...] = ()  # of the run, where they are known
 
     def at(self, x: Floats, t: float) -> Floats:
         """The datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
@@ -55,18 +53,13 @@ class Load:
 
     def values(self, t: float) -> Floats:
         """The datum at all points, by which `matrix` is to be multiplied."""
-        return self._faded(t)
-
-    @cached_property
-    def _faded(self) -> Callable[[float], Floats]:
-        return fading(lambda t: self.at(self.points, t).ravel(), self.times)
+        return fading(lambda t: self.at(self.points, t).ravel(), self.times)(t)
 
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
         dim = self.points.shape[1]
         # Basis functions sum to one, so the rows of one component do to its total.
-        scalar = self.matrix.shape[1] == len(self.points)
-        value = self.values(t)
+        scalar, value = self.matrix.shape[1] == len(self.points), self.values(t)
         nodes = np.ones(self.matrix.shape[0] // dim)
         total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
         return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)

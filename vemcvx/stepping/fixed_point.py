@@ -56,6 +56,8 @@ from vemcvx.stepping.state import PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
+SLOW = 0.5
+"""A rate of contraction that is the reason why a fixed point is not reached; below it something else is."""
 MOST_PROGRAMS = 200
 WINDOW = 3
 CAUTION = 4.0
@@ -288,7 +290,8 @@ def resolved(step: DependentStep) -> State:
 
 
 def _not_contracting(step: DependentStep, t: float, rate: float, why: str) -> NotContracting:
-    message = f"step {step.n} at t = {t:.6g}: {step.subject} contracts with the rate {rate:.3g} only: {why}."
+    how = f"contracts with the rate {rate:.3g} only" if rate >= SLOW else "does not settle"
+    message = f"step {step.n} at t = {t:.6g}: {step.subject} {how}: {why}."
     return NotContracting(f"{message} {step.advice}", step=step.n, time=t, rate=rate)
 
 

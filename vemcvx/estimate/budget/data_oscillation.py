@@ -10,15 +10,16 @@ A datum that is not what was assembled does work r(v) on test functions that the
     motions         the same                                     mu pi sum k |d_k|^2, d = sum d_k sin(k pi s / l_e)
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with t_e, f_K the means that were assembled, g_h linear between its nodal values, l_e the length of e. These are
-energies, without the constant of the residuals (:mod:`.residual`): the first two by the Poincare inequalities of a
-cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e / (2 mu); that of motions what a
-half space stores under waves along its surface, at most 2 mu times the wave number. The last is the work itself, in its
-dual norm: with it the divergence of thermal stresses inside cells is accounted for. Bounds count where friction is at
-its bound, or something has slipped before; elsewhere only where they are less than what holds there.
+with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and l_e
+the length of e. These are energies, without the constant of the residuals (:mod:`.residual`): the first two by the
+Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of
+l_e / (2 mu); that of motions what a half space stores under waves along its surface, at most 2 mu times the wave
+number. The last is the work itself, in its dual norm: with it the divergence of thermal stresses inside cells is
+accounted for. Bounds count where friction is at its bound, or something has slipped before; elsewhere only where they
+are less than what holds there.
 
-All that is local. A datum with waves as long as an edge has other *means*, too: what tractions, body forces and bounds
-lack in all is a force on the whole body, :mod:`.lacking_forces`.
+All that is local. What the means of tractions, body forces and bounds lack is a force on the whole body:
+:mod:`.lacking_forces`.
 """
 
 from __future__ import annotations
@@ -83,12 +84,13 @@ class DataOscillation:
         for given, places in self.on:
             if given.load is not None and given.load.edges is not None:
                 apart = self._traction(given.load, given.load.edges, places, now.t)
-                missed += totals(edges.outer, self._compliances * self._sum(places, np.sum(apart**2, axis=1)), n)
+                squares = np.sum([self._scatter(places, one) for one in apart.T], axis=0)
+                missed += totals(edges.outer, self._compliances * squares, n)
                 lacking.on_edges(self._vectors(places, apart))
             elif given.kind == "bound":
                 apart = self._bound(given, places, now)
                 tangents = edges.units[:, ::-1] * [-1.0, 1.0]
-                squares = self._of_jumps(self._compliances, tangents) * self._sum(places, apart**2)
+                squares = self._of_jumps(self._compliances, tangents) * self._scatter(places, apart)
                 missed += totals(edges.outer, squares, n)
                 force = self._sum(places, apart)[:, None] * self._along_slip(now)
                 lacking.on_edges(force + edges.joints.reaction(force))
@@ -130,6 +132,10 @@ class DataOscillation:
         across = self.edges.joints.across
         jumps: Floats = now.u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, now.u[across], 0.0)
         return jumps
+
+    def _scatter(self, places: SamplePoints, values: Floats) -> Floats:
+        """(b,) integrals over edges of the squares of values (q,), less those of their means."""
+        return self._sum(places, values**2) - self._sum(places, values) ** 2 / self.edges.lengths
 
     def _sum(self, places: SamplePoints, values: Floats) -> Floats:
         return totals(places.owner, places.weights * values, len(self.edges.outer))

@@ -64,7 +64,14 @@ def serve(port: int | None, browser: bool) -> None:
         from marimo import create_asgi_app
 
         port, token = listener.getsockname()[1], secrets.token_urlsafe(24)
-        made = create_asgi_app(quiet=True, token=token, session_ttl=LINGER).with_app(path="/", root=str(_path()))
+        own: list[Any] = []
+
+        def seen(app: Any) -> Any:
+            own.append(app)
+            return app
+
+        made = create_asgi_app(quiet=True, token=token, session_ttl=LINGER)
+        made = made.with_app(path="/", root=str(_path()), middleware=[seen])
         settings = uvicorn.Config(Door(made.build(), port), log_level="warning", timeout_graceful_shutdown=1)
         server = uvicorn.Server(settings)
         address = f"http://{HOST}:{port}/?access_token={token}"
@@ -73,8 +80,12 @@ def serve(port: int | None, browser: bool) -> None:
             opener = threading.Timer(1.0, webbrowser.open, [address])
             opener.daemon = True
             opener.start()
-        server.run(sockets=[listener])
-        # Ctrl-C raises KeyboardInterrupt in there.
+        try:
+            server.run(sockets=[listener])  # Ctrl-C raises KeyboardInterrupt in there
+        finally:
+            # A session is a thread that waits for its page, and the process for its threads.
+            for one in own:
+                one.state.session_manager.close_all_sessions()
         raise ProblemError("app: the server of the page has ended by itself; what it printed says why.")
 
 

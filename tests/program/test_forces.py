@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import vemcvx as vx
 from vemcvx.program.forces import MOST_FIELDS, SAME_FIELD, SolvedForce, SolvedForces, combined
 
 N = 400
@@ -18,7 +19,7 @@ def counting():
         solved.append(phi)
         return SolvedForce(phi, phi, *np.zeros((3, 0)), number, lambda: phi)
 
-    return SolvedForces(N, solve), solved
+    return SolvedForces(N, solve, np.ones(N)), solved
 
 
 def shapes(k, seed=0):
@@ -56,3 +57,16 @@ def test_shapes_beyond_those_that_are_remembered_are_solved_for_afresh():
     for phi in (*loads, *loads):
         forces.parts(phi)
     assert len(solved) == MOST_FIELDS + 4
+
+
+def test_loads_that_differ_by_rounding_where_the_body_is_soft_are_two():
+    """A stiff chain and one softer by 1e16, whose load is 1e-15 of the stiff one's and grows otherwise."""
+    chain = 2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
+    K, B = np.zeros((8, 8)), np.zeros((1, 8))
+    K[:4, :4], K[4:, 4:], B[0, 7] = 1e16 * chain, chain, 1.0
+    hard, soft = np.array([1.0, 0.5, 0.2, 0.1, 0, 0, 0, 0]), np.array([0, 0, 0, 0, 0, 1e-15, 0, 0])
+    system = vx.System(K, lambda t: t * hard + t**2 * soft, norms=vx.Norms(B, np.array([1e-16])))
+    condensed, whole = (vx.march(system, np.linspace(0.0, 1.0, 5), condense=one) for one in (True, False))
+    assert max(condensed.certificate.max(), whole.certificate.max()) < 1e-12
+    apart = condensed.state - whole.state
+    assert np.sqrt(np.einsum("ti,ij,tj->t", apart, K, apart)).max() <= 1e-12 * condensed.norm.max()

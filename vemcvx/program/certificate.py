@@ -61,6 +61,9 @@ class Certificate(ArrayRecord):
         (:mod:`vemcvx.stepping.fixed_point`).
     estimate : bool
         Whether that is an estimate, not a bound.
+    moved : float
+        2 |v|_K of the move v that puts in place what sticks (:mod:`vemcvx.program.in_place`); the other parts are those
+        after it.
     """
 
     equilibrium: float
@@ -69,11 +72,12 @@ class Certificate(ArrayRecord):
     limits: Floats = field(default_factory=lambda: np.zeros(0))
     distance: float = 0.0
     estimate: bool = False
+    moved: float = 0.0
 
     def times(self, unit: float) -> Certificate:
         """The same certificate in other units of energy."""
         parts = unit * self.equilibrium, unit * self.friction, unit * self.floor, unit * self.limits
-        return Certificate(*parts, unit * self.distance, self.estimate)
+        return Certificate(*parts, unit * self.distance, self.estimate, float(np.sqrt(unit)) * self.moved)
 
     def away(self, error: float, estimate: bool | None = None) -> Certificate:
         """The certificate of an answer whose error |d - d*|_K is known in another way than by the gap."""
@@ -85,7 +89,7 @@ class Certificate(ArrayRecord):
     def gap(self) -> float:
         """1/2 |d - d*|_K^2 <= gap (up to `floor`); infinite where it is no number, which certifies nothing."""
         gap = self.equilibrium + float(self.friction.sum()) + float(self.limits.sum()) + self.distance
-        return gap if gap >= 0 else np.inf
+        return moved_gap(self.moved, gap) if gap >= 0 else np.inf
 
     @cached_property
     def error(self) -> float:
@@ -96,6 +100,16 @@ class Certificate(ArrayRecord):
     def error_floor(self) -> float:
         """The part of the error that the floor accounts for, sqrt(2 floor)."""
         return float(np.sqrt(2.0 * self.floor))
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether round-off accounts for all of the error, so that no less can be asked for."""
+        return self.gap <= self.floor
+
+
+def moved_gap(moved: float, gap: float) -> float:
+    """Half the square of moved + sqrt(2 gap), an error."""
+    return 0.5 * (moved + float(np.sqrt(2.0 * gap))) ** 2 if moved else gap
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:

@@ -40,6 +40,7 @@ from vemcvx.linear.ordering import minimum_degree
 from vemcvx.program.forces import Reduced, SolvedForce, SolvedForces, combined, spread
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
+from vemcvx.program.scaling import unit_diagonal
 from vemcvx.program.system import System
 
 HELD = 1e-24
@@ -96,7 +97,7 @@ class Condensation:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
         self._inner = np.ones(n, dtype=bool)
         self._inner[self.retained] = False
-        self._fields = SolvedForces(n, self._done)
+        self._fields = SolvedForces(n, self._done, unit_diagonal(self.regular.diagonal())[1])
 
     @cached_property
     def lost(self) -> float:

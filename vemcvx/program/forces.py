@@ -189,13 +189,16 @@ class SolvedForces:
     ----------
     n : int
     solve : callable (force (n,), number) -> SolvedForce
+    ease : (n,) array
+        How far a force moves its own unknown, in energy: what is left of a load is as nothing where it is so both as a
+        force and by what it does. Of a load on a stiff part 1e-15 on a part that is softer by 1e16 is not.
     """
 
-    def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce]):
-        self._n, self._solve = n, solve
+    def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce], ease: Floats):
+        self._n, self._solve, self._ease = n, solve, ease
         self._loaded = np.zeros(0, dtype=np.int64)
         self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
-        self._basis: list[tuple[Floats, float, float, SolvedForce]] = []
+        self._basis: list[tuple[Floats, float, Floats, SolvedForce]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
         """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
@@ -206,21 +209,26 @@ class SolvedForces:
         # Squares of forces, of any unit, are numbers when the largest is of size one.
         unit = float(power_of_two(np.abs(entries).max(initial=0.0)))
         rest = entries / unit
-        size, found = float(np.sqrt(rest @ rest)), Parts()
+        size, found = self._sizes(rest), Parts()
         known = size
-        for q, square, whole, one in self._basis if size > 0.0 else ():
+        for q, square, whole, one in self._basis if size.any() else ():
             share = float(q @ rest) / square
             rest = rest - share * q
-            known += abs(share) * whole
+            known = known + abs(share) * whole
             found[one] = unit * share
-        left = float(rest @ rest)
-        if left <= (SAME_FIELD * min(known, MOST_ROUNDING * size)) ** 2:
+        if (self._sizes(rest) <= SAME_FIELD * np.minimum(known, MOST_ROUNDING * size)).all():
             return found
         if len(self._basis) == MOST_FIELDS:
             return self.afresh(self._expand(entries))
         new = self._solve(self._expand(rest), len(self._basis))
-        self._basis.append((rest, left, size, new))
+        self._basis.append((rest, float(rest @ rest), size, new))
         return {**found, new: unit}
+
+    def _sizes(self, entries: Floats) -> Floats:
+        """How large a force with these entries is, and how large what it does to single unknowns."""
+        done = self._ease[self._loaded] * entries
+        sizes: Floats = np.sqrt(np.array([entries @ entries, done @ done]))
+        return sizes
 
     def afresh(self, phi: Floats) -> Parts:
         """A force (n,) that is solved for whatever has been seen, and not remembered."""

@@ -134,9 +134,7 @@ class Scaling:
 def scaling(operators: Operators) -> Scaling:
     """Choose the scales of a run from K, B and the limits."""
     diagonal = _diagonal(operators)
-    kappa = float(power_of_two(diagonal.max(initial=0.0)))
-    exponent = np.frexp(diagonal / kappa)[1]
-    delta = np.ldexp(1.0, -(exponent // 2))
+    kappa, delta = unit_diagonal(diagonal)
     sigma = power_of_two(operators.blocks(_size(operators.B, delta)).max(axis=1)) if operators.count else np.zeros(0)
     tau = power_of_two(_size(operators.D, delta))
     B = sp.csr_matrix(sp.diags_array(1.0 / np.repeat(sigma, operators.block)) @ operators.B @ sp.diags_array(delta))
@@ -157,6 +155,12 @@ def scaling(operators: Operators) -> Scaling:
         compliance=operators.compliance * kappa / tau**2,
     )
     return Scaling(scaled, kappa, delta, sigma, tau)
+
+
+def unit_diagonal(diagonal: Floats) -> tuple[float, Floats]:
+    """kappa and delta (n,), powers of two, with which delta K delta / kappa has a diagonal between 1/2 and 2."""
+    kappa = float(power_of_two(diagonal.max(initial=0.0)))
+    return kappa, np.ldexp(1.0, -(np.frexp(diagonal / kappa)[1] // 2))
 
 
 def _scaled(K: Matrix, delta: Floats, kappa: float) -> Matrix:

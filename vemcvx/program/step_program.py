@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import EPS, Floats, read_only
 from vemcvx.errors import SceneError
 from vemcvx.outline import ArrayRecord
-from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
 from vemcvx.program.checks import of_shape
 from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
+from vemcvx.program.in_place import put_in_place
 from vemcvx.program.operators import Operators
 from vemcvx.program.rows import Rows
 
@@ -55,7 +56,9 @@ class StepProgram(ArrayRecord):
     w: Floats
     b: Floats
     e: Floats = field(default_factory=lambda: np.zeros(0))
-    _seen: dict[tuple[bytes, ...], tuple[float, Floats, Floats]] = field(default_factory=dict, init=False, repr=False)
+    _seen: dict[tuple[bytes, ...], tuple[float, Floats, Floats, float]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         """Hand out no array that may be written to: an answer is certified by them after a solver had them."""
@@ -193,31 +196,35 @@ class StepProgram(ArrayRecord):
 
     def certificate_at(self, d: Floats, lam: Floats, p: Floats) -> Certificate:
         """The certificate of increments with admissible multipliers."""
-        equilibrium, friction, limits = self._gaps(d, lam, p)
-        return Certificate(equilibrium, friction, self.rounding_floor(d, lam, p), limits)
+        equilibrium, friction, limits, moved = self._gaps(d, lam, p)
+        return Certificate(equilibrium, friction, self.rounding_floor(d, lam, p), limits, moved=moved)
 
     def duality_gap(self, d: Floats, lam: Floats, p: Floats) -> float:
         """The gap alone, for admissible multipliers: what solvers measure their progress by."""
-        equilibrium, friction, limits = self._gaps(d, lam, p)
-        return equilibrium + float(friction.sum()) + float(limits.sum())
+        equilibrium, friction, limits, moved = self._gaps(d, lam, p)
+        return moved_gap(moved, equilibrium + float(friction.sum()) + float(limits.sum()))
 
-    def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
+    def _gaps(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
         """The parts of the gap; of the last point they are remembered, which a solver has looked at as a rule."""
-        point = d.tobytes(), lam.tobytes(), p.tobytes()
-        if point not in self._seen:
+        if (point := (d.tobytes(), lam.tobytes(), p.tobytes())) not in self._seen:
             self._seen.clear()
             self._seen[point] = self._gaps_afresh(d, lam, p)
         return self._seen[point]
 
-    def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats]:
-        operators, r = self.operators, self.residual(d, lam, p)
-        equilibrium = 0.5 * operators.factor.energy(r)
-        if operators.kernel is not None:
-            left, blur = self._imbalance(operators.kernel, lam, p)
-            equilibrium = np.inf if (np.abs(left) > blur).any() else equilibrium
-        limits = limit_gaps(operators.compliance, p, self.excess(d), self.excess_blur(d))
+    def _gaps_afresh(self, d: Floats, lam: Floats, p: Floats) -> tuple[float, Floats, Floats, float]:
+        operators, equilibrium = self.operators, 0.5 * self.operators.factor.energy(self.residual(d, lam, p))
+        if (N := operators.kernel) is not None and np.greater(*np.abs(self._imbalance(N, lam, p))).any():
+            equilibrium = np.inf
         # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-        return abs(equilibrium), norm_gaps(self.w, lam, self.slip(d)), limits
+        equilibrium, slip, excess = abs(equilibrium), self.slip(d), (self.excess(d), self.excess_blur(d))
+        parts = norm_gaps(self.w, lam, slip), limit_gaps(operators.compliance, p, *excess)
+        rest = float(parts[0].sum() + parts[1].sum())
+        if operators.own_columns is None and operators.factor.exact and equilibrium < rest < np.inf:
+            at, read = (self.w, lam, p), (d, self.b, self.e)
+            moved, placed = put_in_place(operators, parts, at=at, slip=slip, excess=excess, read=read)
+            if moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
+                return equilibrium, *placed, moved
+        return equilibrium, *parts, 0.0
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""

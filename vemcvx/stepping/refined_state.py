@@ -40,7 +40,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
     away = state.certificate.distance if run.system.follows_answer else 0.0
     friction = norm_gaps(state.capped_weights, lam, slip)
-    own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away)
+    own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
     answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
     ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip, w=state.capped_weights)

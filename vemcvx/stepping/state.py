@@ -38,6 +38,9 @@ class PreparedRun:
     refines: bool
     """whether the factors are too coarse for the accuracy, so that every step is refined"""
 
+    default: bool = False
+    """whether nobody asked for the solver's accuracy: at the rounding floor an answer is then good enough"""
+
     begin: tuple[StepData, ...] = ()
     """what drives the system at the first instants, solved for beforehand"""
 
@@ -261,5 +264,6 @@ def prepare(
         prepared=prepared,
         check=check,
         refines=refines,
+        default=solver is None,
         begin=driven,
     )

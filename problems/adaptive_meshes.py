@@ -29,8 +29,8 @@ import feng_han_huang as paper
 import l_shaped_bracket as bracket
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
-from vemcvx.estimate.adapt.marking import cells_to_refine
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.estimate.adapt import cells_to_refine
+from vemcvx.plots.style import COMPUTED, SECOND
 
 STEPS = 32
 TRIES = 7

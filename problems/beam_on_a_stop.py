@@ -17,7 +17,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import SECOND
+from vemcvx.plots.style import SECOND
 
 LENGTH, HEIGHT, YOUNG, FORCE, GAP = 10.0, 1.0, 1000.0, 1.0, 0.4
 BENDING, SHEARING = YOUNG * HEIGHT**3 / 12, 5 / 6 * YOUNG / 2 * HEIGHT

@@ -21,7 +21,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import beside_closed_form
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import SLIP
+from vemcvx.plots.style import SLIP
 
 YOUNG, POISSON, SIDE, HEIGHT = 1000.0, 0.25, 2.0, 0.5
 DEPTH, FRICTION, RADIUS = HEIGHT / 500, 0.3, 0.1

@@ -18,7 +18,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.palette import SLIP, STICK
+from vemcvx.plots.style import SLIP, STICK
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)

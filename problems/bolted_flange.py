@@ -20,7 +20,7 @@ import vemcvx as vx
 from problem_pictures import face_and_graph
 from twisted_pad import rings
 from vemcvx.canvas import light_grid
-from vemcvx.plots.palette import COMPUTED
+from vemcvx.plots.style import COMPUTED
 
 YOUNG, POISSON, FRICTION = 210e9, 0.3, 0.2
 INNER, OUTER, HEIGHT, BOLTS = 0.03, 0.06, 0.012, 4

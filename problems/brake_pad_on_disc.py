@@ -24,7 +24,7 @@ import vemcvx as vx
 from plate_with_hole import polar
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots import stressed_body, wear
-from vemcvx.plots.palette import COMPUTED, EXACT
+from vemcvx.plots.style import COMPUTED, EXACT
 
 HUB, RIM, TOP, ALPHA = 0.4, 1.0, 1.3, np.pi / 6
 YOUNG, POISSON, FRICTION, PRESSURE = (1000.0, 400.0), 0.3, 0.4, 1.0

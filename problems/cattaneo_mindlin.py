@@ -20,7 +20,7 @@ import vemcvx as vx
 from hertz_contact import HALF_WIDTH, RADIUS, REACH, YOUNG, fitted, graded, grid
 from problem_pictures import body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.palette import SLIP, STICK
+from vemcvx.plots.style import SLIP, STICK
 
 POISSON, FRICTION = 0.4999, 0.4
 PRESS, DRAG = 7e-4, 4.5e-4

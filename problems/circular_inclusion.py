@@ -18,7 +18,7 @@ import numpy as np
 import vemcvx as vx
 from plate_with_hole import complex_potentials, displacement_of, polar, stress_of
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, REACH, PULL = 1.0, 4.0, 1.0
 MATRIX, FIBRE = (10.0, 0.3), (100.0, 0.2)

@@ -25,7 +25,7 @@ import manufactured_full_slip as full_slip
 import missed_reversal
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, SECOND, THIRD
+from vemcvx.plots.style import COMPUTED, SECOND, THIRD
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
 NEARLY = 0.4999995

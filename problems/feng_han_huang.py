@@ -21,7 +21,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.palette import SLIP, STICK
+from vemcvx.plots.style import SLIP, STICK
 
 SMALL = {"n": 16, "steps": 32}
 

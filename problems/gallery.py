@@ -12,7 +12,7 @@ There are two kinds of problem in this folder, and each says itself how it is dr
   and the deformed mesh;
 - a *lesson*, a program of its own: it takes --picture FILE.
 
-Pictures are PROBLEM.png, drawn through vemcvx.canvas with the colours of vemcvx.plots.palette.
+Pictures are PROBLEM.png, drawn through vemcvx.canvas with the colours of vemcvx.plots.style.
 """
 
 import argparse

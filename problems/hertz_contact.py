@@ -15,7 +15,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, YOUNG, POISSON, HALF_WIDTH = 1.0, 1000.0, 0.3, 0.02
 REACH = 20 * HALF_WIDTH

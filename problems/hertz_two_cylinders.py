@@ -20,7 +20,7 @@ import numpy as np
 import vemcvx as vx
 from hertz_contact import graded, grid
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON, HALF_WIDTH = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4), 0.02
 RADIUS = 1 / sum(1 / radius for radius in RADII)

@@ -18,7 +18,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import SECOND
+from vemcvx.plots.style import SECOND
 
 WIDTH, HEIGHT, YOUNG, POISSON, FRICTION, WEIGHT = 1.0, 16.0, 1000.0, 0.3, 0.4, 1.0
 RATIO = POISSON / (1 - POISSON)

@@ -15,7 +15,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import SECOND
+from vemcvx.plots.style import SECOND
 
 YOUNG, POISSON, TAU, PULL = 10.0, 0.25, 0.7, 0.3
 MU = YOUNG / (2 * (1 + POISSON))

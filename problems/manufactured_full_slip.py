@@ -23,7 +23,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import SECOND
+from vemcvx.plots.style import SECOND
 
 MU = 1.0
 SMALL = {"n": 12, "steps": 2}

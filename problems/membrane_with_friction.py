@@ -45,7 +45,7 @@ import vemcvx as vx
 from spring_slider_chain import course, sampled, turning_instants
 from vemcvx.vem import Space
 from vemcvx.vem.projection import area_gradients, vertex_values
-from vemcvx.vem.stabilisation import missed_products
+from vemcvx.vem.stiffness_matrix import missed_products
 
 LENGTH, HEIGHT, BOUND = 1.0, 0.5, 2.0
 TURNS = (0, 1.75, -1.25, 1.25)
@@ -165,7 +165,7 @@ def energy_error(posed, trajectory, at, points):
 def picture(path, mesh, posed, trajectory, at):
     """Displacement and friction on the table at the turning points, against the closed form."""
     from vemcvx.canvas import new_figure
-    from vemcvx.plots.palette import SERIES
+    from vemcvx.plots.style import SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)

@@ -18,7 +18,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED
+from vemcvx.plots.style import COMPUTED
 
 PUSH = 16.0
 SMALL = {"n": 16, "steps": 9}

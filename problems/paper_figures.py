@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import feng_han_huang as paper
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
-from vemcvx.plots.palette import MARKERS, SERIES
+from vemcvx.plots.style import MARKERS, SERIES
 
 FAMILIES = ("squares", "voronoi", "hexagons", "nonconvex")
 """Fig. 1 shows four types; the text names squares and the polygons of Talischi and others, ours to choose are two."""

@@ -15,7 +15,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import SECOND
+from vemcvx.plots.style import SECOND
 
 LENGTH, HEIGHT, YOUNG, SPRINGS, FORCE = 40.0, 0.5, 1000.0, 0.2, 0.5
 RIGIDITY = YOUNG * HEIGHT**3 / 12

@@ -18,7 +18,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, REACH, YOUNG, POISSON, PULL = 1.0, 5.0, 100.0, 0.3, 1.0
 SMALL = {"n": 12, "steps": 1}

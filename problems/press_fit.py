@@ -22,7 +22,7 @@ import numpy as np
 import vemcvx as vx
 from plate_with_hole import polar
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON, INTERFERENCE = (1.0, 1.6, 2.4), (200.0, 70.0), (0.3, 0.33), 0.004
 JOINT = "inner|outer"

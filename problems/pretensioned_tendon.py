@@ -20,7 +20,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 
 LENGTH, HEIGHT, YOUNG, BOUND, PRESTRESS, AGAIN = 40.0, 1.0, 200.0, 1.0, 24.0, 0.6
 SMALL = {"n": 4, "steps": 24}

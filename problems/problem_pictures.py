@@ -4,7 +4,7 @@ import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots import contact_face, stressed_body
-from vemcvx.plots.palette import COMPUTED, EXACT
+from vemcvx.plots.style import COMPUTED, EXACT
 
 MOST_MARKS = 60
 SLENDER = 0.2

@@ -21,7 +21,7 @@ import hertz_contact as hertz
 import vemcvx as vx
 from problem_pictures import beside_closed_form
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, SECOND, THIRD
+from vemcvx.plots.style import COMPUTED, SECOND, THIRD
 
 WIDTH, HEIGHT, YOUNG, POISSON, LAYER, GAP, DEPTH = 1.0, 2.0, 100.0, 0.3, 50.0, 0.01, 0.05
 SMALL = {"n": 6, "steps": 10, "accuracy": 1e-6}

@@ -24,7 +24,7 @@ import vemcvx as vx
 from hertz_contact import grid
 from problem_pictures import face_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.palette import SLIP, STICK
+from vemcvx.plots.style import SLIP, STICK
 
 RADIUS, YOUNG, POISSON, FRICTION = 1.0, 1000.0, 0.45, 0.4
 CONTACT = 0.05

@@ -36,7 +36,7 @@ from scipy.spatial import Delaunay
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
-from vemcvx.plots.palette import COMPUTED, SECOND
+from vemcvx.plots.style import COMPUTED, SECOND
 from vemcvx.vem.projection import vertex_values
 
 COARSE, GRADING = 1 / 14, 0.28

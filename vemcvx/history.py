@@ -15,15 +15,13 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import Floats
 from vemcvx.outline import Outline, Outlined
 from vemcvx.plots import animate
-from vemcvx.plots.units import Units
+from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram
+from vemcvx.results.from_march import programs_of_steps
 from vemcvx.results.io.folder import read_results, write_results
-from vemcvx.results.probe.places import places
-from vemcvx.results.probe.profile import Profile, profile
-from vemcvx.results.programs import programs_of_steps
+from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.results import Results
-from vemcvx.results.tables import Columns, frame, table
-from vemcvx.results.words import in_words
+from vemcvx.results.tables import Columns, frame, in_words, table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -47,7 +45,7 @@ class History(Results, Outlined):
     contact : Contact
     moduli : (2, n_cells) or (6, n_cells)
         Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
-        matrix row by row, see :mod:`vemcvx.vem.hooke`.
+        matrix row by row, see :mod:`vemcvx.vem.stress`.
     trajectory : Trajectory
         The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict
@@ -76,7 +74,7 @@ class History(Results, Outlined):
         return cls(**{field.name: getattr(results, field.name) for field in fields(Results)})
 
     def probe(self, points: ArrayLike) -> Floats:
-        """(S, p, dim) displacements at any points (p, dim) of the body: see :mod:`vemcvx.results.probe.places`.
+        """(S, p, dim) displacements at any points (p, dim) of the body: see :mod:`vemcvx.results.probe`.
 
         Exact nodal values at nodes, between two nodes linear on edges, piecewise linear on faces, and Pi u inside
         cells, (3.11); on an interface those of its first body.

@@ -18,14 +18,13 @@ from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
-from vemcvx.results.from_march import record
-from vemcvx.results.programs import with_origin
+from vemcvx.results.from_march import record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.programs import programs_of_march
-from vemcvx.stepping.storage import Folder, Memory, Storage
 from vemcvx.stepping.time_loop import checked_times, march
+from vemcvx.stepping.trajectory import Folder, Memory, Storage
 
 # An initial displacement is refused when it misses what the supports hold by more than this part of it.
 OFF_SUPPORT = 1e-9

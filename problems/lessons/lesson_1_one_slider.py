@@ -14,7 +14,7 @@
 import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, SLIP, STICK
+from vemcvx.plots.style import COMPUTED, SLIP, STICK
 
 # %% [markdown]
 # ## 1. The inequality

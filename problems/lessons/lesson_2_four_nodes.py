@@ -16,7 +16,7 @@ from matplotlib.patches import Circle
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import OUTLINE, SLIP, STICK
+from vemcvx.plots.style import OUTLINE, SLIP, STICK
 
 # %% [markdown]
 # ## 1. Ten lines

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import spsolve
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, EXACT, OUTLINE, SECOND, THIRD
+from vemcvx.plots.style import COMPUTED, EXACT, OUTLINE, SECOND, THIRD
 
 # %% [markdown]
 # ## 1. The functions nobody computes

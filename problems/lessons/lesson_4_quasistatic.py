@@ -14,7 +14,7 @@ import numpy as np
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, DISSIPATED, NUMERICAL, SECOND, SLIP, STICK, STORED
+from vemcvx.plots.style import COMPUTED, DISSIPATED, NUMERICAL, SECOND, SLIP, STICK, STORED
 
 # %% [markdown]
 # ## 1. Why k drops out

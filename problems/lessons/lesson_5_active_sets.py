@@ -15,7 +15,7 @@ import numpy as np
 
 import vemcvx as vx
 from vemcvx.canvas import distinct, light_grid, new_figure
-from vemcvx.plots.palette import BACKWARD, COMPUTED, FORWARD, SECOND, STICK_AREA
+from vemcvx.plots.style import BACKWARD, COMPUTED, FORWARD, SECOND, STICK_AREA
 
 # %% [markdown]
 # ## 1. An equation with kinks

@@ -24,7 +24,7 @@ import numpy as np
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, EXACT, SECOND
+from vemcvx.plots.style import COMPUTED, EXACT, SECOND
 
 
 def pull(x, t):

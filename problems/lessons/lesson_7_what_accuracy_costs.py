@@ -21,7 +21,7 @@ import numpy as np
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.plots.palette import COMPUTED, EXACT, SECOND, THIRD
+from vemcvx.plots.style import COMPUTED, EXACT, SECOND, THIRD
 
 
 def block(phi):

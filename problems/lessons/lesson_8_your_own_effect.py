@@ -31,7 +31,7 @@ import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.effects import Contribution, data
 from vemcvx.effects.effect import amount, where
-from vemcvx.plots.palette import COMPUTED, EXACT, SECOND, THIRD
+from vemcvx.plots.style import COMPUTED, EXACT, SECOND, THIRD
 from vemcvx.vem import Space
 
 

@@ -14,7 +14,7 @@ from reference import elasticity, grid, user_step
 
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
-from vemcvx.plots.palette import MARKERS, SERIES
+from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.vem import Space, stiffness
 
 if TYPE_CHECKING:

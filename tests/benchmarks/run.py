@@ -17,7 +17,7 @@ from measure import Row
 from rich.console import Console
 from rich.table import Table
 
-from vemcvx.tables import csv_text, markdown
+from vemcvx.outline import csv_text, markdown
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 

@@ -16,9 +16,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Compared, clause
-from vemcvx.cli.compare_tables import remarks
-from vemcvx.cli.judgement import Attempt, bounds_distance, distance, judged
+from vemcvx.cli.compare import Attempt, Compared, bounds_distance, clause, distance, judged, remarks
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.conic import installed
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.pages import MARK
+from vemcvx.cli.report import MARK
 
 pytest.importorskip("matplotlib")
 LOOSE = '''

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from test_cli_supplied import call
 
-from vemcvx.cli import said
+from vemcvx.cli import terminal
 
 SMALL = ("feng_han_huang", "--n", "4")
 COMMANDS = {
@@ -35,21 +35,21 @@ def test_nothing_is_broken_inside_a_word(name, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")
     whole = words(call(*COMMANDS[name])[1])
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr(said, "sys", SimpleNamespace(stdout=TERMINAL, stderr=TERMINAL))
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stdout=TERMINAL, stderr=TERMINAL))
     shown = call(*COMMANDS[name])[1]
     assert max(map(len, shown.splitlines())) <= 80
     assert words(shown) <= whole
 
 
 def test_lines_go_on_in_their_column():
-    assert said.broken("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
-    assert said.broken("  one two three", 10) == "  one two\n  three"
-    assert said.broken("one two three\n\nfour", 8) == "one two\nthree\n\nfour"
+    assert terminal.broken("files       a b: c, d e f", 24) == "files       a b: c, d e\n            f"
+    assert terminal.broken("  one two three", 10) == "  one two\n  three"
+    assert terminal.broken("one two three\n\nfour", 8) == "one two\nthree\n\nfour"
 
 
 def test_words_longer_than_the_line_stay_whole():
     path = "/a/very-long/path"
-    assert said.broken(f"files  {path} and", 16) == f"files  {path}\n       and"
+    assert terminal.broken(f"files  {path} and", 16) == f"files  {path}\n       and"
 
 
 def test_pipes_get_whole_lines(tmp_path, monkeypatch):

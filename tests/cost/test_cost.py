@@ -23,16 +23,14 @@ import feng_han_huang
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cost import Ingredients, Point, Row, advice, front
-from vemcvx.cost.alone import alone
-from vemcvx.cost.journal import append, read_journal
-from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference
-from vemcvx.cost.run_point import run_point
+from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference, run_point
 from vemcvx.cost.settings import Grid, common_instants
 from vemcvx.cost.sweeping import finished_row, seconds_left
 from vemcvx.cost.table import table
+from vemcvx.cost.workers import alone, append, read_journal
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.io.archive import read_archive
-from vemcvx.results.io.summary import peak_memory_mb
+from vemcvx.results.io.folder import peak_memory_mb
 
 ROOT = Path(vx.__file__).parent.parent
 PROBLEM = str(ROOT / "problems" / "feng_han_huang.py")
@@ -288,7 +286,7 @@ def test_advice_is_the_cheapest_run_that_is_good_enough():
 
 def test_the_picture_stays_within_the_page():
     pytest.importorskip("matplotlib")
-    from vemcvx.cost.picture import picture
+    from vemcvx.cost.table import picture
 
     found = [made(0.1 / k, 0.01 * k**2, 10 * k**2, family=family) for k in (1, 2, 4) for family in ("squares", None)]
     found += [made(0.02, 0.3, 100, target=0.05), made(0.1, 0.02, solver="osqp")]
@@ -355,7 +353,7 @@ def test_clusters_that_are_not_there(tmp_path, monkeypatch):
         assert done.exit_code == 2
         assert "pip install 'vemcvx[cluster]'" in done.output
     pytest.importorskip("distributed")
-    monkeypatch.setattr("vemcvx.cost.pool.CONNECT", 0.2)
+    monkeypatch.setattr("vemcvx.cost.workers.CONNECT", 0.2)
     done = cost(PROBLEM, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:1")
     assert done.exit_code == 2
     assert "no dask scheduler answers at 'tcp://127.0.0.1:1'" in done.output

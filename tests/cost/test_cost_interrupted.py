@@ -15,11 +15,10 @@ import pytest
 from test_cost import GRID, PROBLEM, ROOT, UNIFORM, Recipe, cost, made, stay_at_home
 
 import vemcvx as vx
-from vemcvx.cost.alone import Crashed, alone
-from vemcvx.cost.journal import append, read_journal
 from vemcvx.cost.reference import read_reference
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import finished_row, sweep
+from vemcvx.cost.workers import Crashed, alone, append, read_journal
 from vemcvx.owned_files import Owned
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
@@ -64,7 +63,7 @@ def ended(command, sent, folder):
 @LINUX
 @pytest.mark.parametrize("sent", ["SIGKILL", pytest.param("SIGINT", marks=pytest.mark.slow)])
 def test_a_process_ends_with_the_one_that_started_it(tmp_path, sent):
-    program = "import time; from vemcvx.cost.alone import alone; alone(time.sleep, 3600)"
+    program = "import time; from vemcvx.cost.workers import alone; alone(time.sleep, 3600)"
     ended([sys.executable, "-c", program], sent, tmp_path)
 
 

@@ -18,7 +18,7 @@ from vemcvx.linear import superlu
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import MOST_FIELDS
 from vemcvx.scene.pose import pose_scene
-from vemcvx.testing.effect_samples import TIMES, mesh
+from vemcvx.testing.effects import TIMES, mesh
 
 
 def bits(thing):

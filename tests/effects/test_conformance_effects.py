@@ -15,7 +15,7 @@ from cohesive_interface import Glue
 from slip_weakening import SlipWeakening
 from vemcvx.effects import Contribution
 from vemcvx.testing import EffectSample, Other, effect_suite
-from vemcvx.testing.effect_samples import answer, mesh
+from vemcvx.testing.effects import answer, mesh
 
 OTHER_FIELDS = {"on", "direction", "plane", "stabilisation", "quadrature", "stiffness", "at", "while_closed"}
 """Fields of effects that carry no data f(x, t)."""

@@ -10,7 +10,7 @@ import pytest
 from test_conformance_effects import HELD, PULLED, RUBBING, STEEL, TOUCHING, stiff
 
 from vemcvx.testing import EffectSample
-from vemcvx.testing.effect_sentences import SENTENCES
+from vemcvx.testing.effects import SENTENCES
 
 LESSONS = Path(__file__).parents[2] / "problems" / "lessons"
 

@@ -144,7 +144,7 @@ MATERIALS = [
 @pytest.mark.parametrize("materials", MATERIALS)
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
-    from vemcvx.estimate.budget.residual import stabilised
+    from vemcvx.estimate.budget.error_parts import stabilised
     from vemcvx.scene.pose import pose_scene
     from vemcvx.vem import strains, stresses
 

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from scipy.io import mmwrite
 
 import vemcvx as vx
-from vemcvx.exchange.matrix_market import read_matrix
+from vemcvx.exchange.arrays import read_matrix
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.results.io.archive import read_archive

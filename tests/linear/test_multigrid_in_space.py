@@ -9,9 +9,9 @@ from blocks_in_space import block, on_floor
 from scipy.sparse.linalg import LinearOperator, cg
 
 import vemcvx as vx
-from vemcvx.linear.hierarchy import Hierarchy
+from vemcvx.linear.multigrid import Hierarchy
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.sets import INEXACT, Iterate, Sets, answer_on
+from vemcvx.solvers.newton import INEXACT, Iterate, Sets, answer_on
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.time_loop import march
 

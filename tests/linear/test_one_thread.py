@@ -11,7 +11,7 @@ from scenes import paper_scene, small
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 import vemcvx as vx
-from vemcvx.linear.one_thread import MANY, one_thread
+from vemcvx.linear.default import MANY, one_thread
 
 
 def threads():

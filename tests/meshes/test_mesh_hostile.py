@@ -16,7 +16,7 @@ from meshio.gmsh import main as gmsh
 
 import vemcvx as vx
 from vemcvx.meshes.io.blocks import Blocks
-from vemcvx.meshes.io.unsafe import check_data
+from vemcvx.meshes.io.readers import check_data
 
 DATA = b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n$EndNodes\n$Elements\n$EndElements\n$ElementData\n"
 FLAT = "\n".join(f"{n}, {x}, {y}" for n, (x, y) in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)], 1))

@@ -12,7 +12,7 @@ from counted import calls
 import vemcvx as vx
 from vemcvx.estimate.measures.overlap import common_rule
 from vemcvx.meshes import PolygonMesh, refinement
-from vemcvx.meshes.local_refinement.sides import splitting_of
+from vemcvx.meshes.local_refinement import splitting_of
 
 # Bounds on diameter^2 / area after any number of passes. Squares have 2, triangles from squares cut in two 4; measured
 # after seven passes, eight seeds: hexagons 4.4, voronoi 5.3, distorted 4.3, nonconvex 22. Others are to stay below 6.

@@ -18,9 +18,8 @@ from vemcvx.plots import (
     wear,
     write_plots,
 )
-from vemcvx.plots.contact_line import contact_line
-from vemcvx.plots.scale import rounded_down
-from vemcvx.plots.stick_slip_map import directions
+from vemcvx.plots.contact_in_plane import contact_line, directions
+from vemcvx.plots.style import rounded_down
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)

@@ -18,7 +18,7 @@ from vemcvx import owned_files as owned
 from vemcvx.cli import app
 from vemcvx.cli import run as simulation
 from vemcvx.stepping import recorder
-from vemcvx.stepping.storage import Folder
+from vemcvx.stepping.trajectory import Folder
 
 TIMES = np.linspace(0.0, 1.0, 5)
 OURS = {"state.npy", "checkpoint.npz", ".vemcvx"}
@@ -106,7 +106,7 @@ def test_the_second_of_two_runs_is_refused(tmp_path):
 
 HELD = """
 import sys
-from vemcvx.stepping.storage import Folder
+from vemcvx.stepping.trajectory import Folder
 held = Folder(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()

@@ -14,7 +14,7 @@ from scenes import paper_scene, small
 import vemcvx as vx
 from vemcvx.owned_files import MARK
 from vemcvx.results.io.folder import WRITING
-from vemcvx.stepping.storage import Folder
+from vemcvx.stepping.trajectory import Folder
 
 TIMES = np.linspace(0.0, 1.0, 4)
 PATHS = ["..", "", ".", "/tmp", "../thesis", "a/b.npy", "a\0.npy", "x\\y.npy"]

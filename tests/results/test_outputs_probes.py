@@ -9,8 +9,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.results.probe.locate import CHUNK, locate
-from vemcvx.results.probe.places import places
+from vemcvx.results.probe import CHUNK, locate, places
 from vemcvx.vem.projection import vertex_values
 
 TIMES = np.linspace(0.0, 1.0, 4)

@@ -10,7 +10,7 @@ import pytest
 
 import block_in_space as block
 import vemcvx as vx
-from vemcvx.meshes.io.polyhedra import POLYHEDRON
+from vemcvx.meshes.io.solids import POLYHEDRON
 from vemcvx.vem import equivalent
 
 FIELDS = {"displacement", "slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"}

@@ -7,7 +7,7 @@ import pytest
 
 import circular_hysteresis as circles
 import vemcvx as vx
-from vemcvx.results.probe.places import places
+from vemcvx.results.probe import places
 
 FAMILIES = [*vx.meshes.SPACE_FAMILIES]
 STEPS = 6

@@ -18,7 +18,7 @@ from scenes import paper_scene, small
 import vemcvx as vx
 from vemcvx.program.operators import ABSOLUTE_VALUES, BOUNDS, FEATURES, QUADRATIC, SECOND_ORDER_CONES
 from vemcvx.testing import INSTANCES, solver_suite
-from vemcvx.testing.instances import TIMES as TESTED
+from vemcvx.testing.solvers import TIMES as TESTED
 
 pytestmark = pytest.mark.arithmetic
 

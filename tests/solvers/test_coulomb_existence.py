@@ -10,8 +10,8 @@ from blocks_in_space import block, on_floor
 from faces_that_meet import TIMES, random_scene
 
 import vemcvx as vx
-from vemcvx.solvers import coulomb_sets
-from vemcvx.solvers.coulomb_existence import distance_to_a_solution
+from vemcvx.solvers import coulomb
+from vemcvx.solvers.coulomb import distance_to_a_solution
 
 pytestmark = pytest.mark.arithmetic
 
@@ -26,9 +26,9 @@ def rubbing(coefficient, n=3):
 
 def distances(monkeypatch, run):
     """[(to what Newton's method ends at, its bound)] of all answers on sets that a bound is proven for; |d|_K = 1."""
-    found, met = [], coulomb_sets._from_sets
+    found, met = [], coulomb._from_sets
 
-    class Seen(coulomb_sets.Found):
+    class Seen(coulomb.Found):
         def holds(self, program, law, sets):
             tried.append((self, sets))
             return super().holds(program, law, sets)
@@ -50,9 +50,9 @@ def distances(monkeypatch, run):
                     found.append(np.array([unit(answer.point.d - last), bound + answer.error]) / unit(last))
         return end
 
-    original = coulomb_sets.on_sets
-    monkeypatch.setattr(coulomb_sets, "on_sets", on_sets)
-    monkeypatch.setattr(coulomb_sets, "_from_sets", from_sets)
+    original = coulomb.on_sets
+    monkeypatch.setattr(coulomb, "on_sets", on_sets)
+    monkeypatch.setattr(coulomb, "_from_sets", from_sets)
     run()
     return np.reshape(found, (-1, 2))
 
@@ -84,7 +84,7 @@ def test_what_is_nearly_anything_else_is_not_proven(monkeypatch):
         seen.append(given)
         return distance_to_a_solution(*given)
 
-    monkeypatch.setattr(coulomb_sets, "distance_to_a_solution", watched)
+    monkeypatch.setattr(coulomb, "distance_to_a_solution", watched)
     vx.march(rubbing(0.6), [0.0, 0.5, 1.0])
     program, law, sets, found, response = seen[-1]
     assert distance_to_a_solution(program, law, sets, found, response) is not None

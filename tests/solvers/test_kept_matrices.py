@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scenes import paper_scene
 
 import vemcvx as vx
-from vemcvx.solvers.kept_matrices import KeptMatrices, keep_matrices
+from vemcvx.solvers.conic import KeptMatrices, keep_matrices
 
 pytest.importorskip("clarabel")
 

@@ -10,7 +10,7 @@ from scenes import cyclic, paper_scene
 import vemcvx as vx
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers.sets import Iterate, Shifts, answer_on, sets_at
+from vemcvx.solvers.newton import Iterate, Shifts, answer_on, sets_at
 
 pytestmark = pytest.mark.arithmetic
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from vemcvx.program.answer import Answer
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.conic import polished
 
 pytestmark = pytest.mark.arithmetic

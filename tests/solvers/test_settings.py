@@ -3,7 +3,7 @@
 import pytest
 
 import vemcvx as vx
-from vemcvx.solvers.settings import TUNED, When, settings_for
+from vemcvx.solvers.conic import TUNED, When, settings_for
 
 REGULARISATION = "static_regularization_constant"
 

@@ -1,7 +1,7 @@
 """Coulomb's certificate: a bound on the distance to a solution where sets settle, an estimate elsewhere, true in both.
 
 Every step of a run is repeated from the state before it by convex programs until nothing moves any more, and what the
-run answered is held against that: the theorem of :mod:`vemcvx.solvers.coulomb_sets` is not used by the reference.
+run answered is held against that: the theorem of :mod:`vemcvx.solvers.coulomb` is not used by the reference.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from coulomb_scenes import converged, coulomb_scene, energy_norm
 
 import vemcvx as vx
 from vemcvx.scene.pose import pose_scene
-from vemcvx.solvers.redundant_rows import independent
+from vemcvx.solvers.newton import independent
 from vemcvx.stepping.backward_euler import QuasistaticSteps
 from vemcvx.stepping.ledger import step_data
 

@@ -13,7 +13,7 @@ import vemcvx as vx
 from slip_weakening import SlipWeakening
 from vemcvx.effects import ContactSurface, Contribution, Friction, SlipLaw
 from vemcvx.errors import NotContracting
-from vemcvx.stepping.softening import stability
+from vemcvx.stepping.state import stability
 
 STEEL, HELD = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right")
 TOUCHING = vx.BilateralContact(on="bottom")

@@ -112,22 +112,22 @@ WALKS = {
     "`bound`, from `TrescaFriction` to the cone": (bound_to_cone, "stepping/state.py"),
     "`bound`, from `TrescaFriction` to Newton's method": (
         bound_to_newton,
-        "stepping/state.py program/rows.py program/certificate.py program/operators.py",
+        "stepping/state.py program/terms.py program/certificate.py program/operators.py",
     ),
     "`young`, from `Elasticity` to K": (
         young_to_stiffness,
-        "vem/stabilisation.py vem/hooke.py vem/space.py scene/driving.py",
+        "vem/stiffness_matrix.py vem/stress.py vem/space.py scene/pose.py",
     ),
     "`accuracy`, from the command line to an option of a solver": (
         accuracy_to_option,
-        "solvers/solver.py program/iterative_refinement.py stepping/acceptance.py stepping/initial.py "
+        "solvers/solver.py program/iterative_refinement.py stepping/acceptance.py stepping/time_loop.py "
         "stepping/recorder.py",
     ),
     "`u`, from the answer to a step to a VTU file": (
         displacement_to_file,
-        "linear/factor.py linear/superlu.py solvers/sets.py program/step_program.py program/rows.py stepping/ledger.py "
-        "program/operators.py program/certificate.py program/condensation.py program/iterative_refinement.py "
-        "results/contact.py history.py vem/strain.py",
+        "linear/factor.py linear/superlu.py solvers/newton.py program/step_program.py program/terms.py "
+        "stepping/ledger.py program/operators.py program/certificate.py program/condensation.py "
+        "program/iterative_refinement.py results/contact.py history.py vem/stress.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""

@@ -13,7 +13,7 @@ from wrong_kinds import HELD, MESH, PUSH, STEEL, WRONG, K, load, marched, run
 
 import vemcvx as vx
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.motion import Motion
+from vemcvx.program.system import Motion
 
 GRIPPED = vx.BilateralContact("bottom"), vx.TrescaFriction(0.1, "bottom")
 SCENE = vx.Scene(STEEL, HELD, PUSH, *GRIPPED)

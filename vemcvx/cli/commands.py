@@ -13,8 +13,7 @@ import typer
 
 from vemcvx.cli import completion, learn
 from vemcvx.cli.options import Accuracy, File, Linear, Mesh, N, Settings, Solver
-from vemcvx.cli.reported import NOT_CERTIFIED, reported
-from vemcvx.cli.said import say
+from vemcvx.cli.terminal import NOT_CERTIFIED, reported, say
 from vemcvx.errors import ProblemError
 from vemcvx.interrupt import as_usual
 from vemcvx.version import __version__
@@ -141,9 +140,7 @@ def compare(
 ) -> None:
     """Solve a problem by several solvers, and hold their answers against each other and their certificates."""
     with reported():
-        from vemcvx.cli.compare import Comparison, compare_solvers
-        from vemcvx.cli.compare_files import WRITERS, check_writable
-        from vemcvx.cli.compare_tables import in_words
+        from vemcvx.cli.compare import WRITERS, Comparison, check_writable, compare_solvers, in_words
         from vemcvx.cli.problem_file import read_problem
 
         paths = {kind: path for kind, path in (("json", json), ("csv", csv), ("html", html)) if path is not None}
@@ -186,8 +183,8 @@ def export(
 ) -> None:
     """Write the convex programs of some steps, for other solvers, with their certified optima."""
     with reported():
-        from vemcvx.cli.export import export_programs
         from vemcvx.cli.problem_file import read_problem
+        from vemcvx.cli.run import export_programs
         from vemcvx.cli.run_options import RunOptions
 
         problem = read_problem(file)
@@ -219,7 +216,7 @@ def collection(
         from rich.progress import TimeRemainingColumn
 
         from vemcvx.cli.collection import write_collection
-        from vemcvx.cli.progress import progress_bar
+        from vemcvx.cli.terminal import progress_bar
 
         with progress_bar("reading", TimeRemainingColumn()) as shown:
             say(write_collection(out, form, told=shown))

@@ -33,7 +33,7 @@ def _families() -> list[str]:
 
 def _solvers() -> list[str]:
     from vemcvx.cli.solver_names import NAMES
-    from vemcvx.solvers.settings import TUNED
+    from vemcvx.solvers.conic import TUNED
 
     return sorted({*NAMES, *(name.lower() for name in TUNED)})
 

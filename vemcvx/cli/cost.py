@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vemcvx.cli.problem_file import Problem, read_problem
-from vemcvx.cli.progress import LEFT, progress_bar
 from vemcvx.cli.solver_names import named_solver
+from vemcvx.cli.terminal import LEFT, progress_bar
 from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
@@ -195,7 +195,7 @@ def _clause(row: Row) -> str:
 
 
 def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
-    from vemcvx.cost.picture import picture
+    from vemcvx.cost.table import picture
 
     files = f"files       {folder}: {TABLE}, {JOURNAL}"
     with Owned(folder) as own:

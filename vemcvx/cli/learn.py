@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from vemcvx.cli import completion
-from vemcvx.cli.reported import reported
-from vemcvx.cli.said import say, say_words
+from vemcvx.cli.terminal import reported, say, say_words
 from vemcvx.errors import ProblemError
 
 
@@ -52,7 +51,7 @@ def app(
     """Open a live page: change scene, mesh, friction, load and solver, and see what sticks and slips (extra app)."""
     with reported():
         from vemcvx.cli import live_page
-        from vemcvx.cli.compare_files import check_writable
+        from vemcvx.cli.compare import check_writable
 
         if check and html is not None:
             raise ProblemError("app: found --check and --html; give one of them.")

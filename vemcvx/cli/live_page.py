@@ -19,10 +19,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from vemcvx.cli.pages import page
-from vemcvx.cli.python_file import executed, own_errors
-from vemcvx.cli.said import say
+from vemcvx.cli.problem_file import executed, own_errors
+from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
+from vemcvx.cli.terminal import say
 from vemcvx.errors import ProblemError
 
 HOST = "127.0.0.1"

@@ -1,28 +1,216 @@
-"""`vemcvx run --report`: a page of HTML that says what was simulated, what came out, how certain it is, and how again.
-
-Pictures and style stand in the page. It is written when a run has succeeded; a run that is refused writes none.
-"""
+"""vemcvx run --report: a page of HTML that says what was simulated, what came out, and how certain it is."""
 
 from __future__ import annotations
 
 import base64
 import os
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
+from vemcvx.arrays import Floats
 from vemcvx.canvas import as_png
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
-from vemcvx.cli.pages import MARK, figure, page, words
 from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.report_results import budget, certificates, results
 from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.show import mesh_name, scene_in_words
-from vemcvx.errors import ProblemError
+from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.estimate.budget import error_budget
 from vemcvx.history import History
+from vemcvx.outline import Lines, Outline
+from vemcvx.outline import html as table
 from vemcvx.plots.pictures import draw_pictures, left_out
+from vemcvx.results.tables import WHY_ESTIMATED
+from vemcvx.version import __version__
+
+# Pages of HTML that need nothing else: their style stands in them, their pictures, too.
+
+
+MARK = '<meta name="generator" content="vemcvx">'
+"""By which pages of ours are known."""
+STYLE = (
+    "body{font:15px/1.4 sans-serif;margin:2em auto;padding:0 1em;max-width:75em}"
+    "table{border-collapse:collapse;margin:1em 0}"
+    "th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}th{vertical-align:bottom}"
+    ".w{text-align:left}small{font-weight:normal;color:#666}.no{color:#b00}"
+)
+
+
+def page(title: str, body: str, style: str = "") -> str:
+    """A page of a title in words and a body of HTML, with style of its own beside what all pages share."""
+    head = f'<meta charset="utf-8">{MARK}<meta name="viewport" content="width=device-width">'
+    head += f"<title>{escape(title)}</title><style>{STYLE}{style}</style>"
+    foot = f"<p><small>vemcvx {__version__}</small></p>"
+    return (
+        f'<!doctype html>\n<html lang="en"><head>{head}</head>\n'
+        f"<body><h1>{escape(title)}</h1>{body}{foot}</body></html>\n"
+    )
+
+
+def words(title: str, lines: Lines) -> str:
+    """Lines of a name and words, as a table with a title."""
+    return f'<div class="wide">{Outline(title, lines).html()}</div>'
+
+
+def numbers(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table with heads, which is moved sideways where the page is narrow."""
+    return f'<div class="wide">{table(heads, rows)}</div>'
+
+
+def figure(value: float) -> str:
+    """A number in six digits."""
+    return f"{value:.6g}"
+
+
+def short(value: float) -> str:
+    """An error in two digits."""
+    return f"{value:.1e}"
+
+
+# What came out of a run, as parts of its report: results with their units, certificates, the budget of errors.
+
+
+ROWS = 12
+"""Steps that the table of steps has at most; steps.csv has all."""
+FORCE, LENGTH, ENERGY, STRESS = "force", "length", "force × length", "force / length²"
+SPREAD = {2: ("length", "force / length"), 3: ("area", STRESS)}
+"""Over what forces of contact are spread, and their unit, by the dimension."""
+THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
+CARRIES = 1e-9
+"""Reactions below this part of the largest are rounding."""
+COLUMNS = {
+    "step": ("step", ""),
+    "time": ("t", ""),
+    "energy": ("stored", ENERGY),
+    "dissipated": ("dissipated", ENERGY),
+    "work": ("work", ENERGY),
+    "certificate": ("certificate", "relative"),
+    "certificate_total": ("added up", "relative"),
+    "iterations": ("iterations", ""),
+}
+PARTS = {
+    "algebra": "solving the steps",
+    "space": "the mesh",
+    "time": "the time steps",
+    "total": "all",
+    "target": "what was asked for",
+}
+MEANING = {"bound": "a bound", "estimate": "an estimate"}
+
+
+def results(history: History, points: Floats | None) -> str:
+    """Energies and extremes of the last stored step, displacements of points, and reactions."""
+    run, t = history.trajectory, history.times[-1]
+    rows = [
+        ("stored energy", figure(run.energy[-1]), ENERGY),
+        ("dissipated by friction since the beginning", figure(run.dissipated[-1]), ENERGY),
+        ("work of forces and supports since the beginning", figure(run.work[-1]), ENERGY),
+        *_extremes(history),
+    ]
+    units = (
+        "Consistent units, those of the problem's data: the unit of force and the unit of length say all others"
+        f"{THICKNESS[history.mesh.points.shape[1]]}. Extremes are those of the last stored step, t = "
+    )
+    forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
+    largest = max(float(np.linalg.norm(force)) for force in forces.values())
+    held = [(name, force) for name, force in forces.items() if np.linalg.norm(force) > CARRIES * largest]
+    axes = [f"{axis}\n{FORCE}" for axis in "xyz"[: history.mesh.points.shape[1]]]
+    table = numbers(["boundary", *axes], [[name, *map(figure, force)] for name, force in held])
+    reactions = (
+        "<p>Reactions, forces on the body from supports, contact and friction. A node that boundaries share counts in "
+        "each, and in <i>boundary</i>, all of them; those that are not named carry none.</p>"
+    )
+    if points is not None:
+        rows += _moved(points, history.probe(points)[-1])
+    told = f"{numbers(['quantity', 'value', 'unit'], rows)}<p>{units}{t:.6g}.</p>"
+    return told + f"{reactions}{table}" * bool(held)
+
+
+def _moved(points: Floats, displacements: Floats) -> list[tuple[str, str, str]]:
+    """Displacements of points, component by component."""
+    return [
+        (f"displacement along {axis}, at {_place(point)}", figure(u[k]), LENGTH)
+        for point, u in zip(points, displacements, strict=True)
+        for k, axis in enumerate("xyz"[: len(u)])
+    ]
+
+
+def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
+    """The largest displacement, stress, slip and pressure, with where they are."""
+    mesh, contact = history.mesh, history.contact
+    size = np.linalg.norm(history.displacement[-1], axis=1)
+    yield _largest("displacement", size, mesh.points, LENGTH)
+    last = int(history.stored[-1])
+    over, spread = SPREAD[mesh.points.shape[1]]
+    if history.out_of_plane is not None or over == "area":
+        yield _largest("von Mises stress", history.von_mises(last), mesh.centroids, STRESS)
+    yield _largest("principal stress", history.principal_stresses(last)[:, 0], mesh.centroids, STRESS)
+    if len(contact.nodes):
+        yield _largest("slip", np.linalg.norm(contact.slip[-1], axis=1), contact.points, LENGTH)
+        yield _largest(f"friction per {over}", np.linalg.norm(contact.traction[-1], axis=1), contact.points, spread)
+        yield _largest(f"contact pressure per {over}", contact.pressure[-1], contact.points, spread)
+        counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
+        said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
+        yield f"contact nodes: {said}", str(len(contact.nodes)), ""
+
+
+def _largest(name: str, values: Floats, places: Floats, unit: str) -> tuple[str, str, str]:
+    k = int(np.argmax(values))
+    return f"largest {name}, at {_place(places[k])}", figure(values[k]), unit
+
+
+def _place(point: Floats) -> str:
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
+
+
+def certificates(history: History) -> str:
+    """What certificates are, the largest, and some steps."""
+    run = history.trajectory
+    bound = (
+        "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
+        "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
+        "Coulomb's law by a solution beside that of the sets that stick, slip and touch. It is relative to the largest "
+        "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
+    )
+    estimate = f"In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}."
+    lines = [
+        ("asked for", "-" if run.accuracy is None else short(run.accuracy)),
+        ("largest of a step", f"{short(run.certificate.max())}, {MEANING[run.certificate_kind]}"),
+        ("rounding floor", short(run.certificate_floor.max())),
+        ("all steps added up", short(run.certificate_total[-1])),
+    ]
+    columns = history.table("steps")
+    rows = np.unique(np.linspace(0, history.steps, min(ROWS, history.steps + 1)).round().astype(int))
+    body = [[(short if "certificate" in name else figure)(columns[name][row]) for name in COLUMNS] for row in rows]
+    return (
+        f"<p>{bound}</p>"
+        + (f"<p>{estimate}</p>" if run.estimated.any() else "")
+        + words("Relative energy errors", lines)
+        + numbers([f"{name}\n{unit}".rstrip() for name, unit in COLUMNS.values()], body)
+    )
+
+
+def budget(history: History) -> str:
+    """Where the error comes from, or why nobody says."""
+    try:
+        parts = history.errors or error_budget(history, int(history.stored[-1])).largest
+    except VemcvxError as error:
+        return f"<p>There is none. {escape(str(error))}</p>"
+    rows = [[name, f"{100 * parts[name]:.3g} %", says] for name, says in PARTS.items() if name in parts]
+    return (
+        "<p>Parts of the largest energy norm of the run, at the last stored step; algebra is certified, the others are "
+        "estimated.</p>"
+    ) + numbers(["part", "relative energy error", "from"], rows)
+
+
+# `vemcvx run --report`: a page of HTML that says what was simulated, what came out, how certain it is, and how again.
+#
+# Pictures and style stand in the page. It is written when a run has succeeded; a run that is refused writes none.
+
 
 REPORT = "report.html"
 DPI = 130
@@ -36,7 +224,7 @@ CAPTIONS = {
     "friction_disc": "Friction at the end at every contact node, within the disc of its bound.",
     "energy_ledger": "Where the work of the forces goes.",
 }
-STYLE = (
+REPORT_STYLE = (
     "body{max-width:60em}h2{margin-top:1.6em;border-bottom:2px solid #0072b2}.wide{overflow-x:auto}"
     "caption{text-align:left;color:#555;white-space:nowrap}th[style]{vertical-align:top}td:not([style],.w),thead th"
     "{white-space:nowrap}figure{margin:1.5em 0;break-inside:avoid}img{max-width:100%;height:auto;display:block}"
@@ -68,7 +256,7 @@ def write_report(problem: Problem, asked: RunOptions, history: History) -> Path:
     body += "".join(f"<section><h2>{title}</h2>{text}</section>" for title, text in sections.items())
     path = asked.drawings(problem) / REPORT
     try:
-        path.write_text(page(f"{problem.name}: {problem.title}", body, STYLE), encoding="utf-8")
+        path.write_text(page(f"{problem.name}: {problem.title}", body, REPORT_STYLE), encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"--report: {path} cannot be written: {error}.") from error
     return path

@@ -1,26 +1,42 @@
-"""`vemcvx run`: simulate a problem, write what is asked for, and say what came out."""
+"""vemcvx run and vemcvx export: a problem solved, written, drawn; its programs for other solvers."""
 
 from __future__ import annotations
 
 import os
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from rich.progress import TimeRemainingColumn
 
 from vemcvx.cli.problem_file import Problem, is_file
-from vemcvx.cli.progress import progress_bar
 from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.solver_names import named_linear
+from vemcvx.cli.terminal import progress_bar
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
+from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
-from vemcvx.results.io.folder import ARCHIVE, SERIES, SUMMARY, check_replaceable, writable_folder, write_results
-from vemcvx.results.io.summary import Origin, listed_tables
-from vemcvx.results.probe.places import places
+from vemcvx.owned_files import Owned
+from vemcvx.program import SolvedProgram
+from vemcvx.results.from_march import programs_of_steps
+from vemcvx.results.io.folder import (
+    ARCHIVE,
+    SERIES,
+    SUMMARY,
+    Origin,
+    check_replaceable,
+    listed_tables,
+    writable_folder,
+    write_results,
+)
+from vemcvx.results.probe import places
 from vemcvx.simulation import simulate
-from vemcvx.stepping.storage import CHECKPOINT, Folder
+from vemcvx.stepping.trajectory import CHECKPOINT, Folder
+
+# `vemcvx run`: simulate a problem, write what is asked for, and say what came out.
+
 
 ROWS = "rows"
 """Where, in the output folder, a run keeps what it has completed until the history is written."""
@@ -146,3 +162,47 @@ def _reported(problem: Problem, asked: RunOptions, history: History) -> list[str
     from vemcvx.cli.report import write_report
 
     return [f"report      {write_report(problem, asked, history)}"]
+
+
+# `vemcvx export`: the convex programs of some steps as files, with words beside them.
+
+
+def export_programs(problem: Problem, asked: RunOptions, steps: str, form: str) -> str:
+    """Simulate, write the programs of the steps "3,17", and say in words what was written.
+
+    Raises
+    ------
+    VemcvxError
+        Something asked for does not exist, or cannot be solved, certified or written.
+    """
+    numbers = _numbers(steps, asked.steps)
+    if form not in FORMATS:
+        raise ProblemError(f"--format: there is no format {form!r}; there are {', '.join(FORMATS)}.")
+    with Owned(asked.out or Path("results") / f"programs_{problem.name}") as folder:
+        kept = sorted({m for n in numbers for m in (n - 1, n)})
+        history, _ = simulated(problem, replace(asked, store=tuple(kept)))
+        lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
+        for program in programs_of_steps(history, numbers, asked.condense):
+            origin = {"problem": problem.name, "settings": list(asked.settings), **program.origin}
+            named = f"{problem.name}_{program.step}"
+            lines.append(_programs_written(replace(program, origin=origin), named, form, folder))
+    return "\n".join(lines)
+
+
+def _programs_written(program: SolvedProgram, name: str, form: str, folder: Owned) -> str:
+    files = {f"{name}{end}": data for end, data in encoded(program, form).items()}
+    put({file: data for file, data in files.items() if data or file in folder.names}, folder.take)
+    low, high = program.bounds
+    counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"
+    return f"{name}.{form}  {counts}; the optimum is between {low:.17g} and {high:.17g}"
+
+
+def _numbers(typed: str, last: int) -> list[int]:
+    """Step numbers, in the order typed, each once."""
+    words = [word.strip() for word in typed.split(",")]
+    if not all(word.isdecimal() and 1 <= int(word) <= last for word in words):
+        raise ProblemError(
+            f"--steps: found {typed!r}; wanted numbers from 1 to {last} with commas between, such as 1,{last}; --of "
+            "says how many steps the run has."
+        )
+    return list(dict.fromkeys(int(word) for word in words))

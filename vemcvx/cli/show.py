@@ -9,7 +9,7 @@ from rich.console import Console
 from vemcvx import effects
 from vemcvx.arrays import Floats
 from vemcvx.cli.problem_file import Problem, is_file
-from vemcvx.cli.said import say_words
+from vemcvx.cli.terminal import say_words
 from vemcvx.effects import Effect
 from vemcvx.meshes import AnyMesh
 from vemcvx.program import Norms
@@ -18,7 +18,7 @@ from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.default import BY_SIZE, words
-from vemcvx.stepping.softening import stability
+from vemcvx.stepping.state import stability
 from vemcvx.stepping.time_loop import checked_times
 
 INSTANTS = 64

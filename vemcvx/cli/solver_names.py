@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vemcvx.arrays import brief
-from vemcvx.cli.python_file import executed, literal, own_errors
+from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.errors import ProblemError
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver

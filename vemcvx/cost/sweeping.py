@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vemcvx.arrays import Floats
-from vemcvx.cost.alone import Crashed, Refused, alone
-from vemcvx.cost.journal import append, read_journal
-from vemcvx.cost.pool import Pool, pool
 from vemcvx.cost.reference import (
     FILES,
     PART,
@@ -24,6 +21,7 @@ from vemcvx.cost.reference import (
 )
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
 from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
+from vemcvx.cost.workers import Crashed, Pool, Refused, alone, append, pool, read_journal
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.owned_files import Owned, path_of
 

@@ -1,8 +1,6 @@
 """Effects: the physics a scene can name."""
 
-from vemcvx.effects.bilateral_contact import BilateralContact
-from vemcvx.effects.body_force import BodyForce
-from vemcvx.effects.clamp import Clamp
+from vemcvx.effects.contact import BilateralContact, NormalCompliance, UnilateralContact
 from vemcvx.effects.contribution import (
     ContactSurface,
     Contribution,
@@ -13,27 +11,15 @@ from vemcvx.effects.contribution import (
     Load,
     Material,
     Obstacle,
+    SlipLaw,
     Support,
 )
-from vemcvx.effects.coulomb_friction import CoulombFriction
+from vemcvx.effects.data import Tabulated
 from vemcvx.effects.effect import Effect
-from vemcvx.effects.elastic_foundation import ElasticFoundation
-from vemcvx.effects.elasticity import Elasticity
-from vemcvx.effects.material_law import MaterialLaw
-from vemcvx.effects.normal_compliance import NormalCompliance
-from vemcvx.effects.orthotropic import Orthotropic
-from vemcvx.effects.point_load import PointLoad
-from vemcvx.effects.prescribed_displacement import PrescribedDisplacement
-from vemcvx.effects.pressure import Pressure
-from vemcvx.effects.prestress import Prestress
-from vemcvx.effects.slip_law import SlipLaw
-from vemcvx.effects.symmetry import Symmetry
-from vemcvx.effects.tabulated import Tabulated
-from vemcvx.effects.thermal_strain import ThermalStrain
-from vemcvx.effects.traction import Traction
-from vemcvx.effects.tresca_friction import TrescaFriction
-from vemcvx.effects.unilateral_contact import UnilateralContact
-from vemcvx.effects.viscosity import Viscosity
+from vemcvx.effects.friction import CoulombFriction, TrescaFriction
+from vemcvx.effects.loads import BodyForce, PointLoad, Pressure, Traction
+from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
+from vemcvx.effects.supports import Clamp, ElasticFoundation, PrescribedDisplacement, Symmetry
 
 __all__ = [
     "BilateralContact",

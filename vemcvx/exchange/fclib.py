@@ -25,8 +25,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats, Ints
 from vemcvx.errors import ProgramError
-from vemcvx.program.solved_program import SolvedProgram
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import SolvedProgram, StepProgram
 
 MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
 PAIRED = 64 * EPS

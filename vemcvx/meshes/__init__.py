@@ -3,26 +3,15 @@
 In space: polyhedral meshes, and families of meshes of a box.
 """
 
-from vemcvx.meshes.any_mesh import AnyMesh, plane_mesh
-from vemcvx.meshes.families.cubes import cubes
-from vemcvx.meshes.families.distorted import distorted
-from vemcvx.meshes.families.hanging import hanging
-from vemcvx.meshes.families.hexagons import hexagons
-from vemcvx.meshes.families.kelvin import kelvin
-from vemcvx.meshes.families.l_shape import l_shape
-from vemcvx.meshes.families.nonconvex import nonconvex
-from vemcvx.meshes.families.prisms import prisms
-from vemcvx.meshes.families.squares import squares
-from vemcvx.meshes.families.tetrahedra import tetrahedra
-from vemcvx.meshes.families.triangles import triangles
+from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, squares, triangles
+from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra, voronoi3
 from vemcvx.meshes.families.voronoi import voronoi
-from vemcvx.meshes.families.voronoi3 import voronoi3
-from vemcvx.meshes.foreign import convert, read
+from vemcvx.meshes.foreign import AnyMesh, convert, plane_mesh, read
 from vemcvx.meshes.interfaces import Interface
-from vemcvx.meshes.local_refinement.refine import Refinement, refinement
+from vemcvx.meshes.local_refinement import Refinement, refinement
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
-from vemcvx.meshes.several_bodies.bodies import bodies
+from vemcvx.meshes.several_bodies import bodies
 
 FAMILIES = {
     "squares": squares,

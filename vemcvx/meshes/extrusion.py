@@ -16,7 +16,7 @@ from vemcvx.meshes.polygons.topology import (
     positions,
     rows_in_order,
 )
-from vemcvx.meshes.polyhedra.topology import joined_faces
+from vemcvx.meshes.polyhedra import joined_faces
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.tessellation import Tessellation
 

@@ -1,16 +1,40 @@
-"""Meshes out of files and of the objects of other libraries."""
+"""Meshes from elsewhere: files and objects of other libraries."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+from vemcvx.errors import SceneError
 from vemcvx.meshes.io.files import load
 from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
+
+# Meshes of the plane or of space, and the sentence that refuses the latter where only the former will do.
+
+
+AnyMesh = PolygonMesh | PolyhedralMesh
+
+
+def plane_mesh(mesh: AnyMesh, subject: str, instead: str = "") -> PolygonMesh:
+    """The mesh, if it is of polygons.
+
+    Raises
+    ------
+    SceneError
+        It is of polyhedra; `subject` exists in the plane only, and `instead` says what to do.
+    """
+    if isinstance(mesh, PolyhedralMesh):
+        raise SceneError(
+            f"{subject}: exists in the plane only, and this mesh is of polyhedra{instead and f'; {instead}'}."
+        )
+    return mesh
+
+
+# Meshes out of files and of the objects of other libraries.
 
 
 # To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.

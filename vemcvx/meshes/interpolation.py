@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.meshes.polygons.segments import right_of
+from vemcvx.meshes.polygons.geometry import right_of
 from vemcvx.meshes.polygons.topology import next_corner, offsets_of, previous_corner, spans
 from vemcvx.meshes.tessellation import Tessellation
 

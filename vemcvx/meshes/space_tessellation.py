@@ -19,13 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.errors import MeshWarning
+from vemcvx.meshes import polyhedra
 from vemcvx.meshes.box import SpaceBox
-from vemcvx.meshes.checks.face_names import box_sides, check_face_boundaries
-from vemcvx.meshes.checks.names import check_cell_data
-from vemcvx.meshes.checks.space_mesh import checked_in_space
+from vemcvx.meshes.checks.names import box_sides, check_cell_data, check_face_boundaries
+from vemcvx.meshes.checks.space import checked_in_space
 from vemcvx.meshes.mesh import Mesh
-from vemcvx.meshes.polygons.shapes import diameters
-from vemcvx.meshes.polyhedra import shapes, topology
+from vemcvx.meshes.polygons.geometry import diameters
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -45,7 +44,7 @@ class SpaceTessellation(Mesh):
     def __init__(
         self,
         points: ArrayLike,
-        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | topology.Listed,
+        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | polyhedra.Listed,
         *,
         boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,
@@ -70,7 +69,8 @@ class SpaceTessellation(Mesh):
     ) -> Self:
         """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
         mesh = object.__new__(cls)
-        mesh._fill(points, *topology.Faces(face_offsets, face_vertices, cell_offsets, cell_faces, face_cells), _box=box)
+        faces = polyhedra.Faces(face_offsets, face_vertices, cell_offsets, cell_faces, face_cells)
+        mesh._fill(points, *faces, _box=box)
         return mesh
 
     @cached_property
@@ -94,16 +94,16 @@ class SpaceTessellation(Mesh):
         return len(self.face_offsets) - 1
 
     @property
-    def faces(self) -> topology.Faces:
+    def faces(self) -> polyhedra.Faces:
         """Who has which faces, and what vertices these have: the arrays of the mesh but its points."""
-        return topology.Faces(
+        return polyhedra.Faces(
             self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
         )
 
     @cached_property
-    def _face_shapes(self) -> shapes.FaceShapes:
-        found = shapes.face_shapes(self.points, self.face_offsets, self.face_vertices)
-        return shapes.FaceShapes(*map(read_only, found))
+    def _face_shapes(self) -> polyhedra.FaceShapes:
+        found = polyhedra.face_shapes(self.points, self.face_offsets, self.face_vertices)
+        return polyhedra.FaceShapes(*map(read_only, found))
 
     @property
     def face_areas(self) -> Floats:
@@ -123,11 +123,11 @@ class SpaceTessellation(Mesh):
     @cached_property
     def face_signs(self) -> Floats:
         """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
-        return read_only(topology.signs_of(self.faces))
+        return read_only(polyhedra.signs_of(self.faces))
 
     @cached_property
     def _volumes_and_centroids(self) -> tuple[Floats, Floats]:
-        volumes, centroids = shapes.volumes_and_centroids(
+        volumes, centroids = polyhedra.volumes_and_centroids(
             self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs
         )
         return read_only(volumes), read_only(centroids)
@@ -145,7 +145,7 @@ class SpaceTessellation(Mesh):
     @cached_property
     def cell_nodes(self) -> tuple[Ints, Ints]:
         """Offsets (n_cells + 1,), and the nodes of each cell between them, once each and ascending."""
-        offsets, nodes = topology.nodes_of_cells(self.faces, self.n_nodes)
+        offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
         return read_only(offsets), read_only(nodes)
 
     @cached_property

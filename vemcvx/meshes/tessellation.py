@@ -20,12 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes.box import Box
-from vemcvx.meshes.checks.mesh import checked
 from vemcvx.meshes.checks.names import check_boundaries, check_cell_data, side_edges
+from vemcvx.meshes.checks.plane import checked
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.mesh import Mesh
-from vemcvx.meshes.polygons import shapes as geometry
-from vemcvx.meshes.polygons import topology
+from vemcvx.meshes.polygons import geometry, topology
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

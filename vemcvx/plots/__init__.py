@@ -1,16 +1,11 @@
 """Pictures of a history: each a function that returns a matplotlib figure, or draws on axes that it is given."""
 
 from vemcvx.plots.animation import animate
-from vemcvx.plots.contact_face import contact_face
-from vemcvx.plots.deformed_body import deformed_body
-from vemcvx.plots.deformed_mesh import deformed_mesh
-from vemcvx.plots.energy_ledger import energy_ledger
-from vemcvx.plots.friction_disc import friction_disc
-from vemcvx.plots.friction_traction import friction_traction
-from vemcvx.plots.pictures import write_plots
-from vemcvx.plots.stick_slip_map import stick_slip_map
-from vemcvx.plots.stressed_body import stressed_body
-from vemcvx.plots.wear import wear
+from vemcvx.plots.body_in_plane import deformed_mesh, stressed_body
+from vemcvx.plots.body_in_space import deformed_body
+from vemcvx.plots.contact_in_plane import friction_traction, stick_slip_map, wear
+from vemcvx.plots.contact_in_space import contact_face, friction_disc
+from vemcvx.plots.pictures import energy_ledger, write_plots
 
 __all__ = [
     "animate",

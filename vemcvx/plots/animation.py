@@ -14,9 +14,9 @@ from vemcvx.canvas import film_writer, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.owned_files import path_of
-from vemcvx.plots.deformed_body import SIZE, deformed_body
-from vemcvx.plots.deformed_mesh import deformed_mesh, size_of_page
-from vemcvx.plots.units import Units
+from vemcvx.plots.body_in_plane import deformed_mesh, size_of_page
+from vemcvx.plots.body_in_space import SIZE, deformed_body
+from vemcvx.plots.style import Units
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def animate(
     seconds : float
         How long the film takes, with 1 to 50 frames a second, a whole number of them.
     magnify, limits, units
-        See :func:`vemcvx.plots.deformed_mesh`, or `deformed_body`.
+        See :func:`vemcvx.plots.body_in_plane`, or `deformed_body`.
 
     Returns
     -------

@@ -3,10 +3,7 @@
 A solver's author needs `Operators`, `StepProgram`, `Answer`, and the names of features.
 """
 
-from vemcvx.program.answer import Answer
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.limits import Limits
-from vemcvx.program.norms import Norms
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -15,9 +12,9 @@ from vemcvx.program.operators import (
     SQUARED_POSITIVE_PARTS,
     Operators,
 )
-from vemcvx.program.solved_program import SolvedProgram
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.program.system import Damping, System
+from vemcvx.program.terms import Limits, Norms
 
 __all__ = [
     "ABSOLUTE_VALUES",

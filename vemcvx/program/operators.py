@@ -12,7 +12,7 @@ from vemcvx.arrays import Floats, Ints
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.program.rows import Rows
+from vemcvx.program.terms import Rows
 
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"

@@ -35,9 +35,8 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, power_of_two
 from vemcvx.errors import SceneError
 from vemcvx.linear import Matrix, Scaled
-from vemcvx.program.answer import Answer
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram
 
 SMALLEST, LARGEST = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""

@@ -1,30 +1,157 @@
-"""One step as a convex program, in the increment d = y - y_prev.
+"""The program of a step, with its certificate, for cvxpy, and solved."""
 
-    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
-    dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
-              p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
+from __future__ import annotations
 
-with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
-of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishes, the last sum stands for the bound D_j
-d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
-"""
-
-# No annotations from __future__: subclasses in other modules inherit the fields, and pdoc reads their types there.
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, read_only
-from vemcvx.errors import SceneError
+from vemcvx.arguments import is_whole
+from vemcvx.arrays import EPS, Floats, brief, read_only
+from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
 from vemcvx.program.checks import of_shape
-from vemcvx.program.in_cvxpy import CvxpyStep, to_cvxpy
 from vemcvx.program.in_place import put_in_place
 from vemcvx.program.operators import Operators
-from vemcvx.program.rows import Rows
+from vemcvx.program.terms import Rows
+
+if TYPE_CHECKING:
+    import cvxpy as cp
+    Data = Floats | cp.Parameter
+    Cost = cp.Expression | float
+
+
+# A step as a convex program in cvxpy.
+#
+#     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
+#
+# with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
+# cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e. Absolute values may be two inequalities instead, -t
+# <= B d - b <= t, whose duals (upper, lower) give lam = upper - lower.
+#
+# A disc of multipliers may be a polygon with corners w e_k on its rim instead: e_k . s_i <= t_i with duals mu_k >= 0
+# that sum to w_i, lam_i = sum_k mu_k e_k. Such multipliers are admissible; with P corners |s| cos(pi / P) <= max_k
+# e_k . s, so that the gap of the program of the disc at the answer is at most 1 - cos(pi / P) times w |s|, and the
+# certificate says how much it is.
+
+
+@dataclass(frozen=True)
+class CvxpyStep:
+    """The program as cvxpy sees it, and its multipliers with our signs once it is solved.
+
+    Attributes
+    ----------
+    problem : cvxpy.Problem
+    d : cvxpy.Variable
+        The increments (n,).
+    parameters : tuple of cvxpy.Parameter
+        g, w, b and e, if the program was posed for any data.
+    """
+
+    problem: cp.Problem
+    d: cp.Variable
+    _lam: Callable[[], Floats] = field(repr=False)
+    _p: Callable[[], Floats] = field(repr=False)
+    parameters: tuple[cp.Parameter, ...] = field(default=(), repr=False)
+
+    def at(self, data: Sequence[Floats]) -> CvxpyStep:
+        """The program of the step with these g, w, b and e."""
+        for parameter, value in zip(self.parameters, data, strict=True):
+            parameter.value = value
+        return self
+
+    @property
+    def lam(self) -> Floats | None:
+        """Multipliers (m, block) of the norm terms; None where the solver gave none."""
+        return self._read(self._lam)
+
+    @property
+    def p(self) -> Floats | None:
+        """Multipliers (r,) of the limits; None where the solver gave none."""
+        return self._read(self._p)
+
+    def _read(self, multipliers: Callable[[], Floats]) -> Floats | None:
+        duals = [dual.value for constraint in self.problem.constraints for dual in constraint.dual_variables]
+        return None if any(value is None for value in duals) else multipliers()
+
+
+def to_cvxpy(
+    operators: Operators, data: Sequence[Floats] | None, cones: bool = True, corners: Floats | None = None
+) -> CvxpyStep:
+    """Write a step in cvxpy; of no data g, w, b, e with parameters in their place.
+
+    With `corners` (P, block), unit vectors, discs are such polygons.
+    """
+    import cvxpy as cp
+
+    parameters: tuple[cp.Parameter, ...] = ()
+    if data is None:
+        sizes = len(operators.K.diagonal()), operators.count, operators.B.shape[0], operators.D.shape[0]
+        parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(sizes))
+    g, w, b, e = parameters if data is None else data
+    d = cp.Variable(len(operators.K.diagonal()))
+    # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
+    energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
+    cones_or_rows, lengths, lam = _norms(operators, d, w, b=b, cones=cones, corners=corners)
+    bounds, yielding, p = _limits(operators, d, e)
+    # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
+    # where there is none at all.
+    idle = 0.0 if cones and cones_or_rows + bounds else cp.Variable(nonneg=True)
+    problem = cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds)
+    return CvxpyStep(problem, d, lam, p, parameters)
+
+
+def _norms(
+    operators: Operators, d: cp.Variable, w: Data, *, b: Data, cones: bool, corners: Floats | None
+) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
+    import cvxpy as cp
+
+    if operators.count == 0:
+        return [], 0.0, lambda: np.zeros((0, operators.block))
+    t, s = cp.Variable(operators.count), operators.B @ d - b
+    if corners is not None and operators.block > 1:
+        sides = [sp.kron(sp.eye_array(operators.count), corner[None], format="csr") @ s <= t for corner in corners]
+        return sides, w @ t, lambda: np.einsum("km,kb->mb", [side.dual_value for side in sides], corners)
+    if cones:
+        cone = cp.SOC(t, cp.reshape(s, (operators.block, operators.count), order="F"), axis=0)
+        return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (operators.block, operators.count), order="F").T
+    upper, lower = s <= t, -s <= t
+    return [upper, lower], w @ t, lambda: (upper.dual_value - lower.dual_value)[:, None]
+
+
+def _limits(operators: Operators, d: cp.Variable, e: Data) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
+    import cvxpy as cp
+
+    soft = np.flatnonzero(operators.compliance > 0)
+    if len(operators.compliance) == 0:
+        return [], 0.0, lambda: np.zeros(0)
+    z = operators.D @ d - e
+    if len(soft) == 0:
+        bound = z <= 0
+        return [bound], 0.0, lambda: bound.dual_value
+    v = cp.Variable(len(soft))
+    give = sp.csr_matrix(
+        (np.ones(len(soft)), (soft, np.arange(len(soft)))), shape=(len(operators.compliance), len(soft))
+    )
+    bound = z - give @ v <= 0
+    return [bound], 0.5 * cp.sum_squares(cp.multiply(operators.compliance[soft] ** -0.5, v)), lambda: bound.dual_value
+
+
+# One step as a convex program, in the increment d = y - y_prev.
+#
+#     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
+#     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
+#               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
+#
+# with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
+# of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishes, the last sum stands for the bound
+# D_j d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -281,7 +408,7 @@ class StepProgram(ArrayRecord):
         cones = self.operators.block > 1 if cones is None else cones
         return to_cvxpy(self.operators, self.data, cones)
 
-    def proximal(self, centre: Floats) -> "StepProgram":
+    def proximal(self, centre: Floats) -> StepProgram:
         """The program of the proximal point of `centre` (n,) on the anchors; itself where K has no kernel."""
         anchor = self.operators.anchor
         return self if anchor is None else replace(self, operators=self.operators.regular, g=self.g + anchor * centre)
@@ -318,3 +445,152 @@ class StepProgram(ArrayRecord):
             spread = operators.factor.solve(np.ascontiguousarray(rows.T))
             d = d - spread @ np.linalg.lstsq(rows @ spread, self.excess(d)[over], rcond=None)[0]
         return d
+
+
+# A solver's answer to a step's program, and what is taken for one.
+
+
+PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
+LARGEST = 1e100
+"""Entries of answers to scaled programs, whose data are about 1, are no answer above it: their squares are no numbers.
+NaN is left to the certificate, which is infinite."""
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Answer(ArrayRecord):
+    """A solver's answer to one step; nothing is claimed about it before it is certified.
+
+    Parameters
+    ----------
+    d : (n,) array
+        Increments. Those beyond their bounds are moved back onto them.
+    lam : (m, block) array
+        Multipliers of the norm terms, K d = g - B'lam - D'p. Where they are too large they are projected.
+    iterations : int
+        As the solver counts them.
+    status : str
+        In the solver's own words, for messages.
+    safeguards : int
+        How many of the iterations were steps of a globally convergent method that stood in for a faster one.
+    p : (r,) array
+        Multipliers of the limits; negative ones are taken for zero.
+    """
+
+    d: Floats
+    lam: Floats
+    iterations: int
+    status: str = ""
+    safeguards: int = 0
+    p: Floats = field(default_factory=lambda: np.zeros(0))
+
+
+def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
+    """What a solver answered, if it is an answer to this program.
+
+    Raises
+    ------
+    SolverFailed
+        It is no Answer, its arrays are none of the program's shapes, or it has diverged.
+    """
+    if not isinstance(answer, Answer) or not is_whole(answer.iterations):
+        raise SolverFailed(f"solver {solver}: found the answer {brief(answer)}; wanted Answer(d, lam, iterations).")
+    for name, shape in program.shapes.items():
+        found = getattr(answer, name)
+        if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
+            raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
+        size = float(np.abs(found).max(initial=0.0))
+        if size > LARGEST:
+            raise SolverFailed(
+                f"solver {solver}: {name} reaches {size:.1e}, and the program is scaled: the solver has diverged."
+            )
+    return answer
+
+
+def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
+    """What somebody's `solve` returned, as an Answer; multipliers that are missing are recovered.
+
+    Raises
+    ------
+    SolverFailed
+        It is none, or of other sizes than the program's.
+    """
+    said = raw if isinstance(raw, Answer) else None
+    parts = (said.d, said.lam, said.p) if said is not None else raw if isinstance(raw, tuple) else (raw,)
+    shapes = program.shapes
+    given = {key: np.zeros(shape) for key, shape in shapes.items() if 0 in shape}
+    given |= {key: part for key, part in zip(shapes, parts, strict=False) if _there(part)}
+    if len(parts) > len(shapes) or "d" not in given:
+        raise SolverFailed(f"solver {solver}: found the answer {brief(raw)}; it must {PROMISED}.")
+    try:
+        read = {key: of_shape(part, f"solver {solver}: {key}", shapes[key]) for key, part in given.items()}
+    except SceneError as error:
+        raise SolverFailed(str(error)) from None
+    d, lam, p = read["d"], read.get("lam"), read.get("p")
+    if lam is None or p is None:
+        with np.errstate(over="ignore", invalid="ignore"):  # What has diverged is refused for its size.
+            d, lam, p = program.admissible_point(d, lam, p)
+    if said is None:
+        return Answer(d, lam, 0, p=p)
+    return Answer(d, lam, said.iterations, said.status, said.safeguards, p=p)
+
+
+def _there(raw: Any) -> bool:
+    """Whether multipliers were given; an Answer's are empty by default."""
+    return raw is not None and not (isinstance(raw, np.ndarray) and raw.size == 0)
+
+
+# A step's program with its certified answer: what is handed to other solvers, and what theirs is held against.
+
+
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class SolvedProgram(StepProgram):
+    """The program of one step of a run as it was solved, and the answer.
+
+    In the units of the scene; where weights depend on pressures (Coulomb) they are those of the solved step. Signs and
+    methods are those of :class:`vemcvx.program.step_program.StepProgram`.
+
+    Parameters
+    ----------
+    answer : Answer
+        Increments d, and multipliers lam and p.
+    step : int
+        1 is the first after the initial instant.
+    t : float
+        The instant at which the step ends.
+    slope : (m, r) sparse matrix, optional
+        Where weights follow the forces of the limits: their derivative at the answer; coefficients of friction.
+    origin : mapping
+        What it is the program of, in words and numbers: "scene", "mesh", "solver".
+    """
+
+    answer: Answer
+    step: int
+    t: float
+    slope: sp.csr_matrix | None = None
+    origin: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, program: StepProgram, answer: Answer, step: int, t: float) -> SolvedProgram:
+        """A program with its answer."""
+        return cls(program.operators, *program.data, answer=answer, step=step, t=t)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The certificate of the answer as the answer to this very program."""
+        return self.certify(self.answer.d, self.answer.lam, self.answer.p)
+
+    @cached_property
+    def norm(self) -> float:
+        """|d|_K, the energy norm of the increments: what errors may be held against."""
+        return self.operators.energy_norm(self.answer.d)
+
+    @cached_property
+    def bounds(self) -> tuple[float, float]:
+        """Below and above the least value of the objective: that of the answer less the gap, and that of the answer.
+
+        Rounding included: the certificate's floor, and that of sums of n terms, at most n eps of their sizes.
+        """
+        value, d = self.objective(self.answer.d), np.abs(self.answer.d)
+        terms = 0.5 * d @ (self.operators.absolute @ d) + np.abs(self.g) @ d
+        blur = self.certificate.floor + (len(d) + 2) * EPS * float(terms + np.abs(value))
+        return value - self.certificate.gap - blur, value + blur

@@ -1,8 +1,4 @@
-"""A quasistatic variational inequality in coordinates: what is fixed in time.
-
-Problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
-j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of contact.
-"""
+"""A system K y + B'lam + D'p = f(t) in plain arrays, with supports that move: what `march` takes."""
 
 from __future__ import annotations
 
@@ -10,14 +6,14 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arguments import called, instance
-from vemcvx.arrays import Floats, Ints, MatrixLike, brief, fading, shaped
+from vemcvx.arrays import EPS, Floats, Ints, MatrixLike, as_real_array, brief, fading, shape_in_words, shaped
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.outline import ArrayRecord
@@ -33,9 +29,76 @@ from vemcvx.program.checks import (
 )
 from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel, rank_on
-from vemcvx.program.limits import Limits
-from vemcvx.program.motion import Motion
-from vemcvx.program.norms import DraggedTerms, Norms
+from vemcvx.program.terms import DraggedTerms, Limits, Norms
+
+# Supports that move: what u_D adds to the energy, to the norm terms and to the limits of a system.
+
+
+DRAG_ROUNDING = 16 * EPS
+"""Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
+
+    a(u, u) = y'Ky + 2 y'dirichlet_force + stored, and the norm terms measure B (y - y_prev) plus the prescribed slip,
+    less that of the step before. Where the supports move far, and strain little, these sums cancel; `frame` and `pair`
+    give the same without.
+    """
+
+    dirichlet_force: Callable[[float], Floats]
+    """t -> (n,), P'A u_D"""
+    prescribed_slip: Callable[[float], Floats]
+    """t -> (m * block,), what u_D adds to the argument of the norms"""
+    stored: Callable[[float, float], float]
+    """(s, t) -> u_D(s)'A u_D(t)"""
+    frame: Callable[[float, Floats], Floats]
+    """(t, y) -> (n_u,), u seen from the body: less a motion that strains nothing"""
+    pair: Callable[[Floats, Floats], float]
+    """a of two such fields"""
+    remaining_gap: Callable[[float], Floats] | None = None
+    """t -> (r,), what u_D takes from the limits"""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not callable(value) and not (name == "remaining_gap" and value is None):
+                raise SceneError(f"Motion: found {name} = {brief(value)}; wanted a function.")
+
+    def sized(self, n: int, rows: int, limits: int) -> Motion:
+        """The same, whose functions are checked whenever they are called; what they give is kept by nobody else."""
+        shapes = {
+            "dirichlet_force": (n,),
+            "prescribed_slip": (rows,),
+            "stored": (),
+            "pair": (),
+            "remaining_gap": (limits,),
+        }
+
+        def checked(name: str, function: Callable[..., ArrayLike]) -> Callable[..., Any]:
+            def value(*given: Any) -> Any:
+                subject = f"Motion: {name}"
+                wanted = f"numbers of shape {shapes.get(name, '(n_u,)')}"
+                x = as_real_array(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
+                if shapes.get(name) == () and x.size == 1:
+                    x = x.reshape(())
+                if x.shape != shapes.get(name, x.shape[:1]):
+                    raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
+                finite(x, subject)
+                return x if x.ndim else float(x)
+
+            return value
+
+        functions: dict[str, Any] = {
+            name: f if isinstance(f, ForceOnPart) else f and checked(name, f) for name, f in vars(self).items()
+        }
+        return Motion(**functions)
+
+
+# A quasistatic variational inequality in coordinates: what is fixed in time.
+#
+# Problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
+# j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of contact.
 
 
 @dataclass(frozen=True, repr=False)

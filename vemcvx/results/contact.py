@@ -20,9 +20,9 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.outline import ArrayRecord
+from vemcvx.scene.friction import Terms
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
-from vemcvx.scene.terms import Terms
 from vemcvx.stepping.trajectory import Trajectory
 
 

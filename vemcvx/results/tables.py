@@ -1,7 +1,8 @@
-"""Results as tables: columns of equal length by name, a row for every step, or every place at every stored step."""
+"""Results as tables of columns of equal length, as CSV files, and as a few lines of words."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,12 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, brief, sizes_of
 from vemcvx.errors import HistoryError, VemcvxError
+from vemcvx.outline import Lines, Outline, csv_text
 from vemcvx.results.contact import Contact
-from vemcvx.results.probe.places import places
+from vemcvx.results.probe import places
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+# Results as tables: columns of equal length by name, a row for every step, or every place at every stored step.
+
 
 Columns = dict[str, NDArray[Any]]
 STEPS, CONTACT, PROBES = "steps", "contact", "probes"
@@ -91,3 +97,76 @@ def _by_axis(name: str, values: Floats | Ints) -> Columns:
     if values.ndim == 1:
         return {name: values}
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
+
+
+# The tables of a history as CSV files, for spreadsheets and scripts; flags are 1 and 0.
+
+
+FILES = {name: f"{name}.csv" for name in (STEPS, CONTACT, PROBES)}
+
+
+def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> list[str]:
+    """Write those that have rows; the names of the files."""
+    wanted = {STEPS: True, CONTACT: len(history.contact.nodes) > 0, PROBES: points is not None}
+    names = [name for name, has_rows in wanted.items() if has_rows]
+    for name in names:
+        columns = table(history, name, points if name == PROBES else None)
+        plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
+        text = csv_text(list(columns), zip(*plain, strict=True))
+        (folder / FILES[name]).write_text(text, encoding="utf-8")
+    return [FILES[name] for name in names]
+
+
+# A run in a few lines of words.
+
+
+def in_words(history: Results) -> Outline:
+    """What was simulated and left out, how certain it is, what it cost."""
+    run, touch = history.trajectory, history.contact
+    sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
+    gone = f", {opened} are open" if opened else ""
+    title = (
+        f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
+        f"{len(touch.nodes)} contact nodes, {history.steps} steps"
+    )
+    certified = (
+        f"{run.certificate.max():.1e} relative energy error a step (floor {run.certificate_floor.max():.1e}), "
+        f"{run.certificate_total[-1]:.1e} accumulated"
+    )
+    iterations = (
+        f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
+        f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
+    )
+    energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
+    lines = [
+        *(("left out", words) for words in history.inactive),
+        ("solver", history.solver),
+        ("certified", certified),
+        *_kind(history),
+        *_errors(history.errors),
+        ("iterations", iterations),
+        ("energy", energy),
+        ("contact", f"{sticks} nodes stick, {slips} slip{gone} in the last step"),
+        ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
+    ]
+    return Outline(title, lines)
+
+
+WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
+"""What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
+
+
+def _kind(history: Results) -> Lines:
+    """Where the certificates are no bounds."""
+    estimated = history.trajectory.estimated
+    if not estimated.any():
+        return []
+    at = f"an estimate at {estimated.sum()} of {len(estimated)} instants"
+    return [("", f"{at}, {WHY_ESTIMATED}; else a bound")]
+
+
+def _errors(errors: dict[str, float] | None) -> Lines:
+    if errors is None:
+        return []
+    parts = ", ".join(f"{name} {errors[name]:.2%}" for name in ("algebra", "space", "time"))
+    return [("estimated", f"{errors['total']:.2%} energy error ({parts}); {errors['target']:.2%} was asked for")]

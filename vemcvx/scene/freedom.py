@@ -1,28 +1,80 @@
-"""What supports leave of contact: which rows, nodes with normals, slide, open, are dragged, and what presses on them.
-
-A node belongs to contact unless it is held otherwise: where its tangent is free, where its normal is (the axis of a
-half model, whose tangent a support holds), where contact itself holds its normal and a support its tangent, and where
-supports drag it along against friction.
-
-The forces of the d_k that hold a node, R = sum_k r_k d_k, are told apart by their dual basis, r_k = g_k . R. What
-contact has of them is that along its own normal; a single support that moves a node along the normal of contact (an
-obstacle that moves) counts as contact, too. All else is the supports'.
-"""
+"""What supports leave of contact: normals that are one, nodes that slide, open, or are dragged along."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 from vemcvx.errors import VemcvxError
-from vemcvx.program.motion import DRAG_ROUNDING
+from vemcvx.program.system import DRAG_ROUNDING
 from vemcvx.scene.jumps import Jumps, summing
-from vemcvx.scene.supports import PARALLEL, Supports
+from vemcvx.scene.supports import PARALLEL, STRAIGHT, Supports
 from vemcvx.vem import tangents_of
+
+# Which rows of contact have one normal: those of one node, or pair of nodes, up to rounding.
+#
+# Parts of a side that are named apart have normals of their own at the node where they meet, which differ by what the
+# points of a straight side are rounded.
+
+
+Part = TypeVar("Part", Friction, Obstacle, ContactSurface)
+
+
+def merged(
+    jumps: Jumps, normals: Floats, signed: bool = False, kinds: Ints | None = None, within: float = PARALLEL
+) -> tuple[Ints, Ints]:
+    """Rows of one jump, kind and normal (up to sign) are one term: its first row, and the term of every row."""
+    pairs, term = jumps.distinct[1], np.full(len(jumps), -1)
+    first = [term[:0]]
+    while (term < 0).any():
+        left = np.flatnonzero(term < 0)
+        lead = left[np.unique(pairs[left], return_index=True)[1]]
+        leader = np.full(pairs.max() + 1, -1)
+        leader[pairs[lead]] = np.arange(len(lead))
+        mine = leader[pairs[left]]
+        reference = normals[lead[mine]]
+        cosine = np.einsum("ij,ij->i", normals[left], reference)
+        apart = np.linalg.norm(normals[left] - cosine[:, None] * reference, axis=1)
+        same = (apart < within) & ((cosine > 0) | (not signed))
+        if kinds is not None:
+            same &= kinds[left] == kinds[lead[mine]]
+        term[left[same]] = mine[same] + sum(map(len, first))
+        first.append(lead)
+    return np.concatenate(first), term
+
+
+def straightened(
+    earlier: Sequence[Support | Friction | Obstacle | ContactSurface], parts: Sequence[Part]
+) -> tuple[Part, ...]:
+    """The parts, with the directions of earlier ones at the same nodes where their normals are nearly these."""
+    if not parts:
+        return ()
+    jumps, everything = Jumps.of([*earlier, *parts]), (*earlier, *parts)
+    each = np.concatenate([part.directions if isinstance(part, Support) else part.normals for part in everything])
+    first, group = merged(jumps, each, within=STRAIGHT)
+    straight = each[first][group]
+    straight *= np.sign(np.einsum("ij,ij->i", each, straight))[:, None]
+    turned = np.linalg.norm(each - straight, axis=1) > PARALLEL
+    normals = np.split(np.where(turned[:, None], straight, each), np.cumsum([len(part.nodes) for part in everything]))
+    return tuple(replace(part, normals=own) for part, own in zip(parts, normals[len(earlier) :], strict=False))
+
+
+# What supports leave of contact: which rows, nodes with normals, slide, open, are dragged, and what presses on them.
+#
+# A node belongs to contact unless it is held otherwise: where its tangent is free, where its normal is (the axis of a
+# half model, whose tangent a support holds), where contact itself holds its normal and a support its tangent, and
+# where supports drag it along against friction.
+#
+# The forces of the d_k that hold a node, R = sum_k r_k d_k, are told apart by their dual basis, r_k = g_k . R. What
+# contact has of them is that along its own normal; a single support that moves a node along the normal of contact (an
+# obstacle that moves) counts as contact, too. All else is the supports'.
+
 
 Moving = Callable[[float], Floats]
 """Of t: displacements (k, dim) of what k rows rub on, or their components along the rows."""

@@ -1,8 +1,4 @@
-"""The limits of one-sided contact, over all nodal values and for a System; what presses on friction.
-
-Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
-their edges; compliant obstacles each act with a force of their own.
-"""
+"""One-sided contact: its limits, over all nodal values and for a System, and the surface that pressure is read off."""
 
 from __future__ import annotations
 
@@ -13,16 +9,70 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats, Ints
-from vemcvx.effects import Friction, Obstacle
+from vemcvx.effects import ContactSurface, Friction, Obstacle
 from vemcvx.errors import SceneError
-from vemcvx.program.limits import Limits
-from vemcvx.scene.edges import ends_of_groups, force_shares, lengths_of
-from vemcvx.scene.freedom import normal_is_free, normal_rows, on_free
-from vemcvx.scene.jumps import Jumps
-from vemcvx.scene.laws import FrictionLaw
-from vemcvx.scene.normals import merged
+from vemcvx.program.terms import Limits
+from vemcvx.scene.freedom import freedom, merged, normal_is_free, normal_rows, on_free
+from vemcvx.scene.friction import FrictionLaw, Terms
+from vemcvx.scene.jumps import Jumps, edge_ends, ends_of_groups, force_shares, lengths_of, summing
 from vemcvx.scene.supports import Supports
-from vemcvx.scene.terms import Terms
+
+# The surface of contact: its nodes, normals and lengths, and how to read the pressure of contact off nodal forces.
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The nodes of contact that are not held otherwise; at a corner, all that follows is of both sides together."""
+
+    jumps: Jumps
+    """(m,) those of one node ordered by partner"""
+    normals: Floats
+    """(m, dim) outward, averaged by length at corners"""
+    lengths: Floats
+    """(m,) int phi_i over the edges of contact"""
+    normal_reaction: sp.csr_matrix
+    """(m, n_u) with what supports and bilateral contact exert on nodes, R, contact presses with the force -g . R"""
+
+    @property
+    def nodes(self) -> Ints:
+        """(m,) the nodes; contact presses on their partners the other way."""
+        return self.jumps.nodes
+
+
+def contact_surface(
+    surfaces: Sequence[ContactSurface | Friction | Obstacle],
+    terms: Terms,
+    supports: Supports,
+    times: Sequence[float] = (),
+) -> Surface:
+    """The surface of contact, wherever something says so, rubs or stops; edges that several parts bring count once.
+
+    A node that supports drag, or ground that moves, belongs to it where it rubs, so where it has a term of `terms`.
+    """
+    dim = supports.points.shape[1]
+    jumps, normals = Jumps.of(surfaces), np.concatenate([supports.points[:0], *(s.normals for s in surfaces)])
+    first, row = merged(jumps, normals)
+    held = freedom(jumps[first], normals[first], supports, times)
+    drawn = np.zeros(len(first), dtype=bool)
+    moves = [np.full(len(s.nodes), isinstance(s, Friction) and s.ground is not None) for s in surfaces]
+    np.logical_or.at(drawn, row, np.concatenate([drawn[:0], *moves]))
+    rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
+    kept = np.flatnonzero(held.slides | held.normal_only | rubs)
+    lengths = lengths_of(ends_of_groups(edge_ends(surfaces)[0], row))[kept]
+    at, there = jumps[first][kept], normals[first][kept]
+    lead, place = at.distinct
+    normal, length = np.zeros((len(lead), dim)), np.zeros(len(lead))
+    np.add.at(normal, place, lengths[:, None] * there)
+    np.add.at(length, place, lengths)
+    normal_reaction = sp.csr_matrix(summing(place, len(lead)) @ held.normal_reaction[kept])
+    return Surface(at[lead], normal / np.linalg.norm(normal, axis=1)[:, None], length, normal_reaction)
+
+
+# The limits of one-sided contact, over all nodal values and for a System; what presses on friction.
+#
+# Rigid obstacles that meet at a node with one normal are one limit, at the smallest of their gaps, which acts on all
+# their edges; compliant obstacles each act with a force of their own.
+
 
 GAP_ROUNDINGS = 4
 """Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as much
@@ -43,7 +93,7 @@ class Obstacles:
     gap: Callable[[float], Floats]
     """t -> (r,)"""
     ends: sp.csr_matrix
-    """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.edges`"""
+    """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.jumps`"""
     names: Ints
     """(e, 2) of each end its node, and the other node of its edge"""
     subjects: tuple[str, ...] = ()

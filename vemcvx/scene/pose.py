@@ -1,10 +1,4 @@
-"""From a scene on a mesh to a System: the contributions of its effects summed, the supports eliminated.
-
-With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
-projections at the contact nodes,
-
-    K = P'A P,   load = P'(f - A u_D),   B = B^ P,   prescribed_slip = B^ u_D,   dirichlet_force = P'A u_D.
-"""
+"""A scene posed on a mesh: all that drives it, and the system in free unknowns."""
 
 from __future__ import annotations
 
@@ -23,23 +17,14 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.effects import Contribution, Friction, GivenDatum, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
-from vemcvx.linear.ordering import nested_dissection
+from vemcvx.linear.superlu import nested_dissection
 from vemcvx.meshes import AnyMesh
+from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.system import Damping, System
-from vemcvx.scene.composition import InitialStresses, compose, initial_stresses
-from vemcvx.scene.driving import load_of, motion_of
-from vemcvx.scene.edges import edge_ends
-from vemcvx.scene.freedom import on_free
-from vemcvx.scene.inactive import active_parts
-from vemcvx.scene.laws import FrictionLaw
-from vemcvx.scene.normals import straightened
-from vemcvx.scene.obstacles import Obstacles, friction_law, gathered, limits, out_of_reach
-from vemcvx.scene.rigid import floating_motions, seen_from_bodies
-from vemcvx.scene.scene import Scene
-from vemcvx.scene.supports import Supports, by_precedence, resolve
-from vemcvx.scene.surface import Surface, contact_surface
-from vemcvx.scene.terms import (
+from vemcvx.program.system import Damping, Motion, System
+from vemcvx.scene.freedom import on_free, straightened
+from vemcvx.scene.friction import (
+    FrictionLaw,
     Terms,
     acting_rows,
     dragged_terms,
@@ -47,7 +32,83 @@ from vemcvx.scene.terms import (
     norm_terms,
     warn_of_free_normals,
 )
+from vemcvx.scene.jumps import edge_ends
+from vemcvx.scene.obstacles import Obstacles, Surface, contact_surface, friction_law, gathered, limits, out_of_reach
+from vemcvx.scene.rigid import floating_motions, seen_from_bodies
+from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
+from vemcvx.scene.supports import Supports, by_precedence, resolve
 from vemcvx.vem import Space, rigid_modes
+
+# What drives a posed scene, over its free unknowns: the load, and the motion of its supports.
+
+
+def load_of(
+    loads: tuple[Load | InitialStresses, ...], A: sp.csr_matrix, supports: Supports
+) -> Callable[[float], Floats]:
+    """The load of a System; loads on a part of the body touch its unknowns alone."""
+    n = supports.P.shape[1]
+    touched = [(load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
+    others = [load for load in loads if not isinstance(load, Load)]
+    if not supports.still:
+        touched.append((supports.moves, *_rows_of(-_moving(A, supports))))
+    rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
+    places = [np.searchsorted(rows, own) for _, own, _ in touched]
+
+    def entries(t: float) -> Floats:
+        f = np.zeros(len(rows))
+        for (values, _, matrix), place in zip(touched, places, strict=True):
+            f[place] += matrix @ values(t)
+        return f
+
+    part = ForceOnPart(n, rows, entries)
+
+    def load(t: float) -> Floats:
+        f = part(t)
+        for other in others:
+            f += supports.gather(other.vector(t))
+        return f
+
+    return load if others else part
+
+
+def _moving(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+    """P'A on the nodal values that supports move."""
+    return sp.csr_matrix(supports.gather(A[:, supports.moved]))
+
+
+def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
+    """Which rows of a matrix have entries, and these rows."""
+    by_rows = sp.csr_matrix(matrix)
+    rows = np.flatnonzero(np.diff(by_rows.indptr)).astype(np.int64)
+    return rows, by_rows[rows]
+
+
+def motion_of(
+    A: sp.csr_matrix,
+    supports: Supports,
+    tangential: sp.csr_matrix,
+    normal: sp.csr_matrix,
+    seen: Callable[[Floats], Floats],
+) -> Motion:
+    """What supports that move add to a System with the stiffness A, whose norm terms and limits have these rows."""
+    rows, matrix = _rows_of(_moving(A, supports))
+    return Motion(
+        dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t)),
+        prescribed_slip=lambda t: tangential @ supports.motion(t),
+        stored=lambda s, t: float(supports.motion(s) @ (A @ supports.motion(t))),
+        frame=lambda t, y: seen(supports.P @ y + supports.motion(t)),
+        pair=lambda v, w: float(v @ (A @ w)),
+        remaining_gap=lambda t: normal @ supports.motion(t),
+    )
+
+
+# From a scene on a mesh to a System: the contributions of its effects summed, the supports eliminated.
+#
+# With u = P y + u_D(t) (:mod:`vemcvx.scene.supports`), A the stiffness over all nodal values and B^ the tangential
+# projections at the contact nodes,
+#
+#     K = P'A P,   load = P'(f - A u_D),   B = B^ P,   prescribed_slip = B^ u_D,   dirichlet_force = P'A u_D.
+
 
 T = TypeVar("T")
 

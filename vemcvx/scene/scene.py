@@ -1,15 +1,295 @@
-"""A scene: what is to be simulated, free of any mesh."""
+"""A scene: what is to be simulated, free of any mesh; its body composed from the materials of its effects."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 
-from vemcvx.arrays import brief
-from vemcvx.effects import Effect, MaterialLaw
-from vemcvx.errors import SceneError
+from vemcvx.arrays import Bools, Floats, Ints, brief, fading, read_only
+from vemcvx.effects import Contribution, Effect, Eigenstrain, Friction, InitialStress, Load, Material, MaterialLaw
+from vemcvx.errors import SceneError, VemcvxError
+from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline
+from vemcvx.program.system import DRAG_ROUNDING
+from vemcvx.scene.freedom import along
+from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.supports import STRAIGHT
+from vemcvx.vem import MirrorPlanes, Space, elastic_matrix, stress_load, tangents_of, upper_triangle
+
+# The body put together from its materials: every cell has exactly one.
+#
+# Stresses that need no strain are known only here, where the effects that cause them meet the materials that bear
+# them:
+#
+#     sigma = C eps(u) + sigma_0,   sigma_0 = sum of initial stresses - b sum of eigenstrains,
+#
+# with b what a material says that a blocked unit eigenstrain costs. sigma_0 acts as the load
+# -sum_K |K| sigma_0 : eps(Pi v).
+
+
+# A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a scale on
+# which nothing else happens, and so violate the condition on initial states.
+STRESS_ROUNDING = 16 * float(np.finfo(float).eps)
+
+
+def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
+    """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
+    if len(materials) == 1 and materials[0].cells is None:
+        return materials[0]
+    _check_cover(materials, mesh)
+    planes = {m.plane: m.subject for m in materials}
+    if len(planes) > 1:
+        words = " and ".join(f"plane {plane} in {subject}" for plane, subject in sorted(planes.items()))
+        raise SceneError(
+            f"materials: found {words}; one body is in one of them, so give all materials the same plane=."
+        )
+    isotropic = all(len(m.moduli) == 2 for m in materials)
+    moduli = [m.moduli if isotropic else upper_triangle(elastic_matrix(m.moduli)) for m in materials]
+    thermal_stress_moduli = np.sum([m.thermal_stress_moduli for m in materials], axis=0)
+    known = [m.out_of_plane for m in materials if m.out_of_plane is not None]
+    out_of_plane = np.sum(known, axis=0) if len(known) == len(materials) else None
+    tau = np.sum([m.tau for m in materials], axis=0)
+    return Material(
+        subject="materials",
+        moduli=np.sum(moduli, axis=0),
+        thermal_stress_moduli=thermal_stress_moduli,
+        plane=materials[0].plane,
+        cells=None,
+        out_of_plane=out_of_plane,
+        stabilisation=tau,
+    )
+
+
+def _check_cover(materials: Sequence[Material], mesh: AnyMesh) -> None:
+    whole = np.ones(mesh.n_cells, dtype=bool)
+    count = np.sum([whole if m.cells is None else m.cells for m in materials], axis=0)
+    found = []
+    for wrong, words in ((count == 0, "no material"), (count > 1, "more than one")):
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            found.append(f"{wrong.sum()} with {words}, the first cell {first} around {mesh.centroids[first]}")
+    if found:
+        subjects = ", ".join(m.subject for m in materials)
+        raise SceneError(
+            f"materials: every cell takes exactly one; of {mesh.n_cells} cells there are {' and '.join(found)}. Found "
+            f"{subjects}; name the cells of each by on=, a cell datum that is nonzero there."
+        )
+
+
+@dataclass(frozen=True)
+class InitialStresses:
+    """sigma_0 of a body, and the load that it is."""
+
+    material: Material
+    eigenstrains: tuple[Eigenstrain, ...]
+    stresses: tuple[InitialStress, ...]
+    matrix: sp.csr_matrix
+    """(n_u, components n_cells) virtual work of stresses constant on cells"""
+
+    def stress(self, t: float) -> Floats:
+        """sigma_0 (n_cells, components) at the instant `t`."""
+        total = np.zeros_like(self.material.thermal_stress_moduli)
+        for stress in self.stresses:
+            total += stress.value(t)
+        for eigenstrain in self.eigenstrains:
+            total -= self.material.thermal_stress_moduli * eigenstrain.value(t)[:, None]
+        return total
+
+    def out_of_plane(self, t: float) -> Floats | None:
+        """What eigenstrains add to the stress zz across the plane, (n_cells,); None where the material does not say."""
+        if self.material.out_of_plane is None:
+            return None
+        total = np.zeros(len(self.material.thermal_stress_moduli))
+        for eigenstrain in self.eigenstrains:
+            total -= self.material.out_of_plane[:, 3] * eigenstrain.value(t)
+        return total
+
+    def vector(self, t: float) -> Floats:
+        """Nodal force (n_u,) at the instant `t`; zero where the stresses around a node balance but for rounding."""
+        sigma = self.stress(t).ravel()
+        force = -(self.matrix @ sigma)
+        force[np.abs(force) <= STRESS_ROUNDING * (abs(self.matrix) @ np.abs(sigma))] = 0.0
+        return force
+
+
+def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
+    """What the contributions say of sigma_0; None if nothing."""
+    eigenstrains = tuple(s for part in parts for s in part.eigenstrains)
+    stresses = tuple(s for part in parts for s in part.initial_stresses)
+    return InitialStresses(material, eigenstrains, stresses, stress_load(space)) if eigenstrains or stresses else None
+
+
+# Curves of contact that end on a plane of symmetry: they go on behind it as their mirror image.
+#
+# A plane of symmetry is a side of the body whose nodes are all held across it at all times: by Symmetry, by rollers,
+# by displacements of zero. The effects of contact are asked once more when it is known what supports hold, so that
+# nodes there get the normals that they have in the whole body. With those of their last facets, nodes at the ends of
+# a quarter of a press fit had a friction of .30 of the pressure, whatever the mesh width; the whole ring has none.
+
+
+def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect, Contribution]]:
+    """The effects, each with what it contributes."""
+    parts = [(effect, effect.contribute(space)) for effect in effects]
+    mirrors = _mirrors([part for _, part in parts], space)
+    if mirrors is None:
+        return parts
+    mirrored = replace(space, mirrors=mirrors)
+    return [(effect, effect.contribute(mirrored) if len(_contact(part)) else part) for effect, part in parts]
+
+
+def _contact(part: Contribution) -> Jumps:
+    """Where what an effect contributes is contact."""
+    bilateral = [support for support in part.supports if support.contact]
+    return Jumps.of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral])
+
+
+def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
+    """The planes of symmetry at nodes of contact; None where supports hold none of these, or all of them altogether."""
+    still = [s for part in parts for s in part.supports if s.value is None and not s.contact]
+    contact = [jumps for part in parts if len(jumps := _contact(part))]
+    if not still or not contact:
+        return None
+    touching = np.unique(np.concatenate([np.append(jumps.nodes, jumps.partners) for jumps in contact]))
+    held = _spans(np.concatenate([s.nodes for s in still]), np.concatenate([s.directions for s in still]))
+    altogether = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
+    if not np.isin(held.nodes[~altogether], touching).any():
+        return None
+    # A node that is held altogether is on planes of all directions: so is a rigid partner.
+    nodes = [np.repeat(held.nodes[altogether], space.dim)]
+    normals = [np.tile(np.eye(space.dim), (int(altogether.sum()), 1))]
+    for of_side, normal in _sides_held_across(space, held):
+        nodes.append(of_side.ravel())
+        normals.append(np.repeat(normal, of_side.shape[1], axis=0))
+    of_nodes, across = np.concatenate(nodes), np.concatenate(normals)
+    here = np.isin(of_nodes, touching)
+    return _spans(of_nodes[here], across[here])
+
+
+def _sides_held_across(space: Space, held: MirrorPlanes) -> list[tuple[Ints, Floats]]:
+    """Sides whose nodes cannot leave their planes: the nodes (m, n) and normals (m, dim) of those with equally many."""
+    part, place = space.part("boundary", "symmetry", contact=True), np.full(space.mesh.n_nodes, -1)
+    place[held.nodes] = np.arange(len(held.nodes))
+    found = []
+    for rule in part.rules(1):
+        sides = np.flatnonzero((place[rule.nodes] >= 0).all(axis=1))
+        nodes, normals = rule.nodes[sides], part.normals[rule.sides[sides]]
+        along = np.einsum("snij,sj->sni", held.projections[place[nodes]], normals)
+        across = (np.linalg.norm(along - normals[:, None, :], axis=2) <= STRAIGHT).all(axis=1)
+        found.append((nodes[across], normals[across]))
+    return found
+
+
+def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
+    """Of each node the projection on its directions."""
+    each, place = np.unique(nodes, return_inverse=True)
+    squares = np.zeros((len(each), directions.shape[1], directions.shape[1]))
+    np.add.at(squares, place, np.einsum("ki,kj->kij", directions, directions))
+    # Of two directions at the angle a the squares are 1 -+ cos a along their bisectors: by a^2 / 2 they are two.
+    sizes, axes = np.linalg.eigh(squares)
+    axes = axes * (sizes > 0.5 * STRAIGHT**2)[:, None, :]
+    return MirrorPlanes(read_only(each), read_only(axes @ axes.swapaxes(1, 2)))
+
+
+# Effects without influence are dropped and reported.
+#
+# They are a load that is zero at every instant, friction whose bound is, ground that does not move along the
+# boundary, springs and dashpots without strength. The scene without them has the same unknowns, terms and cones, and
+# the same answer to the last bit. Supports and outputs of contact stay.
+
+
+Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
+# A force of contact under which friction that depends on pressure shows itself, whatever the units.
+PRESSED = 1e100
+
+
+def active_parts(
+    effects: Iterable[Effect], space: Space, times: Sequence[float]
+) -> tuple[list[Contribution], list[str]]:
+    """What the effects contribute, without what is zero at all of `times`; a sentence for each thing dropped."""
+    said: list[str] = []
+    return [_without_inactive(effect, part, times, said) for effect, part in contributions(effects, space)], said
+
+
+def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
+    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing dropped.
+
+    Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
+    """
+
+    def alive(
+        data: tuple[Varying, ...], value: Callable[[Varying], Callable[[float], Floats]], what: str
+    ) -> tuple[Varying, ...]:
+        zero = [len(times) > 0 and _zero(value(datum), times) for datum in data]
+        said.extend(f"{data[i].subject}: its {what} is zero at all instants" for i in np.flatnonzero(zero))
+        return tuple(data[i] for i in np.flatnonzero(~np.array(zero, dtype=bool)))
+
+    matrices = () if part.material is not None else ("stiffness", "viscosity")
+    weak = [name for name in matrices if (A := getattr(part, name)) is not None and not A.data.any()]
+    none: dict[str, Any] = dict.fromkeys(weak)
+    said.extend(f"{type(effect).__name__}: its {name} is zero" for name in weak)
+    return replace(
+        part,
+        **none,
+        loads=tuple(replace(x, times=tuple(times)) for x in alive(part.loads, lambda load: load.vector, "force")),
+        supports=tuple(x if x.value is None else replace(x, value=fading(x.value, times)) for x in part.supports),
+        frictions=tuple(_grounded(f, times, said) for f in alive(part.frictions, _bound, "bound")),
+        eigenstrains=tuple(
+            replace(x, value=fading(x.value, times)) for x in alive(part.eigenstrains, lambda x: x.value, "strain")
+        ),
+        initial_stresses=tuple(
+            replace(x, value=fading(x.value, times)) for x in alive(part.initial_stresses, lambda x: x.value, "stress")
+        ),
+    )
+
+
+def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Friction:
+    """The friction, its ground left out if it is where it was along the boundary at all of `times`."""
+    ground = friction.ground
+    if ground is None or len(times) == 0:
+        return friction
+    start = float(times[0])
+
+    # Directions that are given are checked where norm terms are made of them.
+    tangents = None if friction.directions is not None else tangents_of(friction.normals)
+
+    def rubs(t: float) -> Bools:
+        began, at = ground.vector(start), ground.vector(t)
+        if tangents is None:
+            return np.asarray(at != began)
+        size = max(np.abs(began).max(initial=0.0), np.abs(at).max(initial=0.0))
+        drags: Bools = np.abs(along(tangents, at - began)) > DRAG_ROUNDING * size
+        return drags
+
+    if not _zero(rubs, times):
+        return friction
+    still = _zero(lambda t: ground.vector(t) - ground.vector(start), times)
+    does = "stands still at all instants" if still else "moves along the normal only, which friction does not feel"
+    said.append(f"{ground.subject} {does}")
+    return replace(friction, ground=None)
+
+
+def _bound(friction: Friction) -> Callable[[float], Floats]:
+    law = friction.law
+    if friction.slip_law is not None:
+        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
+    if law is None:
+        return friction.weights
+    pressed = np.full(len(friction.nodes), PRESSED)
+    return lambda t: friction.weights(t) + law(t, pressed)
+
+
+def _zero(value: Callable[[float], Floats | Bools], times: Sequence[float]) -> bool:
+    try:
+        return not any(np.any(value(float(t))) for t in times)
+    except VemcvxError:
+        return False  # The step that needs the datum says what is wrong with it.
+
+
+# A scene: what is to be simulated, free of any mesh.
 
 
 class Scene:

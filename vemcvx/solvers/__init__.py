@@ -2,8 +2,7 @@
 
 from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
-from vemcvx.solvers.default import choose_solver
-from vemcvx.solvers.direct import Direct
+from vemcvx.solvers.default import Direct, choose_solver
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Prepared, Solver
 

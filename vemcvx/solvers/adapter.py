@@ -17,9 +17,8 @@ import numpy as np
 from vemcvx.arguments import flag
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import SceneError
-from vemcvx.program.answer import Answer, read_answer
 from vemcvx.program.operators import FEATURES, Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.solver import Solver
 
 

@@ -1,16 +1,44 @@
-"""Which solver answers: the one asked for, if it accepts the program, else the smallest that does."""
+"""Solvers that need no iteration, and which solver: the one asked for, else by the program."""
 
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
+from typing import ClassVar
 
+import numpy as np
+
+from vemcvx.arrays import Floats
 from vemcvx.errors import NotAccepted
-from vemcvx.program.operators import SECOND_ORDER_CONES, Operators
+from vemcvx.program.operators import QUADRATIC, SECOND_ORDER_CONES, Operators
+from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.conic import OSQP, Clarabel
-from vemcvx.solvers.direct import Direct
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Solver
+
+# No convex term left: the step is one linear system, K d = g.
+
+
+@dataclass(frozen=True)
+class Direct(Solver):
+    """One back-substitution a step; takes programs without terms only."""
+
+    accuracy: float = 1e-8
+
+    accepts: ClassVar[frozenset[str]] = frozenset({QUADRATIC})
+
+    def prepare(self, operators: Operators) -> Direct:
+        return self
+
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        """Answer one scaled step."""
+        d = program.operators.factor.solve(program.g)
+        return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
+
+
+# Which solver answers: the one asked for, if it accepts the program, else the smallest that does.
+
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())
 """The solvers that come with the package, the smallest first."""

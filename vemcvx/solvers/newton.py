@@ -1,30 +1,18 @@
-"""Semismooth Newton, by hand: active sets first, a proximal point method when they fail, the gap as judge.
-
-The residual is that of the proximal map on the multipliers (norm terms only, for brevity; limits likewise), F(d, lam)
-= (K d - g + B'lam, lam - P_w(lam + a s)), s = B d - b; a Newton step on it is the answer on the sets of
-:mod:`vemcvx.solvers.sets`. In the manner of the adaptive semismooth Newton method of Xiao, Li, Wen and Zhang (J. Sci.
-Comput. 2018; the paper's [24]) a Newton point is *accepted* while it brings progress, and otherwise a *safeguard*
-step of a globally convergent method is taken from the best point so far, from which Newton is tried again. Merit and
-stopping test are one number, the certified duality gap, which is zero only at the solution and needs no scaling.
-
-Theorem. The gaps of the best points tend to 0. Proof: if the safeguard is called finitely often, every
-further Newton point but PATIENCE in a row has at most half the best gap. Otherwise the safeguard's
-iterates are those of the proximal point algorithm, which converges (see :mod:`vemcvx.solvers.proximal`); the
-best gap is at most theirs.  QED. On absolute values the sets are finitely many and, where no
-sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitely many steps.
-"""
+"""Semismooth Newton, by hand: active sets first, a proximal point method when they fail, the gap as judge."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.arguments import whole
-from vemcvx.arrays import EPS, Floats
-from vemcvx.program.answer import Answer
+from vemcvx.arrays import EPS, Bools, Floats, Ints, directions, lengths
+from vemcvx.linear import Matrix, corrected
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
     BOUNDS,
@@ -32,12 +20,397 @@ from vemcvx.program.operators import (
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
     Operators,
+    restricted,
 )
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram
+from vemcvx.program.terms import transverse
 from vemcvx.program.tolerances import FURTHER_GAP
-from vemcvx.solvers.proximal import proximal_points
-from vemcvx.solvers.sets import Iterate, Sets, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver
+
+# The answer on given sets: what sticks, what slips and where to, which limits act (one step of an active-set method).
+#
+# Sticking terms give equations B_i d = b_i; a slipping one, with direction q_i and curvature h_i, the linearised
+# multiplier lam_i = w_i q_i + h_i (I - q_i q_i') (B_i d - b_i). An acting limit gives the equation D_j d = e_j where
+# it is a bound and the multiplier p_j = (D_j d - e_j) / c_j where it is soft, so that
+#
+#     (K + B'HB + D'C^{-1}D) d = g - B'(w q) + B'H b + D'C^{-1}e  on slipping terms and soft limits that act,
+#     B_i d = b_i  on the sticking terms,   D_j d = e_j  on the bounds that act.
+#
+# On absolute values (block 1) H vanishes and the answer on the right sets is the solution itself.
+
+
+SHIFT = 0.1
+"""Of the sets, in units of one over the flexibilities. At .1 the paper's scene takes 3-7 iterations from a cold start;
+at 1 and beyond undamped active sets cycle on it, and degenerate terms (|lam_i| = w_i, s_i = 0) count as slipping for a
+rounding error of s_i: the gap is linear in that slip."""
+
+INEXACT = 0.03
+"""Part of the forces out of balance that iterative linear solvers leave of them at each set: of 12 steps in space .1
+takes a half more sets and a tenth more conjugate gradients, .01 as many sets and as many of these."""
+STIFFEST = 1e8
+"""Largest curvature of slipping discs, in units of one over the flexibilities. Where several discs share a node, more
+would leave too little of the stiffness of the body beside it."""
+
+
+@dataclass(frozen=True)
+class Sets:
+    """Sticking terms, direction (m, block) and curvature (m,) of the others (0 where they stick), acting limits."""
+
+    stick: Bools
+    direction: Floats
+    curvature: Floats
+    act: Bools
+    idle: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(k,) rows of sticking terms that follow from others' rows"""
+    shares: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(k, m * block): how those share what they carry, shares @ lam = shares @ (what they carried before)"""
+
+    def same(self, other: Sets) -> bool:
+        """Whether the other sets lead to the same answer."""
+        return (
+            bool((self.stick == other.stick).all())
+            and bool((self.act == other.act).all())
+            and np.array_equal(self.direction, other.direction)
+        )
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Increments d (n,) with multipliers lam (m, block) and p (r,)."""
+
+    d: Floats
+    lam: Floats
+    p: Floats
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """How strongly slips (m,) and excesses (r,) count against multipliers; units of stiffness."""
+
+    norms: Floats
+    limits: Floats
+
+    def __mul__(self, factor: float) -> Shifts:
+        return Shifts(factor * self.norms, factor * self.limits)
+
+    @staticmethod
+    def of(operators: Operators) -> Shifts:
+        """SHIFT times the stiffness that norm terms and limits feel."""
+        return Shifts(SHIFT * operators.norm_stiffness, SHIFT * operators.limit_stiffness)
+
+
+def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
+    """The sets at a point: q = lam + shift s sticks where |q| <= w, else slips along q; p + shift (z - c p) > 0 acts.
+
+    The curvature shift w / (|q| - w) is that of Newton's method on lam = P_w(lam + shift s) after lam is
+    eliminated (Kunisch and Stadler 2005; Hueber, Stadler and Wohlmuth 2008); at a solution it is w / |s|.
+    """
+    q = at.lam + shift.norms[:, None] * program.slip(at.d)
+    size = lengths(q)
+    stick = size <= program.w
+    slip, curvature = ~stick, np.zeros(len(size))
+    direction = slip[:, None] * directions(q, size)
+    if program.operators.block > 1:
+        stiff = shift.norms[slip] * program.w[slip]
+        least = stiff * program.operators.norm_flexibility[slip] / STIFFEST
+        curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
+    act = np.zeros(len(at.p), dtype=bool)
+    if len(act):
+        act = at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p) > 0
+    return Sets(stick, direction, curvature, act)
+
+
+def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> Iterate:
+    """The point that the sets lead to; its multipliers are not yet projected.
+
+    Where linear systems are solved iteratively, from the point `near`, if there is one, and as far as INEXACT says.
+    """
+    operators = program.operators
+    soft = sets.act & (operators.compliance > 0)
+    spring = np.divide(1.0, operators.compliance, out=np.zeros(len(soft)), where=soft)
+    at_bound = program.w[:, None] * sets.direction
+    M, load = operators.K, program.g - program.multiplier_force(at_bound, -spring * program.e)
+    S: sp.csr_matrix | None = None
+    bends = sets.curvature.any()
+    if bends or soft.any():
+        H = sets.curvature[:, None, None] * transverse(sets.direction)
+        S = operators.stiffening(H, spring)
+        M = operators.plus(S)
+        load = load + operators.rows.force_of(np.einsum("ijk,ik->ij", H, operators.blocks(program.b)).ravel())
+    stick = np.flatnonzero(np.repeat(sets.stick, operators.block))
+    stop = np.flatnonzero(sets.act & ~soft)
+    own = operators.own_columns
+    if own is None:
+        d, reaction, stopped = _held(M, load, program, stick, stop)
+    else:
+        columns = np.concatenate([own[0][stick], own[1][stop]])
+        iterative = not operators.factor.exact
+        begin = _Near(near.d, sp.csr_matrix(M.shape) if S is None else S) if near and iterative else None
+        d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
+    lam = (at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound).ravel()
+    lam[stick] = reaction
+    p = spring * program.excess(d)
+    p[stop] = stopped
+    return Iterate(d, operators.blocks(lam), p)
+
+
+@dataclass(frozen=True)
+class _Near:
+    """Where an iterative linear solver begins, and the stiffness that is added to K."""
+
+    d: Floats
+    S: sp.csr_matrix
+
+
+def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints) -> tuple[Floats, Floats, Floats]:
+    """Minimise 1/2 d'Md - load'd subject to B_i d = b_i and D_j d = e_j on the rows given; d and the reactions."""
+    operators = program.operators
+    A = sp.vstack([operators.B[stick], operators.D[stop]], format="csr")
+    value = np.concatenate([program.b[stick], program.e[stop]])
+    factor = operators.factor.within(M, np.arange(len(load)))
+    spread = factor.solve(A.T.toarray())
+    small = A @ spread
+
+    def correct(force: Floats, gap: Floats) -> tuple[Floats, Floats]:
+        free = factor.solve(force)
+        # Redundant rows make the small system singular; least squares picks one of the equal reactions.
+        push = np.linalg.lstsq(small, A @ free - gap, rcond=None)[0] if len(gap) else gap
+        return free - spread @ push, push
+
+    d, reaction = correct(load, value)
+    # One step of refinement: A d = value then holds to the rounding of d instead of cond(K) times that.
+    more, push = correct(load - M @ d - A.T @ reaction, value - A @ d)
+    reaction = reaction + push
+    return d + more, reaction[: len(stick)], reaction[len(stick) :]
+
+
+def _held_coordinates(
+    M: Matrix,
+    load: Floats,
+    program: StepProgram,
+    stick: Ints,
+    stop: Ints,
+    *,
+    columns: Ints,
+    near: _Near | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """The same where every row reads its own unknown, those of the rows given `columns`: the held ones are known."""
+    operators = program.operators
+    coefficient = np.concatenate([operators.B.data[stick], operators.D.data[stop]])
+    value = np.concatenate([program.b[stick], program.e[stop]])
+    d = np.zeros(len(load)) if near is None else near.d.copy()
+    d[columns] = value / coefficient
+    free = np.ones(len(load), dtype=bool)
+    free[columns] = False
+    cycle = None if near is None else operators.factor.cycle(near.S, free)
+    if cycle is not None:
+        d = corrected(M, d, load, free, cycle=cycle, part=INEXACT)
+    else:
+        F = np.flatnonzero(free)
+        rest = load - M @ d if value.any() else load
+        within = operators.principal(F) if M is operators.K else operators.factor.within(restricted(M, F), F)
+        d[F] = within.solve(rest[F])
+    reaction = (load - M @ d)[columns] / coefficient
+    return d, reaction[: len(stick)], reaction[len(stick) :]
+
+
+# Sticking terms and acting bounds whose rows depend on others': at edges and corners, and beside supports.
+#
+# With all of their equations a system is singular: what each of them carries is not determined. Bounds that follow
+# from others carry nothing. The forces of discs that share a node are those nearest to what they carried before, in
+# the metric sum_i |dlam_i|^2 / w_i^2: with a dependence nu among their rows, sum_i nu_i . dlam_i / w_i^2 = 0.
+
+
+FOLLOWS = 1e-6
+"""Part of a row's length that others leave of it, below which it follows from them."""
+
+
+def without_redundant_rows(operators: Operators, sets: Sets, lam: Floats, w: Floats) -> Sets:
+    """The sets with equations for linearly independent rows alone: those of bounds first, then of sticking terms.
+
+    An absolute value whose row depends on those before it is taken to slip: it carries the share lam_i / w_i of its
+    weight. Such a bound carries nothing.
+    """
+    block = operators.block
+    stops, sticks = np.flatnonzero(sets.act & (operators.compliance == 0)), np.flatnonzero(sets.stick)
+    own = np.flatnonzero(np.repeat(sets.stick, block))
+    rows = sp.csr_matrix(sp.vstack([operators.D[stops], operators.B[own]]))
+    # Only rows that share unknowns, or read none, can depend on others.
+    shared = np.bincount(rows.indices, minlength=rows.shape[1]) > 1
+    some = np.flatnonzero((abs(rows) @ shared > 0) | (abs(rows) @ np.ones(rows.shape[1]) == 0))
+    free = np.ones(rows.shape[0], dtype=bool)
+    free[some] = independent(rows[some].toarray())
+    act = sets.act.copy()
+    act[stops] = free[: len(stops)]
+    if block > 1:
+        idle = own[~free[len(stops) :]]
+        shares = np.zeros((len(idle), len(lam) * block))
+        shares[:, own] = _shares(rows, free, some, own, w[own // block])
+        return replace(sets, act=act, idle=idle, shares=shares)
+    stick = sets.stick.copy()
+    stick[sticks] = free[len(stops) :]
+    most = np.maximum(w, np.linalg.norm(lam, axis=1))[:, None]
+    share = np.divide(lam, most, out=np.zeros_like(lam), where=most > 0)
+    direction = np.where((sets.stick & ~stick)[:, None], share, sets.direction)
+    return replace(sets, act=act, stick=stick, direction=direction)
+
+
+def _shares(rows: sp.csr_matrix, free: Bools, some: Ints, own: Ints, w: Floats) -> Floats:
+    """(k, len(own)) how k sticking rows depend on others, over w (len(own),) squared; bounds come first in `rows`."""
+    stops = rows.shape[0] - len(own)
+    basis, rest = some[free[some]], some[~free[some] & (some >= stops)]
+    dependence = np.zeros((len(rest), rows.shape[0]))
+    dependence[:, basis] = -np.linalg.lstsq(rows[basis].toarray().T, rows[rest].toarray().T, rcond=None)[0].T
+    dependence[np.arange(len(rest)), rest] = 1.0
+    own_part = dependence[:, stops:]
+    involved = np.abs(own_part) > FOLLOWS * np.abs(own_part).max(axis=1, initial=0.0, keepdims=True)
+    least = np.where(involved, w, np.inf).min(axis=1, initial=np.inf, keepdims=True)
+    # Discs of no radius carry nothing, whatever the others do.
+    nearness = np.divide(least, w, out=np.ones_like(own_part), where=involved & (w > 0))
+    weighted = np.where(involved, own_part * nearness**2, 0.0)
+    return np.asarray(weighted / np.abs(weighted).max(axis=1, initial=0.0, keepdims=True))
+
+
+def independent(rows: Floats) -> Bools:
+    """Which rows (k, n) do not follow from those before them, (k,)."""
+    basis, found = np.zeros_like(rows), np.zeros(len(rows), dtype=bool)
+    for i, row in enumerate(rows):
+        rest = row - basis.T @ (basis @ row)
+        rest = rest - basis.T @ (basis @ rest)
+        size = np.linalg.norm(rest)
+        found[i] = size > FOLLOWS * np.linalg.norm(row)
+        basis[i] = rest / size if found[i] else 0.0
+    return found
+
+
+# The safeguard: the proximal point method on the multipliers, each step by a line-searched Newton method.
+#
+# With centre (lam, p) and shifts a > 0, minimise the convex, continuously differentiable function
+#
+#     psi(d) = 1/2 d'Kd - g'd + sum_i [ |q_i|^2 - (|q_i| - w_i)_+^2 - |lam_i|^2 ] / (2 a_i)    q = lam + a (Bd - b)
+#              + sum_j [ (x_j)_+^2 / (1 + a_j c_j) - p_j^2 ] / (2 a_j)                         x = p + a (Dd - e)
+#
+# (every term replaced by its Moreau envelope), whose gradient is K d - g + B'P_w(q) + D' x_+ / (1 + a c), then move
+# the centre to (P_w(q), x_+ / (1 + a c)). The outer iteration is Rockafellar's proximal point algorithm on the dual
+# (SIAM J. Control Optim. 14, 1976), which converges from any centre and for any a; the inner one is a semismooth
+# Newton method with Armijo's rule on a strongly convex function (Li, Sun and Toh, SIAM J. Optim. 28, 2018), which
+# converges from any start, and in finitely many steps where the envelope is piecewise quadratic (block 1).
+
+
+ARMIJO = 1e-4
+GROWTH = 4.0
+"""Shifts grow from centre to centre; the method converges for any, faster for larger ones."""
+MOST_GROWTH = 1e8
+"""Beyond this, a B'B in the Hessian would leave K no digits."""
+MOST_INNER = 60
+INNER = 0.01
+"""Newton's decrement squared, in parts of how far the centre would move, after which the next centre is wanted: with
+Rockafellar's criterion (B) the outer iteration then converges as fast as with exact minimisers."""
+SHORTEST = 1e-12
+LEVEL = 64 * EPS
+"""Part of a value within which another is the same but for rounding."""
+
+
+def proximal_points(program: StepProgram, start: Iterate, shift: Shifts) -> Iterator[tuple[Iterate, Shifts]]:
+    """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops."""
+    grown = 1.0
+    centre = Iterate(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
+    while True:
+        d = centre.d
+        for _ in range(MOST_INNER):
+            d, moved = _newton_step(program, d, centre, shift)
+            yield Iterate(d, *_multipliers(program, d, centre, shift)), shift
+            if not moved:
+                break
+        centre = Iterate(d, *_multipliers(program, d, centre, shift))
+        if grown < MOST_GROWTH:
+            grown, shift = GROWTH * grown, shift * GROWTH
+
+
+def _unprojected(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
+    return centre.lam + shift.norms[:, None] * program.slip(d), centre.p + shift.limits * program.excess(d)
+
+
+def _multipliers(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
+    q, x = _unprojected(program, d, centre, shift)
+    return program.project(q), np.maximum(x, 0.0) / (1.0 + shift.limits * program.operators.compliance)
+
+
+def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, bool]:
+    """One damped Newton step on psi; also whether another one is worth its while at this centre.
+
+    Armijo's rule ends the halving of the step. Where it asks for less than the rounding of psi, derivatives along the
+    step tell: psi is convex, so psi(d + v) - psi(d) <= (psi'(d + v / 2) + psi'(d + v)) / 2 along v.
+    """
+    lam, p = _multipliers(program, d, centre, shift)
+    gradient = -program.residual(d, lam, p)
+    hessian = _hessian(program, *_unprojected(program, d, centre, shift), shift)
+    step = program.operators.factor.within(hessian, np.arange(len(d))).solve(-gradient)
+    slope = float(gradient @ step)
+    start = _psi(program, d, centre, shift)
+    if -slope <= 4 * EPS * abs(start):
+        return d + step, False
+
+    def rises(length: float) -> float:
+        ahead = d + length * step
+        return -float(program.residual(ahead, *_multipliers(program, ahead, centre, shift)) @ step)
+
+    def descends(length: float) -> bool:
+        if -ARMIJO * length * slope > LEVEL * abs(start):
+            return _psi(program, d + length * step, centre, shift) <= start + ARMIJO * length * slope
+        return 0.5 * (rises(0.5 * length) + rises(length)) <= ARMIJO * slope
+
+    length = 1.0
+    while length > SHORTEST and not descends(length):
+        length *= 0.5
+    near = -slope <= INNER * _moved(Iterate(d, lam, p), centre, shift)
+    return d + length * step, length > SHORTEST and not near
+
+
+def _moved(point: Iterate, centre: Iterate, shift: Shifts) -> float:
+    """How far a centre would move, sum |dlam_i|^2 / a_i + sum dp_j^2 / a_j."""
+    lam, p = point.lam - centre.lam, point.p - centre.p
+    return float(np.einsum("ij,ij->i", lam, lam) @ (1 / shift.norms) + p * p @ (1 / shift.limits))
+
+
+def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matrix:
+    """K + B'HB + D'diag D with H_i = a on sticking blocks, a (w/|q|)(I - qq'/|q|^2) on slipping ones."""
+    operators = program.operators
+    size = np.linalg.norm(q, axis=1)
+    slip = size > program.w
+    share = np.ones_like(size)
+    share[slip] = program.w[slip] / size[slip]
+    unit = np.zeros_like(q)
+    unit[slip] = q[slip] / size[slip, None]
+    pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * operators.compliance), 0.0)
+    return operators.stiffened((shift.norms * share)[:, None, None] * transverse(unit), pressed)
+
+
+def _psi(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> float:
+    q, x = _unprojected(program, d, centre, shift)
+    size = np.linalg.norm(q, axis=1)
+    norms = size * size - np.maximum(size - program.w, 0.0) ** 2 - np.einsum("ij,ij->i", centre.lam, centre.lam)
+    limits = np.maximum(x, 0.0) ** 2 / (1.0 + shift.limits * program.operators.compliance) - centre.p * centre.p
+    envelopes = (norms / (2 * shift.norms)).sum() + (limits / (2 * shift.limits)).sum()
+    return float(0.5 * d @ (program.operators.K @ d) - program.g @ d + envelopes)
+
+
+# Semismooth Newton, by hand: active sets first, a proximal point method when they fail, the gap as judge.
+#
+# The residual is that of the proximal map on the multipliers (norm terms only, for brevity; limits likewise), F(d,
+# lam) = (K d - g + B'lam, lam - P_w(lam + a s)), s = B d - b; a Newton step on it is the answer on the sets of
+# this file. In the manner of the adaptive semismooth Newton method of Xiao, Li, Wen and Zhang (J.
+# Sci. Comput. 2018; the paper's [24]) a Newton point is *accepted* while it brings progress, and otherwise a
+# *safeguard* step of a globally convergent method is taken from the best point so far, from which Newton is tried
+# again. Merit and stopping test are one number, the certified duality gap, which is zero only at the solution and
+# needs no scaling.
+#
+# Theorem. The gaps of the best points tend to 0. Proof: if the safeguard is called finitely often, every
+# further Newton point but PATIENCE in a row has at most half the best gap. Otherwise the safeguard's
+# iterates are those of the proximal point algorithm, which converges (see the safeguard above); the
+# best gap is at most theirs.  QED. On absolute values the sets are finitely many and, where no
+# sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitely many steps.
+
 
 PROXIMAL = 100.0
 """First shifts of the proximal point method, in those of the active sets."""

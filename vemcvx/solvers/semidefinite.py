@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, lengths
-from vemcvx.program.answer import Answer, fitting
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
 

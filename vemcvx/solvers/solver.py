@@ -17,9 +17,8 @@ import numpy as np
 from vemcvx.arguments import part
 from vemcvx.arrays import Floats
 from vemcvx.errors import SolverFailed, VemcvxError
-from vemcvx.program.answer import Answer
 from vemcvx.program.operators import Operators
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram
 
 
 class Prepared(Protocol):

@@ -16,11 +16,11 @@ from typing import Protocol
 import numpy as np
 
 from vemcvx.arrays import Floats
-from vemcvx.program.answer import Answer
+from vemcvx.program.step_program import Answer
 from vemcvx.stepping.acceptance import require_certified
 from vemcvx.stepping.fixed_point import DependentStep, resolved
 from vemcvx.stepping.posed_step import PosedStep, pose_step
-from vemcvx.stepping.refined_state import posed_sharply, refined_state
+from vemcvx.stepping.recorder import posed_sharply, refined_state
 from vemcvx.stepping.state import PreparedRun, State
 
 

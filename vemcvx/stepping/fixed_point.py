@@ -1,39 +1,4 @@
-"""Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it.
-
-With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks for
-
-    w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   beginning with the pressures of the step before.
-
-Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
-Jarusek 1998); but whether an iteration contracts is not seen from its increments. So an answer d_k = T(w_k) is judged
-by a solution of the step: what sticks, slips, touches at d_k makes one linear system, which
-:mod:`vemcvx.solvers.coulomb_sets` solves, and whose solution d_s solves the step where it obeys the inequalities of
-its sets (theorem there). Then
-
-    |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
-
-a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
-active-set steps anyway answer with d_s itself, often after the first program, and bodies that friction alone holds
-before it, from the sets of the step before. Motions of all others stay their own;
-their forces are those of d_s, which balance and follow the law to rounding, as no solver's pressures do. To half the
-square of the bound comes what these forces miss of work on d_k, friction and limits, so that
-
-    work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
-
-Weights that follow the slip, of the step and before it, are proven by convexity instead, where that is known
-(:mod:`vemcvx.stepping.softening`); iterates are mixed then (:mod:`vemcvx.stepping.mixing`): the proof is of answers,
-however they were found.
-
-In space slip turns; how far d_s is from a solution is proven in :mod:`vemcvx.solvers.coulomb_existence`. Where there is
-no proof, sets do not settle or the law is not known to be piecewise affine, the certificate is an *estimate*:
-
-    CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
-    i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,
-
-(a body between walls may slip no further while weights still grow: the sum is the work of what they grow by), e_k the
-certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a lucky
-small one passes for the constant of contraction.) An iteration that does not contract is an error.
-"""
+"""Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it."""
 
 from __future__ import annotations
 
@@ -48,11 +13,70 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.norms import Norms
+from vemcvx.program.terms import Norms
 from vemcvx.program.tolerances import FIXED_POINT
-from vemcvx.stepping.mixing import mixed
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
+
+# A fixed point found from what was tried before: mixing (Anderson 1965).
+#
+# What follows from weights is taken to be affine between those tried last, and the weights are sought that would
+# follow from themselves. Where it is affine (sets do not change, and laws are so) a few programs end it, also where
+# plain iteration diverges, because weights rise steeply with slip.
+
+
+MIXED, RANK = 6, 1e-10
+"""Iterates that are mixed, and the part of their largest difference below which another is none."""
+
+
+def mixed(tried: list[tuple[Floats, Floats]]) -> Floats:
+    """The weights to try next, after weights (m,) and what followed from them."""
+    last = tried[-MIXED:]
+    followed = np.array([f for _, f in last])
+    missed = followed - [w for w, _ in last]
+    share = np.linalg.lstsq(np.diff(missed, axis=0).T, missed[-1], rcond=RANK)[0]
+    best: Floats = np.maximum(followed[-1] - share @ np.diff(followed, axis=0), 0.0)
+    return best
+
+
+# Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it.
+#
+# With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks
+# for
+#
+#     w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   beginning with the pressures of the step before.
+#
+# Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
+# Jarusek 1998); but whether an iteration contracts is not seen from its increments. So an answer d_k = T(w_k) is
+# judged by a solution of the step: what sticks, slips, touches at d_k makes one linear system, which
+# :mod:`vemcvx.solvers.coulomb` solves, and whose solution d_s solves the step where it obeys the inequalities of
+# its sets (theorem there). Then
+#
+#     |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
+#
+# a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
+# active-set steps anyway answer with d_s itself, often after the first program, and bodies that friction alone holds
+# before it, from the sets of the step before. Motions of all others stay their own; their forces are those of d_s,
+# which balance and follow the law to rounding, as no solver's pressures do. To half the square of the bound comes
+# what these forces miss of work on d_k, friction and limits, so that
+#
+#     work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
+#
+# Weights that follow the slip, of the step and before it, are proven by convexity instead, where that is known
+# (:mod:`vemcvx.stepping.state`); iterates are mixed then: the proof is of
+# answers, however they were found.
+#
+# In space slip turns; how far d_s is from a solution is proven in :mod:`vemcvx.solvers.coulomb`. Where
+# there is no proof, sets do not settle or the law is not known to be piecewise affine, the certificate is an
+# *estimate*:
+#
+#     CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
+#     i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,
+#
+# (a body between walls may slip no further while weights still grow: the sum is the work of what they grow by), e_k
+# the certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a
+# lucky small one passes for the constant of contraction.) An iteration that does not contract is an error.
+
 
 log = logging.getLogger("vemcvx")
 

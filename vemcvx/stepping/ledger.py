@@ -17,7 +17,7 @@ Supports that carry a body far, and strain it little, would leave the energy to 
 
     E = 1/2 a(u_m, u_m) + 1/2 z'Kz,    a(u_n, du_D) = a(u_m,n, du_m) + (held - load_n) . dx_m
 
-with held = B'lam + D'p, and a(u_m, .) of fields seen from the body (:class:`vemcvx.program.motion.Motion`). Where K has
+with held = B'lam + D'p, and a(u_m, .) of fields seen from the body (:class:`vemcvx.program.system.Motion`). Where K has
 a kernel x_m comes of K + E, E the anchors' stiffness, and a(u_m, Pv) = -v'E x_m.
 """
 
@@ -29,11 +29,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.arrays import Floats, lengths
-from vemcvx.program.answer import Answer
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import Reduced, on_part
 from vemcvx.program.iterative_refinement import residual
 from vemcvx.program.scaling import LARGEST, checked_norm
+from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
 
 

@@ -13,15 +13,13 @@ from functools import partial
 import numpy as np
 
 from vemcvx.arrays import Floats, power_of_two
-from vemcvx.program.answer import Answer, fitting
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
-from vemcvx.program.norms import Norms
 from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm
-from vemcvx.program.step_program import StepProgram
+from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.program.terms import Norms
 from vemcvx.program.tolerances import ASKED_AGAIN
-from vemcvx.solvers.coulomb_sets import solution_near
-from vemcvx.solvers.coulomb_system import WeightLaw
-from vemcvx.solvers.sets import Iterate
+from vemcvx.solvers.coulomb import WeightLaw, solution_near
+from vemcvx.solvers.newton import Iterate
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.acceptance import data_norms, ground_norm, refuse_unbalanced
 from vemcvx.stepping.ledger import StepData, advance
@@ -167,7 +165,7 @@ class PosedStep:
     def convex_certificate(self, state: State, margin: float) -> Certificate:
         """The certificate of a state under the weights of its own slip, which is that of this program over the margin.
 
-        See :mod:`vemcvx.stepping.softening`.
+        See :mod:`vemcvx.stepping.state`.
         """
         scales = self.run.scaling
         alpha = scales.size(self.program)

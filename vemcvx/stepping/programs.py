@@ -12,16 +12,24 @@ from vemcvx.arguments import flag, is_whole
 from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError
 from vemcvx.linear import LinearSolver
-from vemcvx.program.solved_program import SolvedProgram
+from vemcvx.program.step_program import SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
 from vemcvx.stepping.backward_euler import Steps
-from vemcvx.stepping.dragged import nothing_dragged, with_dragged_friction
-from vemcvx.stepping.initial import initial_state, state_given
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
-from vemcvx.stepping.time_loop import begins, check_kinds, checked_times, steps_of, threads_of_steps
+from vemcvx.stepping.time_loop import (
+    begins,
+    check_kinds,
+    checked_times,
+    initial_state,
+    nothing_dragged,
+    state_given,
+    steps_of,
+    threads_of_steps,
+    with_dragged_friction,
+)
 from vemcvx.stepping.trajectory import Trajectory
 
 

@@ -18,13 +18,22 @@ from typing import Any
 
 import pytest
 
-pytest.register_assert_rewrite("vemcvx.testing.sentences", "vemcvx.testing.effect_sentences")
+pytest.register_assert_rewrite("vemcvx.testing.solvers", "vemcvx.testing.effects")
 
 from vemcvx.solvers import Solver, Solves, as_solver  # noqa: E402 - pytest first, so that it tells why sentences fail
-from vemcvx.testing.effect_samples import EffectSample, Other  # noqa: E402
-from vemcvx.testing.effect_sentences import SENTENCES  # noqa: E402
-from vemcvx.testing.instances import INSTANCES, Instance  # noqa: E402
-from vemcvx.testing.sentences import OF_ANY_SOLVER, OF_EACH_INSTANCE, Case, refuses_what_it_does_not_accept  # noqa: E402
+from vemcvx.testing.effects import (  # noqa: E402
+    SENTENCES,
+    EffectSample,
+    Other,
+)
+from vemcvx.testing.solvers import (  # noqa: E402  # noqa: E402
+    INSTANCES,
+    OF_ANY_SOLVER,
+    OF_EACH_INSTANCE,
+    Case,
+    Instance,
+    refuses_what_it_does_not_accept,
+)
 
 __all__ = ["INSTANCES", "EffectSample", "Instance", "Other", "effect_suite", "solver_suite"]
 

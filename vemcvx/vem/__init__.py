@@ -1,26 +1,30 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
-from vemcvx.vem.anisotropic import anisotropic_stiffness, mean_shear, softest_shear
-from vemcvx.vem.boundary import BoundaryPart, SideRule
+from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds, FacePart, MirrorPlanes, SideRule
 from vemcvx.vem.cells import CellGroup
-from vemcvx.vem.face_part import FacePart
-from vemcvx.vem.frames import tangents_of
-from vemcvx.vem.hooke import (
+from vemcvx.vem.faces import tangents_of
+from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
+from vemcvx.vem.points_in_solids import solid_places
+from vemcvx.vem.space import Part, Space
+from vemcvx.vem.stiffness_matrix import (
+    anisotropic_stiffness,
+    mean_shear,
+    softest_shear,
+    stabilisation_factor,
+    stiffness,
+)
+from vemcvx.vem.stress import (
     component_names,
     elastic_matrix,
     equivalent,
     isotropic_stress,
     principal,
+    rigid_modes,
+    split_motion,
+    strains,
     stresses,
     upper_triangle,
 )
-from vemcvx.vem.isotropic import stabilisation_factor, stiffness
-from vemcvx.vem.loads import cell_load, edge_load, stress_load
-from vemcvx.vem.points_in_solids import solid_places
-from vemcvx.vem.quadrature import cell_quadrature
-from vemcvx.vem.rows import BoundaryRows, EdgeEnds, MirrorPlanes
-from vemcvx.vem.space import Part, Space
-from vemcvx.vem.strain import rigid_modes, split_motion, strains
 
 __all__ = [
     "BoundaryPart",

@@ -1,9 +1,4 @@
-"""A part of the boundary: its edges, its nodes, and what each node owns of it.
-
-A node gets the length int phi_i ds over the part. Where the part has a corner, conditions on the normal
-hold for both sides, so besides the nodes there are *rows*: see :mod:`vemcvx.vem.rows`. In space parts are made of
-faces, :mod:`vemcvx.vem.face_part`.
-"""
+"""Parts of the boundary in the plane and in space: edges or faces, nodes, what each node owns, normals and tangents."""
 
 from __future__ import annotations
 
@@ -13,8 +8,16 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arrays import Floats, Ints, read_only, totals
-from vemcvx.vem.rows import NORMAL_ROUNDING, BoundaryRows, MirrorPlanes, SideEnds
+from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.vem.faces import FaceGroup, face_groups, tangents_of
+
+# A part of the boundary: its edges, its nodes, and what each node owns of it.
+#
+# A node gets the length int phi_i ds over the part. Where the part has a corner, conditions on the normal
+# hold for both sides, so besides the nodes there are *rows*: see `BoundaryRows`. In space parts are made of
+# faces, `FacePart`.
+
 
 # Four Gauss points: int g phi_i is exact for g of degree 6 on an edge (7 for the product).
 GAUSS = 4
@@ -124,3 +127,285 @@ class BoundaryPart:
             mirrors=self.mirrors,
         )
         return ends.rows(points.reshape(-1, 2), matrix)
+
+
+# A part of the boundary of polyhedra: its faces, its nodes, and what each node owns of it.
+#
+# A node gets the area int phi_i ds over the part, with functions on faces as in :mod:`vemcvx.vem.faces`; where faces
+# meet at an angle it has a row for each normal (`BoundaryRows`).
+
+
+@dataclass(frozen=True, eq=False)
+class FacePart:
+    """A closed set of boundary faces; what effects ask of it is what they ask of a part made of edges."""
+
+    sides: Ints
+    """(m,) face numbers, ascending"""
+    mesh: PolyhedralMesh
+    mirrors: MirrorPlanes | None = None
+    """of symmetry, at its nodes"""
+
+    @cached_property
+    def normals(self) -> Floats:
+        """Outward unit normal of each face, (m, 3)."""
+        vectors = np.empty((len(self.sides), 3))
+        for group, at in self._groups:
+            vectors[at] = group.vectors.sum(axis=1)
+        return read_only(vectors / np.linalg.norm(vectors, axis=1)[:, None] + 0.0)
+
+    @cached_property
+    def nodes(self) -> Ints:
+        """The nodes of the faces, ascending."""
+        return read_only(np.unique(self.names[:, 0]))
+
+    @cached_property
+    def node_lengths(self) -> Floats:
+        """int phi_i ds over the part for each of `nodes`; the sum is the area of the part."""
+        ends = self._ends
+        return read_only(totals(np.searchsorted(self.nodes, ends.nodes), ends.lengths, len(self.nodes)))
+
+    @property
+    def names(self) -> Ints:
+        """Each corner of its faces (e, 2): the node, and the number of the face."""
+        return np.column_stack([self._ends.nodes, self._ends.beyond])
+
+    def rules(self, count: int = 0) -> tuple[SideRule, ...]:
+        """Quadrature exact for degree 5 on the triangles of each face, whatever the `count` of points on an edge."""
+        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in self._groups)
+
+    @cached_property
+    def node_normals(self) -> BoundaryRows:
+        """The rows of this part: where faces meet at an angle, one for each normal."""
+        rules = self.rules()
+        points = np.concatenate([rule.points.reshape(-1, 3) for rule in rules])
+        blocks = []
+        for rule in rules:
+            m, n, q = rule.shares.shape
+            columns = np.repeat(np.arange(m * q).reshape(m, 1, q), n, axis=1)
+            starts = np.arange(0, m * n * q + 1, q)
+            blocks.append(sp.csr_matrix((rule.shares.ravel(), columns.ravel(), starts), shape=(m * n, m * q)))
+        return self._ends.rows(points, sp.csr_matrix(sp.block_diag(blocks, format="csr")))
+
+    @cached_property
+    def _groups(self) -> tuple[tuple[FaceGroup, Ints], ...]:
+        """Faces cut into triangles, and their places in the part."""
+        mesh = self.mesh
+        found = face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, self.sides)
+        return tuple((group, np.searchsorted(self.sides, group.faces)) for group in found)
+
+    @cached_property
+    def _ends(self) -> SideEnds:
+        """The corners of all faces, in the order of the groups."""
+        each = [(group, at, group.nodes.shape[1]) for group, at in self._groups]
+        side = np.concatenate([np.repeat(at, n) for _, at, n in each])
+        noise = np.empty(len(self.sides))
+        for group, at, n in each:
+            noise[at] = _outline(group, n) / np.linalg.norm(group.vectors.sum(axis=1), axis=1)
+        return SideEnds(
+            nodes=np.concatenate([group.nodes.ravel() for group, _, _ in each]),
+            normals=self.normals[side],
+            curvature=np.concatenate([_curvature(group, n).ravel() for group, _, n in each]),
+            noise=(NORMAL_ROUNDING * np.abs(self.mesh.points).max() * noise)[side],
+            lengths=np.concatenate([group.shares.ravel() for group, _, _ in each]),
+            beyond=self.sides[side],
+            partners=np.full(len(side), -1),
+            mirrors=self.mirrors,
+        )
+
+
+def _curvature(group: FaceGroup, n: int) -> Floats:
+    """sin(alpha) / (|a| |b|) of the edges a and b of each face at its vertices, (f, n)."""
+    corners = group.corners[:, :n]
+    a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
+    weights: Floats = np.linalg.norm(np.cross(a, b), axis=2) / lengths
+    return weights
+
+
+def _outline(group: FaceGroup, n: int) -> Floats:
+    """Length of the outline of each face, (f,)."""
+    corners = group.corners[:, :n]
+    length: Floats = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
+    return length
+
+
+# Rows of a part of the boundary: one a node and distinct normal.
+#
+# Where a part has a corner, or an edge in space, conditions on the normal hold for all sides that meet there, each
+# with the share of int phi_i ds of the sides that have its normal. Sides that turn by less than 42.5 degrees are a
+# curve, or a straight side whose points are rounded, whose nodes have a mean of their normals: with both, a node
+# could not slide, or would have to climb every corner, however fine the mesh is.
+#
+# The mean is that by 1 / length; in space by sin(alpha) / (|a| |b|), a and b being the edges of a face at the node
+# and alpha their angle (N. Max, J. Graphics Tools 4 (1999)). It is exact for nodes on a circle, or a sphere, whatever
+# their distances. By length, what slides along a curve of unequal sides would be pressed by forces that do not vanish
+# with the mesh. Sides far shorter than those beside them have no say: rounding turns them.
+#
+# A curve that ends on a plane of symmetry goes on behind it as its mirror image: the mean over both is the normal
+# without its component across the plane. Where the curve and its image make a corner, as the tip of a wedge does, the
+# node keeps the normal of its own side: what that of the image says is the same.
+
+
+SMOOTH = 2.0 * float(np.sin(0.5 * np.radians(42.5)))
+"""Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
+however their points are rounded."""
+SHORT = 0.03
+"""Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals."""
+CURVED = float(np.cos(0.5 * np.radians(1.5)))
+ONE_PLANE = 1.0 - 0.25 * 1e-2**2
+"""Planes of two bodies that are half a degree apart are one; their projections have this mean along the bisector."""
+NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
+"""Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeEnds:
+    """The ends (q,) of edges that rows own, each named by the row and the other node of its edge.
+
+    In space the corners of faces, named by the row and the face.
+    """
+
+    row: Ints
+    beyond: Ints
+    """node number of the edge's other end; number of the face"""
+    lengths: Floats
+    """int phi_i ds over the edge, half its length; over the face"""
+
+
+@dataclass(frozen=True, eq=False)
+class MirrorPlanes:
+    """Planes of symmetry at some nodes: those across the directions in which these are held."""
+
+    nodes: Ints
+    """(k,) ascending"""
+    projections: Floats
+    """(k, dim, dim) on these directions of each node, symmetric"""
+
+    def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
+        """Of vectors (m, dim) at nodes, the component across the planes that these share with their partners."""
+        found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
+        at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
+        one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
+        sizes, axes = np.linalg.eigh(0.5 * (one + other))
+        along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > ONE_PLANE)
+        found[at] = np.einsum("kij,kj->ki", axes, along)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryRows:
+    """One row a node, distinct normal and partner of a part of the boundary, ordered by node."""
+
+    nodes: Ints
+    """(k,)"""
+    normals: Floats
+    """(k, dim) outward unit normals, means of those of the edges or faces they stand for"""
+    lengths: Floats
+    """(k,) int phi_i ds over the edges or faces of this row"""
+    points: Floats
+    """(q, dim) quadrature points of all edges or faces"""
+    matrix: sp.csr_matrix
+    """(k, q) by which g(points) gives int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on
+    edges and 4 on faces"""
+    ends: EdgeEnds
+    """what each row stands for"""
+    partners: Ints
+    """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
+    cosines: Floats
+    """(k,) mean of n . n_e over the edges e of each row: edges that all move out by 1 move the node by 1 over that"""
+
+    @property
+    def curved(self) -> bool:
+        """Whether sides turn somewhere by more than a degree and a half."""
+        return bool((self.cosines < CURVED).any())
+
+    @property
+    def tangents(self) -> Floats:
+        """(k, dim) the first tangent of each, in the plane along the boundary with the body on the left."""
+        return tangents_of(self.normals)[:, 0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SideEnds:
+    """The nodes (e,) of all sides of a part, each with what its side gives it."""
+
+    nodes: Ints
+    normals: Floats
+    """(e, dim) of the sides"""
+    curvature: Floats
+    """(e,) by which the normals of a curve are averaged: see above"""
+    noise: Floats
+    """(e,) by which rounding may have turned the side"""
+    lengths: Floats
+    """(e,) int phi_i ds over the side"""
+    beyond: Ints
+    """(e,) what tells the sides of a node apart"""
+    partners: Ints
+    """(e,)"""
+    mirrors: MirrorPlanes | None = None
+
+    def rows(self, points: Floats, matrix: sp.csr_matrix) -> BoundaryRows:
+        """The rows; `matrix` (e, q) gives int g phi_i ds over each end's side from g at points (q, dim)."""
+        order, row = self._grouped()
+        k = row.max(initial=-1) + 1
+        nodes, partners = np.empty(k, dtype=np.int64), np.empty(k, dtype=np.int64)
+        nodes[row], partners[row] = self.nodes[order], self.partners[order]
+        lengths, total = self.lengths[order], totals(row, self.lengths[order], k)
+        normals = np.zeros((k, self.normals.shape[1]))
+        np.add.at(normals, row, self._weights(order, row, k)[:, None] * self.normals[order])
+        normals = normals / np.linalg.norm(normals, axis=1)[:, None] + 0.0
+        if self.mirrors is not None:
+            noise = np.zeros(k)
+            np.maximum.at(noise, row, self.noise[order])
+            normals = _continued(normals, self.mirrors.across(normals, nodes, partners), noise)
+        along = totals(row, lengths * np.einsum("ei,ei->e", normals[row], self.normals[order]), k)
+        each = matrix[order].tocoo()
+        return BoundaryRows(
+            nodes=read_only(nodes),
+            normals=read_only(normals),
+            lengths=read_only(total),
+            points=read_only(points),
+            matrix=sp.csr_matrix((each.data, (row[each.row], each.col)), shape=(k, len(points))),
+            ends=EdgeEnds(read_only(row), read_only(self.beyond[order]), read_only(lengths)),
+            partners=read_only(partners),
+            cosines=read_only(np.where(along < (1.0 - NORMAL_ROUNDING) * total, along / total, 1.0)),
+        )
+
+    def _weights(self, order: Ints, row: Ints, k: int) -> Floats:
+        """By which the normals of ends that make k rows are averaged, (e,)."""
+        length, curvature = self.lengths[order], self.curvature[order]
+        longest, most = np.zeros(k), np.zeros(k)
+        np.maximum.at(longest, row, length)
+        np.maximum.at(most, row, curvature)
+        part = (length / longest[row]) ** 4
+        # Where no face has an angle at a node that hangs in its edges, areas count alone.
+        share = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
+        weights: Floats = share * part / (part + SHORT**4) + NORMAL_ROUNDING * part
+        return weights
+
+    def _grouped(self) -> tuple[Ints, Ints]:
+        """The ends ordered by node, and the row of each: one normal and partner, one row."""
+        order = np.argsort(self.nodes, kind="stable")
+        leader = np.full(len(order), -1)
+        while (waiting := np.flatnonzero(leader < 0)).size:
+            mine = self.nodes[order[waiting]]
+            ahead = waiting[np.searchsorted(mine, mine)]
+            joins = self._alike(order[waiting], order[ahead])
+            leader[waiting[joins]] = ahead[joins]
+        return order, np.unique(leader, return_inverse=True)[1]
+
+    def _alike(self, one: Ints, other: Ints) -> Bools:
+        apart = np.linalg.norm(self.normals[one] - self.normals[other], axis=1)
+        near = apart <= SMOOTH + self.noise[one] + self.noise[other]
+        alike: Bools = near & (self.partners[one] == self.partners[other])
+        return alike
+
+
+def _continued(normals: Floats, across: Floats, noise: Floats) -> Floats:
+    """Normals (k, dim) with their mirror images, which are twice their components `across` the plane away from them."""
+    turn, rounding = 2.0 * np.linalg.norm(across, axis=1), 2.0 * noise
+    smooth = (turn > rounding) & (turn <= SMOOTH + rounding)
+    mean = normals[smooth] - across[smooth]
+    found = normals.copy()
+    found[smooth] = mean / np.linalg.norm(mean, axis=1)[:, None] + 0.0
+    return found

@@ -1,15 +1,4 @@
-"""Functions on plane faces of polyhedra, given by the vertices: integrals that are exact for linear functions.
-
-A face is fanned from the mean of its outline, c = sum_i w_i x_i with w_i = (|e_{i-1}| + |e_i|) / (2 |df|), where a
-function takes the value sum_i w_i v_i, and is linear on each triangle (c, x_i, x_{i+1}). With N_i the area vectors of
-these and N their sum,
-
-    int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
-
-so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
-share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A face
-that c does not see all of is cut into triangles by clipping ears, without c.
-"""
+"""Plane faces of polyhedra: functions on them given by the vertices, and orthonormal tangents."""
 
 from __future__ import annotations
 
@@ -20,9 +9,37 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.triangles import RADON_POINTS, RADON_WEIGHTS, clip_ears
-from vemcvx.vem.frames import tangents_of
+from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, clip_ears
 from vemcvx.vem.projection import boundary_weights
+
+# Orthonormal tangents at nodes of the boundary, chosen once a normal: nothing may depend on which they are.
+
+
+def tangents_of(normals: Floats) -> Floats:
+    """(k, dim - 1, dim) orthonormal vectors across each unit normal (k, dim); exact where the normal is an axis.
+
+    In the plane the normal turned by +90 degrees, so that the body lies on its left. In space the axis furthest from
+    the normal, projected, and a second one that makes (t1, t2, n) right-handed.
+    """
+    if normals.shape[1] == 2:
+        return np.stack([-normals[:, 1] + 0.0, normals[:, 0]], axis=1)[:, None, :]
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = axis - np.einsum("ki,ki->k", axis, normals)[:, None] * normals
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normals, first)], axis=1) + 0.0
+
+
+# Functions on plane faces of polyhedra, given by the vertices: integrals that are exact for linear functions.
+#
+# A face is fanned from the mean of its outline, c = sum_i w_i x_i with w_i = (|e_{i-1}| + |e_i|) / (2 |df|), where a
+# function takes the value sum_i w_i v_i, and is linear on each triangle (c, x_i, x_{i+1}). With N_i the area vectors
+# of these and N their sum,
+#
+#     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
+#
+# so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
+# share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A
+# face that c does not see all of is cut into triangles by clipping ears, without c.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

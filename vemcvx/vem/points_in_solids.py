@@ -13,9 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.segments import overlapping_boxes
+from vemcvx.meshes.polygons.geometry import overlapping_boxes
 from vemcvx.meshes.polygons.topology import offsets_of, spans
-from vemcvx.meshes.polyhedra.touching import angles_seen
+from vemcvx.meshes.polyhedra import angles_seen
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.faces import face_groups
 from vemcvx.vem.space import Space

@@ -16,11 +16,8 @@ import numpy as np
 from vemcvx.arrays import Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
-from vemcvx.vem.boundary import BoundaryPart
-from vemcvx.vem.cells import CellGroup
-from vemcvx.vem.face_part import FacePart
-from vemcvx.vem.polyhedra import polyhedron_groups
-from vemcvx.vem.rows import MirrorPlanes
+from vemcvx.vem.boundary import BoundaryPart, FacePart, MirrorPlanes
+from vemcvx.vem.cells import CellGroup, polyhedron_groups
 
 Part = BoundaryPart | FacePart
 """A closed set of sides: edges in the plane, faces in space."""

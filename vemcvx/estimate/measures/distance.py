@@ -1,35 +1,234 @@
-"""How far two runs are apart, in the energy norm, on whatever meshes.
-
-    exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
-    projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
-    nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other, whose values there I v takes
-
-The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are norms of
-a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle inequality.
-The nodal distance misses what v does between the coarse nodes, and is the smallest of the three. Cell by cell, with tau
-the smallest shear stiffness, 2 mu if isotropic,
-
-    |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + tau sum_i |w(x_i) - Pi w(x_i)|^2,    (3.13).
-"""
+"""Displacement fields, their strains inside cells, and how far two of them are apart on different meshes."""
 
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arguments import choice, flag
-from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.arguments import choice, flag, number
+from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, totals
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.estimate.measures.field import Field, Measured, field_of, measured, step_at
-from vemcvx.estimate.measures.inner_strain import InnerStrain, projected_strain, virtual_strain
 from vemcvx.estimate.measures.overlap import CommonRule, check_covered, common_rule
-from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons.search import nearest
+from vemcvx.meshes import PolygonMesh, plane_mesh
+from vemcvx.meshes.polygons.geometry import nearest
+from vemcvx.program.checks import finite
 from vemcvx.results.results import Results
-from vemcvx.vem import elastic_matrix, strains, stresses, upper_triangle
-from vemcvx.vem.anisotropic import softest_shear
-from vemcvx.vem.stabilisation import missed_squares
+from vemcvx.vem import CellGroup, Space, elastic_matrix, strains, stresses, upper_triangle
+from vemcvx.vem.stiffness_matrix import missed_squares, softest_shear
+
+# Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
+#
+# On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
+# e_2 and centre c it is, with xi = 2 e_1.(x - c) / |e_1|^2, eta likewise and the vertex values u_1 ... u_4 in turn,
+#
+#     u(x) = mean + grad(Pi u) (x - c) + b xi eta,    b = (u_1 - u_2 + u_3 - u_4) / 4,
+#
+# for xi eta is harmonic and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, the slope being that of
+# sym(b (x) grad(xi eta)). On other cells nothing but Pi u is known.
+
+
+# How far, in parts of its size, a cell may be from a rectangle: coordinates of a box rounded to twelve digits.
+RECTANGLE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class InnerStrain:
+    """Strains that are linear in every cell."""
+
+    mean: Floats
+    """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre"""
+    slope: Floats | None
+    """(n_cells, 2, 3) their gradients; None if strains are constant"""
+    centre: Floats
+    """(n_cells, 2)"""
+
+    def at(self, cells: Ints, points: Floats | None) -> Floats:
+        """Strains (q, 3) at points (q, 2) of cells (q,)."""
+        if self.slope is None or points is None:
+            return self.mean[cells]
+        off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
+        return self.mean[cells] + off_centre
+
+
+def projected_strain(field: Field) -> InnerStrain:
+    """Strains of Pi u."""
+    return InnerStrain(field.strain, None, field.mesh.centroids)
+
+
+def virtual_strain(field: Field, subject: str) -> InnerStrain:
+    """Strains of the virtual function, or MeshError if some cell is neither a triangle nor a rectangle."""
+    slope = np.zeros((field.mesh.n_cells, 2, 3))
+    for group in field.space.groups:
+        n = group.nodes.shape[1]
+        bad = ~_rectangles(group.corners) if n == 4 else np.full(len(group.cells), n != 3)
+        if bad.any():
+            raise MeshError(
+                f"{subject}: cell {group.cells[bad][0]}, of {n} vertices, is neither a triangle nor a rectangle, and "
+                "inside others virtual functions are not known. Measure their projections: kind='projected'."
+            )
+        if n == 4:
+            slope[group.cells] = _slopes(group, field.displacement)
+    return InnerStrain(field.strain, slope, field.mesh.centroids)
+
+
+def _rectangles(corners: Floats) -> Bools:
+    """Which quadrilaterals (c, 4, 2) are rectangles."""
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    lengths = np.hypot(*first.T), np.hypot(*second.T)
+    closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
+    skew = np.abs(np.sum(first * second, axis=1)) / np.maximum(*lengths)
+    rectangles: Bools = np.maximum(closes, skew) <= RECTANGLE * np.minimum(*lengths)
+    return rectangles
+
+
+def _slopes(group: CellGroup, displacement: Floats) -> Floats:
+    """Gradients (c, 2, 3) of the strains of b xi eta on rectangles."""
+    corners, u = group.corners, displacement[group.nodes]
+    b = 0.25 * ((u[:, 0] - u[:, 1]) + (u[:, 2] - u[:, 3]))
+    sides = [corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]]
+    g, h = (2.0 * side / np.sum(side**2, axis=1)[:, None] for side in sides)
+    # grad(xi eta) = xi h + eta g, of which the derivative along x_k is g_k h + h_k g.
+    turn = g[:, :, None] * h[:, None, :] + h[:, :, None] * g[:, None, :]
+    xx, yy = b[:, None, 0] * turn[:, :, 0], b[:, None, 1] * turn[:, :, 1]
+    return np.stack([xx, yy, b[:, None, 0] * turn[:, :, 1] + b[:, None, 1] * turn[:, :, 0]], axis=2)
+
+
+# What measures compare: a displacement on a mesh, with the moduli that weigh its strains; and what they give.
+
+
+# Two runs share an instant if theirs differ by no more than this part of the time they span: linspace rounds.
+SAME_INSTANT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A displacement field.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+    displacement : (n_nodes, 2) array
+        At the nodes, length.
+    moduli : (2, n_cells) or (6, n_cells) array
+        As in `History.moduli`, force per area.
+    time : float
+        The instant, which closed forms are asked for.
+
+    Raises
+    ------
+    HistoryError
+        The arrays do not fit the mesh.
+    """
+
+    mesh: PolygonMesh
+    displacement: Floats
+    moduli: Floats
+    time: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mesh, PolygonMesh):
+            raise HistoryError(f"Field: found mesh = {brief(self.mesh)}; wanted a PolygonMesh.")
+        number(self.time, "Field: found time", "the instant, a finite number")
+        for name in ("displacement", "moduli"):
+            values = as_real_array(getattr(self, name), f"Field: {name}", "numbers, as many as fit the mesh")
+            finite(values, f"Field: {name}")
+            object.__setattr__(self, name, values)
+        nodes, cells = (self.mesh.n_nodes, 2), self.mesh.n_cells
+        if np.shape(self.displacement) != nodes:
+            raise HistoryError(f"Field: found displacements {np.shape(self.displacement)}; this mesh takes {nodes}.")
+        if np.shape(self.moduli) not in ((2, cells), (6, cells)):
+            raise HistoryError(
+                f"Field: found moduli {np.shape(self.moduli)}; wanted (2, {cells}), lambda and mu of every cell, or "
+                f"(6, {cells}), the upper triangle of its elastic matrix."
+            )
+
+    @cached_property
+    def space(self) -> Space:
+        """V^h on the mesh."""
+        return Space(self.mesh)
+
+    @cached_property
+    def strain(self) -> Floats:
+        """(n_cells, 3) strains of Pi u: e_xx, e_yy, 2 e_xy."""
+        return strains(self.space, self.displacement)
+
+
+def field_of(run: Results | Field, step: int, subject: str) -> Field:
+    """The field of a history at a stored step, or the field that was given."""
+    if isinstance(run, Field):
+        return run
+    if not isinstance(run, Results):
+        raise HistoryError(f"{subject}: found {brief(run)} where a History (or a vx.measures.Field) goes.")
+    row = run.row(step)
+    return Field(plane_mesh(run.mesh, subject), run.displacement[row], run.moduli, float(run.times[row]))
+
+
+def step_at(history: Results, time: float) -> int:
+    """The number of the stored step at an instant, or HistoryError."""
+    time, times = number(time, "history: found time", "an instant, a finite number"), history.times
+    nearest = int(np.argmin(np.abs(times - time)))
+    span = float(history.trajectory.times[-1] - history.trajectory.times[0])
+    if abs(times[nearest] - time) > SAME_INSTANT * span:
+        raise HistoryError(
+            f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
+            f"t = {times[nearest]:.9g}. Give times that have this instant, or store='all'."
+        )
+    return int(history.stored[nearest])
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """An error or a distance.
+
+    Attributes
+    ----------
+    absolute : float
+        The norm of the difference. Energy norms are (int C eps : eps dx)^(1/2), the root of force times length; the
+        paper's ||v||_E is that over sqrt(2), and relative values are the same.
+    reference : float
+        The norm of what was compared with, taken in the same way.
+    cells : (n_cells,) array
+        The norm on each cell of the first mesh: absolute^2 = sum of cells^2.
+    moduli_apart : float
+        Largest relative difference between the elastic moduli of the two meshes at the same place; where they differ
+        those of the first mesh were used.
+    """
+
+    absolute: float
+    reference: float
+    cells: Floats
+    moduli_apart: float = 0.0
+
+    @property
+    def relative(self) -> float:
+        """absolute / reference; 0 / 0 = 0, and infinity where only the reference is zero."""
+        if self.reference == 0.0:
+            return 0.0 if self.absolute == 0.0 else float("inf")
+        return self.absolute / self.reference
+
+
+def measured(squares: Floats, reference: float, moduli_apart: float = 0.0) -> Measured:
+    """A measure from the squared norms of the difference on cells, and of the reference as a whole."""
+    cells = np.sqrt(np.maximum(squares, 0.0))
+    return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells, moduli_apart)
+
+
+# How far two runs are apart, in the energy norm, on whatever meshes.
+#
+#     exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
+#     projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
+#     nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other, whose values there I v takes
+#
+# The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are
+# norms of a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle
+# inequality. The nodal distance misses what v does between the coarse nodes, and is the smallest of the three. Cell
+# by cell, with tau the smallest shear stiffness, 2 mu if isotropic,
+#
+#     |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + tau sum_i |w(x_i) - Pi w(x_i)|^2,    (3.13).
+
 
 KINDS = ("projected", "exact", "nodal")
 # Points at which strains and stresses are taken at once.

@@ -1,8 +1,4 @@
-"""One quadrature for two meshes: points and weights on every overlap of a cell of the one with a cell of the other.
-
-Cells are taken in convex pieces. A piece that lies in a piece of the other mesh is its own overlap, so that refinements
-cost a search and no clipping; what is left is clipped, pair by pair.
-"""
+"""One quadrature for two meshes, on every overlap of convex pieces of their cells."""
 
 from __future__ import annotations
 
@@ -14,15 +10,78 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.errors import MeshError
-from vemcvx.estimate.measures.convex_parts import Pieces, convex_pieces, inside
 from vemcvx.meshes import PolygonMesh
-from vemcvx.meshes.polygons.clipping import clip
-from vemcvx.meshes.polygons.segments import overlapping_boxes
-from vemcvx.meshes.polygons.triangles import INNER, fans, places
-from vemcvx.vem import Space
+from vemcvx.meshes.polygons.convex import clip
+from vemcvx.meshes.polygons.geometry import INNER, clip_ears, cross, fans, overlapping_boxes, places, signed_areas
+from vemcvx.vem import CellGroup, Space
+
+# Cells in convex pieces: convex cells as they are, others cut into triangles.
+#
+# A cell counts as convex if every vertex lies left of the line through every edge, up to CONVEX times the size of the
+# cell: that is what clipping by these lines relies on. (Neighbouring edges alone would not do: an edge of 1e-12 h has
+# a direction that round-off turns by 1e-4, and its line would cut off as much of the cell.)
+
+
+CONVEX = 1e-12
+# All pieces share one array as wide as the widest; few cells have more vertices than this, and those are cut.
+WIDEST = 12
+# Numbers in one temporary array of the tests below.
+CELLS_AT_ONCE = 2**20
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Convex pieces of the cells of a mesh."""
+
+    corners: Floats
+    """(p, w, 2) vertices, counter-clockwise, the last one repeated up to the width w"""
+    owner: Ints
+    """(p,) the cell of each piece"""
+
+
+def convex_pieces(space: Space) -> Pieces:
+    """The cells of a mesh in convex pieces."""
+    corners, owner = zip(*[part for group in space.groups for part in _of_group(group)], strict=True)
+    width = max(part.shape[1] for part in corners)
+    wide = [np.pad(part, ((0, 0), (0, width - part.shape[1]), (0, 0)), mode="edge") for part in corners]
+    return Pieces(np.concatenate(wide), np.concatenate(owner))
+
+
+def _of_group(group: CellGroup) -> Iterator[tuple[Floats, Ints]]:
+    for chunk in group.chunks(CELLS_AT_ONCE):
+        corners, cells = chunk.points[chunk.nodes], chunk.cells
+        n = corners.shape[1]
+        convex = np.full(len(cells), n <= WIDEST)
+        if 3 < n <= WIDEST:
+            about = chunk.corners
+            convex = inside(about, about)
+        yield corners[convex], cells[convex]
+        if not convex.all():
+            ears = clip_ears(chunk.corners[~convex])
+            triangles = corners[~convex][np.arange(len(ears))[:, None, None], ears].reshape(-1, 3, 2)
+            # Ears on a straight side are flat, up to round-off of either sign.
+            kept = signed_areas(triangles) > 0.0
+            yield triangles[kept], np.repeat(cells[~convex], n - 2)[kept]
+
+
+def inside(points: Floats, corners: Floats) -> Bools:
+    """Whether all points (c, p, 2) lie left of all edges of the polygons (c, n, 2), up to CONVEX of their size."""
+    edge = np.roll(corners, -1, axis=1) - corners
+    size = np.ptp(corners, axis=1).max(axis=1)
+    reach = CONVEX * size[:, None] * np.hypot(edge[..., 0], edge[..., 1])
+    left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
+    within: Bools = np.all(left >= -reach[:, :, None], axis=(1, 2))
+    return within
+
+
+# One quadrature for two meshes: points and weights on every overlap of a cell of the one with a cell of the other.
+#
+# Cells are taken in convex pieces. A piece that lies in a piece of the other mesh is its own overlap, so that
+# refinements cost a search and no clipping; what is left is clipped, pair by pair.
+
 
 # Pairs of pieces in one go: temporaries of a few tens of megabytes.
-CHUNK = 2**14
+PAIRS_AT_ONCE = 2**14
 # Boxes that share less than this part of the smaller one's width or height only touch.
 TOUCH = 1e-12
 # A cell of which more than this part lies outside the other mesh is not covered by it; the rounding of the boundary
@@ -82,8 +141,8 @@ def _rules(a: Pieces, b: Pieces, degree: int) -> Iterator[Rule]:
     cut = ~(a_in_b | b_in_a | done_a[i] | done_b[j])
     for kind, chosen in (("a", whole_a), ("b", whole_b), ("cut", cut)):
         pairs = np.flatnonzero(chosen)
-        for start in range(0, max(len(pairs), 1), CHUNK):
-            mine, other = i[pairs[start : start + CHUNK]], j[pairs[start : start + CHUNK]]
+        for start in range(0, max(len(pairs), 1), PAIRS_AT_ONCE):
+            mine, other = i[pairs[start : start + PAIRS_AT_ONCE]], j[pairs[start : start + PAIRS_AT_ONCE]]
             polygons = a.corners[mine] if kind == "a" else b.corners[other]
             if kind == "cut" and len(mine):
                 polygons = clip(polygons, a.corners[mine])
@@ -110,8 +169,8 @@ def _contained(small: Pieces, large: Pieces, i: Ints, j: Ints) -> Bools:
     reach = 1e-9 * (high - low).max(axis=1)[:, None]
     its_low, its_high = _boxes(small)
     likely = np.flatnonzero(((its_low[i] >= (low - reach)[j]) & (its_high[i] <= (high + reach)[j])).all(axis=1))
-    for start in range(0, len(likely), CHUNK):
-        part = likely[start : start + CHUNK]
+    for start in range(0, len(likely), PAIRS_AT_ONCE):
+        part = likely[start : start + PAIRS_AT_ONCE]
         within[part] = inside(small.corners[i[part]], large.corners[j[part]])
     return within
 

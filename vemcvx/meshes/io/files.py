@@ -18,11 +18,9 @@ import numpy as np
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.io.blocks import PHYSICAL, Blocks, add_boundaries, cell_blocks
-from vemcvx.meshes.io.by_vertices import solid_blocks
-from vemcvx.meshes.io.meshio_mesh import blocks_of, meshio_mesh
-from vemcvx.meshes.io.messages import finished, named, translated
-from vemcvx.meshes.io.reading import mesh_of
-from vemcvx.meshes.io.unsafe import opened
+from vemcvx.meshes.io.meshio_mesh import blocks_of, finished, mesh_of, meshio_mesh, named, translated
+from vemcvx.meshes.io.readers import opened
+from vemcvx.meshes.io.solids import solid_blocks
 from vemcvx.meshes.io.vtu import write_polyhedra
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation

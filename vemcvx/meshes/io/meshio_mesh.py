@@ -1,8 +1,11 @@
-"""Meshes as meshio has them, in memory and as it is to write them: files of each kind spell names in their own way."""
+"""Meshes of meshio, and what is said of meshes that cannot be taken."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+import io
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 from xml.sax.saxutils import escape
@@ -11,13 +14,88 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats
-from vemcvx.meshes.io.blocks import MARK, POLYGONS, SOLIDS, Blocks, Data, marked_edges
-from vemcvx.meshes.io.groups import physical_groups, take_physical_groups, take_sets
-from vemcvx.meshes.io.polyhedra import TYPES, blocks_of_vtk
-from vemcvx.meshes.io.unsafe import check_data
+from vemcvx.errors import MeshError, MeshWarning
+from vemcvx.meshes.checks.names import WHOLE, extreme_faces, straight_sides
+from vemcvx.meshes.io.blocks import (
+    MARK,
+    POLYGONS,
+    SOLIDS,
+    Blocks,
+    Data,
+    marked_edges,
+    physical_groups,
+    plane_mesh_of,
+    take_physical_groups,
+    take_sets,
+)
+from vemcvx.meshes.io.readers import check_data
+from vemcvx.meshes.io.solids import TYPES, blocks_of_vtk, space_mesh_of
+from vemcvx.meshes.space_tessellation import SpaceTessellation
+from vemcvx.meshes.tessellation import Tessellation
 
 if TYPE_CHECKING:
     import meshio
+
+
+# What reading, converting and writing meshes say: errors that begin with their subject, and notes as warnings.
+
+
+Found = Tessellation | SpaceTessellation
+
+
+def finished(subject: str, made: Callable[[], tuple[Found, list[str]]]) -> Found:
+    """The mesh of a file or an object, its sides named if nothing is; what is to be said of it as warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        mesh, notes = made()
+    if isinstance(mesh, Tessellation):
+        sides = straight_sides(mesh.points, mesh.boundaries[WHOLE])
+    else:
+        sides = extreme_faces(mesh.points, mesh.faces)
+    if sides and set(mesh.boundaries) == {WHOLE}:
+        mesh = mesh.with_boundaries(sides)
+        notes = [*notes, f"no part of the boundary has a name; by their place, sides are called {', '.join(sides)}."]
+    for note in [*(str(warning.message) for warning in caught if warning.category is MeshWarning), *notes]:
+        warnings.warn(f"{subject}: {note}", MeshWarning, stacklevel=4)
+    return mesh
+
+
+@contextlib.contextmanager
+def translated(subject: str, failure: str) -> Iterator[None]:
+    """Turn whatever other libraries do on failure, sys.exit included, into a MeshError, and keep the terminal clean."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except MeshError as error:
+        raise MeshError(f"{subject} {failure}: {error}") from None
+    except (SystemExit, Exception) as error:
+        cause = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+        raise MeshError(f"{subject} {failure} ({' '.join(cause.split())[:200]}).") from error
+
+
+@contextlib.contextmanager
+def named(subject: str) -> Iterator[None]:
+    """Put the subject before the message of a MeshError."""
+    try:
+        yield
+    except MeshError as error:
+        raise MeshError(f"{subject}: {error}") from None
+
+
+# What files and objects hold, made a mesh of the plane or of space.
+
+
+def mesh_of(points: Floats, blocks: Blocks) -> tuple[Tessellation | SpaceTessellation, list[str]]:
+    """Return the mesh of the solids that there are, or else of the polygons, and notes on what was left out."""
+    if any(kind in SOLIDS for kind, _ in blocks.cells):
+        return space_mesh_of(points, blocks)
+    return plane_mesh_of(points, blocks)
+
+
+# Meshes as meshio has them, in memory and as it is to write them: files of each kind spell names in their own way.
+
 
 Arrays = Mapping[str, NDArray[Any]]
 IN_MEMORY = ""

@@ -19,11 +19,10 @@ from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError
 from vemcvx.meshes.checks.names import WHOLE
 from vemcvx.meshes.io.blocks import MARK, cell_blocks, vtk_types
-from vemcvx.meshes.io.meshio_mesh import Arrays, meshio_mesh, xml_name
-from vemcvx.meshes.io.messages import translated
-from vemcvx.meshes.io.polyhedra import POLYHEDRON
+from vemcvx.meshes.io.meshio_mesh import Arrays, meshio_mesh, translated, xml_name
+from vemcvx.meshes.io.solids import POLYHEDRON
 from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
-from vemcvx.meshes.polyhedra.topology import Listed, listed_faces
+from vemcvx.meshes.polyhedra import Listed, listed_faces
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
 

@@ -13,7 +13,7 @@ from vemcvx.archives import Arrays, read_arrays
 from vemcvx.arrays import sizes_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.polyhedra.topology import Faces, listed_faces
+from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.results.contact import Contact
 from vemcvx.results.results import Results
 from vemcvx.stepping.trajectory import Trajectory

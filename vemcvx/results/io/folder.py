@@ -1,37 +1,19 @@
-"""The folder of a history.
-
-    history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
-    step_0000.vtu    one file a stored step
-    summary.json     what was run, how certain the answer is, the energies, the cost
-    steps.csv        energies and certificates of every step, stored or not
-    contact.csv      slip, traction, pressure ... at every contact node in every stored step
-    probes.csv       displacements at points, where some were asked for
-    history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
-
-In a VTU file, at nodes: displacement, and of contact slip, traction, bound, backward, pressure and wear, zero
-elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact. At
-an interface both sides have them, slip and traction of the second body with the other sign. On cells: stress (xx, yy,
-xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density 1/2 eps : C eps, all of
-Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left out.) In space
-stress is (xx, yy, zz, xy, yz, xz), as VTK has it, and cells are polyhedra.
-
-All files are made in a folder of their own inside the target, and moved from there when the file ``complete`` says that
-none is missing. A process that dies before leaves an older history as it was. One that dies after leaves moves to be
-made, which whoever next reads or writes there makes first: the history is the old one or the new one. The archive, by
-which a folder is known as that of a history, goes first, and the summary last. Files of those names that are of no
-history stay as they are.
-"""
+"""A history as a folder of files: archive, summary, pictures of ParaView, tables."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,11 +22,129 @@ from vemcvx.arrays import Floats, brief
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes.io.vtu import write_cells
 from vemcvx.owned_files import DRAFTS, Owned, path_of
-from vemcvx.results.io.archive import is_archive, read_archive, write_archive
-from vemcvx.results.io.csv_tables import FILES, write_tables
-from vemcvx.results.io.summary import Origin, is_summary, listed_tables, write_summary
+from vemcvx.results.io.archive import FORMAT, NAME, is_archive, read_archive, write_archive
 from vemcvx.results.results import Results
+from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
+from vemcvx.version import __version__
+
+# The summary of a run as JSON, for scripts.
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a history comes from."""
+
+    problem: str = "unnamed"
+    family: str | None = None
+    """The family of meshes, if it was one, or the mesh file."""
+    n: int | None = None
+    """What that family was asked for: cells across the shortest side; None of a file."""
+
+
+def write_summary(history: Results, origin: Origin, tables: Sequence[str], *, writing: float, path: Path) -> None:
+    """Write the summary; `tables` are CSV files beside it, `writing` is how many seconds the other files took."""
+    text = json.dumps(summary(history, origin, writing) | {"tables": list(tables)}, indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def is_summary(path: Path) -> bool:
+    """Whether that file is the summary of a history."""
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["format"]).startswith(NAME)
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return False
+
+
+def listed_tables(path: Path) -> set[str]:
+    """Names of the CSV files that the summary `path` lists, if it is there and ours."""
+    if not is_summary(path):
+        return set()
+    listed = json.loads(path.read_text(encoding="utf-8")).get("tables")
+    names = filter(lambda name: isinstance(name, str), listed if isinstance(listed, list) else [])
+    return {name for name in names if name in FILES.values()}
+
+
+def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
+    """The summary as a dictionary; energies and certificates are those at the end, None where infinite."""
+    mesh, run = history.mesh, history.trajectory
+    seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
+    size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
+    return {
+        "format": FORMAT,
+        "version": __version__,
+        "problem": origin.problem,
+        "mesh": {"family": origin.family, "n": origin.n, **size},
+        "unknowns": run.state.shape[1],
+        "steps": history.steps,
+        "effects": list(history.effects),
+        "left_out": list(history.inactive),
+        "solver": history.solver,
+        "linear": run.linear or None,
+        "accuracy": run.accuracy,
+        "certified_energy_error": finite_or_none(run.certificate.max()),
+        "certificate_kind": run.certificate_kind,
+        "estimated_energy_errors": history.errors,
+        "energy": finite_or_none(run.energy[-1]),
+        "dissipated": finite_or_none(run.dissipated[-1]),
+        "work": finite_or_none(run.work[-1]),
+        "contact": _contact(history),
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "peak_memory_mb": peak_memory_mb(),
+    }
+
+
+def _contact(history: Results) -> dict[str, int]:
+    """How many contact nodes there are, and do what, in the last step."""
+    touch = history.contact
+    counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
+    return {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()}
+
+
+def finite_or_none(value: float | None) -> float | None:
+    """A number for JSON, which has no infinity."""
+    return float(value) if value is not None and np.isfinite(value) else None
+
+
+def peak_memory_mb() -> float | None:
+    """The most memory that this process has held so far, in MB; None where the system does not tell (Windows).
+
+    VmHWM where there is /proc: the maxrss of a new process may be that of the one that started it.
+    """
+    with suppress(OSError):
+        if found := re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text()):
+            return int(found.group(1)) / 1024
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+# The folder of a history.
+#
+#     history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
+#     step_0000.vtu    one file a stored step
+#     summary.json     what was run, how certain the answer is, the energies, the cost
+#     steps.csv        energies and certificates of every step, stored or not
+#     contact.csv      slip, traction, pressure ... at every contact node in every stored step
+#     probes.csv       displacements at points, where some were asked for
+#     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
+#
+# In a VTU file, at nodes: displacement, and of contact slip, traction, bound, backward, pressure and wear, zero
+# elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact.
+# At an interface both sides have them, slip and traction of the second body with the other sign. On cells: stress
+# (xx, yy, xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density 1/2 eps : C
+# eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left
+# out.) In space stress is (xx, yy, zz, xy, yz, xz), as VTK has it, and cells are polyhedra.
+#
+# All files are made in a folder of their own inside the target, and moved from there when the file ``complete`` says
+# that none is missing. A process that dies before leaves an older history as it was. One that dies after leaves moves
+# to be made, which whoever next reads or writes there makes first: the history is the old one or the new one. The
+# archive, by which a folder is known as that of a history, goes first, and the summary last. Files of those names
+# that are of no history stay as they are.
+
 
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
 WRITING, COMPLETE = ".vemcvx-writing", "complete"

@@ -1,0 +1,183 @@
+"""Contact: bilateral, with a rigid obstacle, with a compliant one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from vemcvx.arrays import Floats
+from vemcvx.effects import data
+from vemcvx.effects.contribution import ContactSurface, Contribution, GivenDatum, Obstacle, Support
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError
+from vemcvx.vem import BoundaryRows, Space
+
+# Contact without separation, u . n = 0 on Gamma_C, the first line of (3.6).
+
+
+@dataclass(frozen=True)
+class BilateralContact(Effect):
+    """Contact without separation: u . n = 0 at the nodes of `on`.
+
+    The contact boundary Gamma_C may be inclined. At a corner u . n = 0 for both normals, which fixes the node; sides
+    that turn by less than 42.5 degrees are a curve, along which nodes slide. Clamps and prescribed displacements take
+    precedence at nodes that they share with contact.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
+    """
+
+    on: str | Sequence[str]
+
+    def contribute(self, space: Space) -> Contribution:
+        rows = space.part(self.on, "BilateralContact", contact=True).node_normals
+        support = Support(
+            subject="BilateralContact",
+            nodes=rows.nodes,
+            directions=rows.normals,
+            points=space.mesh.points[rows.nodes],
+            contact=True,
+            partners=rows.partners,
+        )
+        curves = (f"BilateralContact on {where(self.on)}",) if rows.curved else ()
+        return Contribution(supports=(support,), surfaces=(ContactSurface.of(rows),), curves=curves)
+
+    def describe(self) -> str:
+        return f"BilateralContact: u.n = 0 on {where(self.on)}"
+
+
+# Signorini's contact with a rigid obstacle: u . n <= gap, pressure >= 0, and no pressure where there is a gap.
+
+
+@dataclass(frozen=True)
+class UnilateralContact(Effect):
+    """Contact with a rigid obstacle, which the body may leave but not penetrate (Signorini's conditions).
+
+    At the nodes of `on`  u . n <= gap,  p >= 0,  p (gap - u . n) = 0,  with n the outward normal of the undeformed
+    boundary and p the pressure, the multiplier of the bound over the nodal length. Kikuchi and Oden, *Contact Problems
+    in Elasticity* (1988), chapter 2. Clamps and prescribed displacements take precedence at nodes that they share with
+    contact; a node that is free along n only, on the axis of a half model, is in contact. Where obstacles with the same
+    normal meet at a node, the smaller gap counts. An obstacle whose gap changes does work, which `history.work`
+    includes.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
+    gap : number or callable f(x, t) -> (m,)
+        Distance to the obstacle along n in the undeformed state, in units of length; it may change in time. Negative
+        where they overlap (interference, press fits): the body is then pressed back by so much, either from the start
+        with ``initial="settled"``, or by a gap that falls from zero.
+    """
+
+    on: str | Sequence[str]
+    gap: data.Datum = 0.0
+
+    def contribute(self, space: Space) -> Contribution:
+        part = space.part(self.on, "UnilateralContact", contact=True)
+        rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
+        made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
+        given = GivenDatum(subject, "gap", partial(distance, self.gap, subject), part.sides)
+        return replace(made, given=(given,) if data.varies(self.gap) else ())
+
+    def describe(self) -> str:
+        return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
+
+
+def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, compliance: Floats) -> Contribution:
+    """An obstacle at these rows of nodes and normals, and the surface where contact is looked at."""
+    points = space.mesh.points[rows.nodes]
+
+    def apart(t: float) -> Floats:
+        return distance(gap, subject, points, t) / rows.cosines
+
+    return Contribution(
+        obstacles=(
+            Obstacle(
+                subject=subject,
+                nodes=rows.nodes,
+                normals=rows.normals,
+                lengths=rows.lengths,
+                gap=apart,
+                compliance=compliance,
+                ends=rows.ends,
+                partners=rows.partners,
+            ),
+        ),
+        surfaces=(ContactSurface.of(rows),),
+        curves=(subject,) if rows.curved else (),
+    )
+
+
+def distance(gap: data.Datum, subject: str, x: Floats, t: float) -> Floats:
+    """The gap (k,) at points x (k, dim) and the instant `t`."""
+    return data.scalar(gap, x, t, f"{subject}: gap")
+
+
+# Contact with a compliant obstacle: pressure = stiffness times penetration.
+
+
+@dataclass(frozen=True)
+class NormalCompliance(Effect):
+    """Contact with a compliant obstacle: the pressure on the body is p = stiffness (u . n - gap)_+.
+
+    The energy int stiffness / 2 (u . n - gap)_+^2 ds, lumped at the nodes, is part of `history.energy`. This is the law
+    of Martins and Oden, *Existence and uniqueness results for dynamic contact problems with nonlinear normal and
+    friction interface laws* (Nonlinear Anal. 11, 1987), with the exponent m_n = 1. As the stiffness grows, the obstacle
+    becomes rigid. Clamps and prescribed displacements take precedence at nodes whose normal displacement they hold:
+    there is no such spring there.
+
+    Parameters
+    ----------
+    stiffness : number or callable f(x, t) -> (m,)
+        Pressure per penetration, force per length^2 (and unit thickness), > 0; fixed in time (f is evaluated at
+        t = 0).
+    on : str or sequence of str
+        Names of boundaries, or of interfaces between bodies: u is then that of the first body relative to the second,
+        and n the outward normal of the first.
+    gap : number or callable f(x, t) -> (m,)
+        Distance to the obstacle along the outward normal before anything moves. Negative where they overlap: the body
+        is then pressed back, either from the start with ``initial="settled"``, or by a gap that falls from zero.
+    """
+
+    stiffness: data.Datum
+    on: str | Sequence[str]
+    gap: data.Datum = 0.0
+
+    def contribute(self, space: Space) -> Contribution:
+        subject = f"NormalCompliance on {where(self.on)}"
+        part = space.part(self.on, "NormalCompliance", contact=True)
+        rows = part.node_normals
+
+        def stiffness(x: Floats) -> Floats:
+            found = data.scalar(self.stiffness, x, 0.0, f"{subject}: stiffness")
+            if (found <= 0).any():
+                worst = int(np.argmin(found))
+                raise SceneError(
+                    f"{subject}: found the stiffness {found[worst]:.6g} at {x[worst]}; it must be > 0. "
+                    "UnilateralContact is the rigid obstacle; leave the effect out for none."
+                )
+            return found
+
+        def spring(x: Floats, t: float, outward: Floats) -> Floats:
+            k = stiffness(x)
+            return np.stack([k * np.maximum(outward - distance(self.gap, subject, x, t), 0.0), k])
+
+        # On a curve edges that move out by d move the node by d over the cosine, and push with as much less along n.
+        compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths * rows.cosines**2)
+        made = obstacle(space, rows, subject, self.gap, compliance)
+        given = GivenDatum(subject, "spring", spring, part.sides)
+        return replace(made, given=(given,) if data.varies(self.stiffness, self.gap) else ())
+
+    def describe(self) -> str:
+        return (
+            f"NormalCompliance: pressure = {amount(self.stiffness)} times the depth beyond {amount(self.gap)} on "
+            f"{where(self.on)}"
+        )

@@ -1,0 +1,460 @@
+"""Materials: isotropic and orthotropic elasticity, viscosity, and strains and stresses that a material brings along."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from vemcvx.arguments import choice
+from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.effects import data
+from vemcvx.effects.contribution import Contribution, Eigenstrain, GivenDatum, InitialStress, Material
+from vemcvx.effects.data import Constant
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError, SceneWarning
+from vemcvx.vem import (
+    Space,
+    anisotropic_stiffness,
+    elastic_matrix,
+    isotropic_stress,
+    stabilisation_factor,
+    stiffness,
+    upper_triangle,
+)
+
+# What every material is: a law for the cells of a region, the whole body unless `on` names cells.
+
+
+PLANES = ("strain", "stress")
+
+
+class MaterialLaw(Effect):
+    """An effect that says what cells are made of; a scene has at least one, and every cell exactly one."""
+
+
+def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools | None:
+    """The cells (n_cells,) where one of the cell data named by `on` is nonzero; None for the whole body."""
+    if on is None:
+        return None
+    known = space.mesh.cell_data
+    names = [on] if isinstance(on, str) else list(on) if isinstance(on, Sequence) else [on]
+    cells = np.zeros(space.mesh.n_cells, dtype=bool)
+    for name in names:
+        if not isinstance(name, str) or name not in known or known[name].ndim != 1:
+            there_are = ", ".join(repr(n) for n in known if known[n].ndim == 1) or "none"
+            raise SceneError(
+                f"{subject}: on= names cells by a cell datum that is nonzero there; found {name!r}, but this mesh has "
+                f"{there_are}. Add one with mesh.with_cell_data(name, values)."
+            )
+        cells |= known[name] != 0
+    if not cells.any():
+        raise SceneError(f"{subject}: on={on!r} names no cell: the cell datum is zero everywhere on this mesh.")
+    return cells
+
+
+# Isotropic linear elasticity, sigma = 2 mu eps + lam tr(eps) I, (3.1), in plane strain, plane stress or space.
+#
+# lam = E nu / ((1 + nu)(1 - 2 nu)),   mu = E / (2 (1 + nu)),   plane stress: lam -> 2 lam mu / (lam + 2 mu)
+#
+# A strain s in all three directions of space that is held back in the plane costs the stress -b s in the plane, with
+# b = 3 lam + 2 mu = E / (1 - 2 nu) in plane strain (held back across the plane, too) and in space, and b = 2 (lam +
+# mu), with the reduced lam, = E / (1 - nu) in plane stress. Across the plane, plane strain bears sigma_zz = lam (e_xx
+# + e_yy) - b s.
+
+
+STABILISATIONS = ("shear", "unit")
+# Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds
+# twice that of polygons of the same size, and grows without bound towards 1/2.
+LOCKING_POISSON = 0.49
+
+
+@dataclass(frozen=True)
+class Elasticity(MaterialLaw):
+    """Isotropic linear elasticity of the body, or of a part of it.
+
+    Parameters
+    ----------
+    young : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
+        Young's modulus E > 0, force per area.
+    poisson : likewise
+        Poisson's ratio, -1 < nu < 1/2 in plane strain and in space, -1 < nu <= 1/2 in plane stress.
+    plane : {"strain", "stress"}, optional
+        What a plane body is in; "strain" by default. Of bodies in space it says nothing, and is refused.
+    stabilisation : {"shear", "unit"}
+        The part of a_K^h that vanishes for linear displacements: "shear" is 2 mu times the dofi-dofi product, which
+        does not depend on units and does not lock; "unit" is S_K of (3.13) to the letter, without a factor.
+    on : None, str or sequence of str
+        The cells of this material: those where the cell datum of that name is nonzero; None is the whole body. Moduli
+        must be finite on all cells, but only their values on these count.
+    """
+
+    young: data.Constant
+    poisson: data.Constant
+    plane: str | None = None
+    stabilisation: str = "shear"
+    on: str | Sequence[str] | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        choice(self.stabilisation, "Elasticity", "stabilisation", STABILISATIONS)
+        cells = region(space, self.on, "Elasticity")
+        if self.plane is not None:
+            space.require_plane("Elasticity: plane=", "leave it out, a body in space is in neither plane")
+        lam, mu = self._lame(data.InCells(space.mesh), cells)
+        if self._plane == "strain":
+            self._warn_of_locking(lam, mu, space)
+        if cells is not None:
+            lam, mu = lam * cells, mu * cells
+        A = stiffness(space, lam, mu, stabilisation=self.stabilisation)
+        volume, thermal = self._blocked(lam, mu, space.dim)
+        out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
+        subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
+        material = Material(
+            subject=subject,
+            moduli=np.stack([lam, mu]),
+            thermal_stress_moduli=thermal,
+            plane=self._plane,
+            cells=cells,
+            out_of_plane=out_of_plane if space.in_plane else None,
+            stabilisation=stabilisation_factor(mu, self.stabilisation),
+        )
+
+        def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
+            lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
+            return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu, space.dim)[1]
+
+        given = (GivenDatum(subject, "moduli", at, cells=cells),) if data.varies(self.young, self.poisson) else ()
+        return Contribution(stiffness=A, material=material, given=given)
+
+    def describe(self) -> str:
+        place = "" if self.on is None else f", on {where(self.on)}"
+        return (
+            f"Elasticity: E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}, "
+            f"{'plane strain in two dimensions' if self.plane is None else f'plane {self.plane}'}, "
+            f"{self.stabilisation} stabilisation{place}"
+        )
+
+    @property
+    def _plane(self) -> str:
+        return "strain" if self.plane is None else self.plane
+
+    def _warn_of_locking(self, lam: Floats, mu: Floats, space: Space) -> None:
+        largest = float((0.5 * lam / (lam + mu)).max())
+        (simplices, others), part = space.simplices
+        if largest > LOCKING_POISSON and part > 0.5:
+            warnings.warn(
+                f"Elasticity: poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not.",
+                SceneWarning,
+                stacklevel=3,
+            )
+
+    def _blocked(self, lam: Floats, mu: Floats, dim: int) -> tuple[Floats, Floats]:
+        """What a blocked unit eigenstrain costs, and the stresses (k, components) of it."""
+        volume = 3 * lam + 2 * mu if self._plane == "strain" else 2 * (lam + mu)
+        return volume, isotropic_stress(volume, dim)
+
+    def _lame(self, at: data.InCells, cells: Bools | None) -> tuple[Floats, Floats]:
+        E, nu = at.read(self.young, "Elasticity: young"), at.read(self.poisson, "Elasticity: poisson")
+        if cells is not None:
+            E, nu = np.where(cells, E, 1.0), np.where(cells, nu, 0.0)
+        choice(self._plane, "Elasticity", "plane", PLANES)
+        if (E <= 0).any():
+            cell = int(np.argmin(E))
+            raise SceneError(f"Elasticity: found young = {E[cell]:.6g} in cell {cell}; Young's modulus must be > 0.")
+        wrong = (nu <= -1) | ((nu >= 0.5) if self._plane == "strain" else (nu > 0.5))
+        if wrong.any():
+            cell = int(np.argmax(wrong))
+            limit = "< 0.5 in plane strain (use 0.4999999, or plane='stress')" if self._plane == "strain" else "<= 0.5"
+            raise SceneError(f"Elasticity: found poisson = {nu[cell]:.9g} in cell {cell}; it must be > -1 and {limit}.")
+        mu = E / (2 * (1 + nu))
+        if self._plane == "stress":
+            return E * nu / ((1 + nu) * (1 - nu)), mu
+        return E * nu / ((1 + nu) * (1 - 2 * nu)), mu
+
+
+# Orthotropic linear elasticity: wood, laminates, rolled or layered solids (Lekhnitskii 1963; Jones 1999, chapter 2).
+#
+# In the axes 1, 2 of the material (3 across the plane) the strains are e = S sigma with
+#
+#     S = [[1/E1, -nu12/E1, -nu13/E1], [., 1/E2, -nu23/E2], [., ., 1/E3]],   2 e_12 = sigma_12 / G12,
+#
+# nu_ij = -e_j / e_i under a pull along i. Plane stress (sigma_3 = 0) inverts the block of S for 1, 2; plane strain
+# (e_3 = 0) takes that block of S^-1, whose third row is what is borne across the plane. With axis 1 at the angle a
+# from x, strains turn by e' = Q e (c = cos a, s = sin a),
+#
+#     Q = [[c^2, s^2, c s], [s^2, c^2, -c s], [-2 c s, 2 c s, c^2 - s^2]],   C = Q'C'Q,   stresses sigma = Q'sigma'.
+
+
+@dataclass(frozen=True)
+class Orthotropic(MaterialLaw):
+    """Orthotropic linear elasticity with two axes of symmetry in the plane.
+
+    The stabilisation is scaled by the softest shear modulus (:mod:`vemcvx.vem.stiffness_matrix`). Every modulus is a
+    number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
+
+    Parameters
+    ----------
+    young : (E1, E2) in plane stress, (E1, E2, E3) in plane strain
+        Young's moduli along the axes, force per area, > 0.
+    poisson : nu12 in plane stress, (nu12, nu13, nu23) in plane strain
+        nu_ij = -e_j / e_i under tension along i, so that nu21 = nu12 E2 / E1. The energy must be positive.
+    shear : modulus
+        G12 > 0, force per area.
+    angle : modulus
+        From x to axis 1, counter-clockwise, in radians, from -2 pi to 2 pi.
+    plane : {"stress", "strain"}
+    on : None, str or sequence of str
+        The cells of this material, as for Elasticity.
+    """
+
+    young: Sequence[Constant]
+    poisson: Constant | Sequence[Constant]
+    shear: Constant
+    angle: Constant = 0.0
+    plane: str = "stress"
+    on: str | Sequence[str] | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        space.require_plane("Orthotropic", "take Elasticity, or an effect of your own with a stiffness")
+        choice(self.plane, "Orthotropic", "plane", PLANES)
+        cells = region(space, self.on, "Orthotropic")
+        inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
+        C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh), inside)
+        subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
+        material = Material(
+            subject=subject,
+            moduli=upper_triangle(C),
+            thermal_stress_moduli=thermal_stress_moduli,
+            plane=self.plane,
+            cells=cells,
+            out_of_plane=out_of_plane,
+        )
+
+        def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
+            C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
+            return upper_triangle(C), thermal_stress_moduli
+
+        constants = (*self._constants("young", 2), *self._constants("poisson", 1), self.shear, self.angle)
+        given = (GivenDatum(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
+        return Contribution(stiffness=anisotropic_stiffness(space, C), material=material, given=given)
+
+    def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
+        """C (k, 3, 3), and Material's thermal_stress_moduli (k, 3) and out_of_plane (k, 4); zero where not `inside`."""
+        S = self._compliance(at, inside > 0)
+        G, angle = self._read(at, self.shear, "shear"), self._radians(at, inside > 0)
+        self._require(np.where(inside > 0, G, 1.0) > 0, G, "shear", "must be > 0")
+        C = np.zeros_like(S)
+        inverse = np.linalg.inv(S)
+        C[:, :2, :2] = np.linalg.inv(S[:, :2, :2]) if self.plane == "stress" else inverse[:, :2, :2]
+        C[:, 2, 2] = G
+        blocked = np.zeros((len(S), 3))
+        blocked[:, :2] = C[:, :2, :2].sum(axis=2) if self.plane == "stress" else inverse[:, :2].sum(axis=2)
+        Q = _turn(angle)
+        C = Q.transpose(0, 2, 1) @ C @ Q * inside[:, None, None]
+        C = 0.5 * (C + C.transpose(0, 2, 1))
+        thermal_stress_moduli = np.einsum("cki,ck->ci", Q, blocked) * inside[:, None]
+        out_of_plane = np.zeros((len(S), 4))
+        if self.plane == "strain":
+            out_of_plane[:, :3] = np.einsum("ck,ckl->cl", inverse[:, 2, :2], Q[:, :2])
+            out_of_plane[:, 3] = inverse[:, 2].sum(axis=1)
+        return C, thermal_stress_moduli, out_of_plane * inside[:, None]
+
+    def describe(self) -> str:
+        place = "" if self.on is None else f", on {where(self.on)}"
+        E, nu = (_words(values) for values in (self.young, self.poisson))
+        return (
+            f"Orthotropic: E = {E}, nu = {nu}, G = {amount(self.shear, 'x')}, angle {amount(self.angle, 'x')}, "
+            f"plane {self.plane}{place}"
+        )
+
+    def _compliance(self, at: data.InCells, inside: np.ndarray) -> Floats:
+        """S (n_cells, 3, 3) of the normal directions; without coupling to 3 in plane stress."""
+        E, nu = self._several(at, "young", 2), self._several(at, "poisson", 1)
+        E, nu = np.where(inside, E, 1.0), np.where(inside, nu, 0.0)
+        for i, values in enumerate(E):
+            self._require(values > 0, values, f"young ({i + 1})", "must be > 0")
+        S = np.zeros((len(inside), 3, 3))
+        S[:, 2, 2] = 1.0
+        for i, values in enumerate(E):
+            S[:, i, i] = 1.0 / values
+        for (i, j), values in zip(((0, 1), (0, 2), (1, 2)), nu, strict=False):
+            S[:, i, j] = S[:, j, i] = -values / E[i]
+        # Scaled to a unit diagonal: entries do not depend on units, nor overflow.
+        scale = 1.0 / np.sqrt(np.einsum("cii->ci", S))
+        positive = np.linalg.eigvalsh(scale[:, :, None] * S * scale[:, None, :]).min(axis=1) > 0
+        rule = "nu12^2 < E1 / E2" if self.plane == "stress" else "such that S (see the module) is positive definite"
+        self._require(positive, nu[0], "poisson (nu12)", f"must leave the energy positive: {rule}")
+        return S
+
+    def _radians(self, at: data.InCells, inside: np.ndarray) -> Floats:
+        angle = self._read(at, self.angle, "angle")
+        beyond = inside & (np.abs(angle) > 2 * np.pi)
+        first = angle[np.argmax(beyond)]
+        rule = f"is in radians, from -2 pi to 2 pi, and {first:.6g} degrees are {np.radians(first):.6g}"
+        self._require(~beyond, angle, "angle", rule)
+        return angle
+
+    def _several(self, at: data.InCells, name: str, in_stress: int) -> Floats:
+        return np.stack([self._read(at, part, name) for part in self._constants(name, in_stress)])
+
+    def _constants(self, name: str, in_stress: int) -> Sequence[Constant]:
+        given, count = getattr(self, name), in_stress if self.plane == "stress" else 3
+        parts = [given] if count == 1 else given
+        several = isinstance(parts, (list, tuple)) or (type(parts) is np.ndarray and parts.ndim > 0)
+        if not several or len(parts) != count:
+            wanted = {1: "nu12", 2: "(E1, E2)"}.get(count, "(E1, E2, E3)" if name == "young" else "(nu12, nu13, nu23)")
+            raise SceneError(f"Orthotropic: found {name} = {brief(given)}; plane {self.plane} takes {wanted}.")
+        return list(parts)
+
+    def _read(self, at: data.InCells, value: Constant, name: str) -> Floats:
+        return at.read(value, f"Orthotropic: {name}")
+
+    def _require(self, holds: np.ndarray, values: Floats, name: str, rule: str) -> None:
+        if not holds.all():
+            cell = int(np.argmin(holds))
+            raise SceneError(f"Orthotropic: found {name} = {values[cell]:.6g} in cell {cell}; it {rule}.")
+
+
+def _turn(angle: Floats) -> Floats:
+    """Q (n_cells, 3, 3): strains in the axes of the material from strains along x and y."""
+    c, s = np.cos(angle), np.sin(angle)
+    rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def _words(values: object) -> str:
+    if isinstance(values, (tuple, list)):
+        return f"({', '.join(amount(value, 'x') for value in values)})"
+    return amount(values, "x")
+
+
+# Kelvin-Voigt viscosity, sigma = C eps + 2 eta eps' + zeta tr(eps') I.
+
+
+@dataclass(frozen=True)
+class Viscosity(Effect):
+    """Kelvin-Voigt viscosity: a stress proportional to the strain rate, added to the elastic one.
+
+    The form b^h(u', v) is that of elasticity with `shear` for mu and `volume` for lambda, stabilised likewise. Results
+    of a step then depend on its length, which without viscosity they do not. Han and Sofonea, *Quasistatic Contact
+    Problems in Viscoelasticity and Viscoplasticity* (2002), chapter 6.
+
+    `history.energy` remains 1/2 a^h(u, u), `dissipated` includes the viscous loss, forces (`forces`, `reaction`,
+    `contact.pressure`) include viscous ones at the rate of the step that led there, and `stress` is the elastic part.
+    The initial state need not satisfy condition (2.1), because viscous forces balance it.
+
+    Parameters
+    ----------
+    shear : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
+        eta >= 0, force per area times time.
+    volume : likewise
+        zeta >= 0.
+    """
+
+    shear: data.Constant
+    volume: data.Constant = 0.0
+
+    def contribute(self, space: Space) -> Contribution:
+        eta, zeta = self._checked(self.shear, space, "shear"), self._checked(self.volume, space, "volume")
+        return Contribution(viscosity=stiffness(space, zeta, eta, stabilisation="shear"))
+
+    def describe(self) -> str:
+        return f"Viscosity: shear {amount(self.shear, 'x')}, volume {amount(self.volume, 'x')}"
+
+    def _checked(self, value: data.Constant, space: Space, name: str) -> Floats:
+        found = data.modulus(value, space.mesh, f"Viscosity: {name}")
+        if (found < 0).any():
+            cell = int(np.argmin(found))
+            raise SceneError(f"Viscosity: found {name} = {found[cell]:.6g} in cell {cell}; it must be >= 0.")
+        return found
+
+
+# Thermal expansion: a strain eps_0 = alpha theta I, the same in all three directions of space, free of stress.
+#
+# Hooke's law becomes sigma = C (eps - eps_0). In the plane, with sigma_p = (xx, yy, xy) and C_p the law in the plane:
+#
+# - plane strain: eps_zz = 0, so that eps_zz - alpha theta = -alpha theta adds -lam alpha theta to the stresses in the
+#   plane: sigma_p = C_p eps_p - (2 lam + 2 mu + lam) alpha theta (1, 1, 0), and 3 lam + 2 mu = E / (1 - 2 nu). A body
+#   that is free in the plane strains by (1 + nu) alpha theta there, and bears sigma_zz = -E alpha theta;
+# - plane stress: sigma_zz = 0 leaves eps_zz free: sigma_p = C_p (eps_p - alpha theta (1, 1, 0)), and C_p (1, 1, 0) is
+#   E / (1 - nu) (1, 1, 0).
+#
+# Each material says its own factor. (Boley and Weiner, Theory of Thermal Stresses, 1960.)
+
+
+@dataclass(frozen=True)
+class ThermalStrain(Effect):
+    """Thermal expansion: the strain alpha theta in all directions, which causes stress where it is prevented.
+
+    Thermal stresses act as a load, sum_K |K| sigma_0 : eps(Pi v), and are part of `history.stress`: a body that expands
+    freely has none. `history.energy` remains 1/2 a^h(u, u), the energy of the total strain, which is not the elastic
+    energy 1/2 (eps - eps_0) : C (eps - eps_0). `history.work` includes the work of thermal stresses, as of loads, so
+    that the energy balance holds. Temperatures are relative to the stress-free state: if theta(x, times[0]) != 0, begin
+    with ``initial="settled"`` or "equilibrium".
+
+    Parameters
+    ----------
+    expansion : number, (n_cells,) array, callable f(x) at centroids, or name of a cell datum
+        alpha, strain per degree.
+    temperature : number, or callable f(x, t) -> (m,)
+        theta, degrees above the stress-free state, at centroids and t_n; positive expands (with alpha > 0).
+    """
+
+    expansion: data.Constant
+    temperature: data.Datum
+
+    def contribute(self, space: Space) -> Contribution:
+        alpha = data.modulus(self.expansion, space.mesh, "ThermalStrain: expansion")
+
+        def strain(t: float) -> Floats:
+            return alpha * data.scalar(self.temperature, space.mesh.centroids, t, "ThermalStrain: temperature")
+
+        def at(x: Floats, cells: Ints, t: float) -> Floats:
+            there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
+            return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
+
+        given = (
+            (GivenDatum("ThermalStrain", "eigenstrain", at),) if data.varies(self.expansion, self.temperature) else ()
+        )
+        return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain),), given=given)
+
+    def describe(self) -> str:
+        return f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
+
+
+# Initial stress: sigma = C eps(u) + sigma_0.
+#
+# It enters the principle of virtual work as the load -int sigma_0 : eps(v), on cells -sum_K |K| sigma_0 : eps(Pi v).
+
+
+@dataclass(frozen=True)
+class Prestress(Effect):
+    """Initial stress: a stress at zero strain, such as that of tendons or growth.
+
+    `history.stress` includes it. A body that is fixed everywhere keeps it; a free body relaxes from a uniform one
+    completely. `history.energy` remains 1/2 a^h(u, u), and `history.work` includes the work of the initial stress, as
+    of a load. If the stress is nonzero at times[0], u = 0 is in equilibrium only if supports bear it: begin with
+    ``initial="settled"`` or "equilibrium".
+
+    Parameters
+    ----------
+    stress : (3,) constant, or callable f(x, t) -> (m, 3)
+        xx, yy, xy, in space (6,): xx, yy, zz, xy, yz, xz; force per area, tension positive, at centroids and t_n.
+    """
+
+    stress: data.Datum
+
+    def contribute(self, space: Space) -> Contribution:
+        centroids = space.mesh.centroids
+
+        def at(x: Floats, t: float) -> Floats:
+            return data.tensor(self.stress, x, t, "Prestress")
+
+        given = (GivenDatum("Prestress", "stress", at),) if data.varies(self.stress) else ()
+        return Contribution(initial_stresses=(InitialStress("Prestress", partial(at, centroids)),), given=given)
+
+    def describe(self) -> str:
+        return f"Prestress: {amount(self.stress)} in the body"

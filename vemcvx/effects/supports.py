@@ -1,0 +1,246 @@
+"""Supports: clamps, lines of symmetry, prescribed displacements, elastic foundations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.effects import data
+from vemcvx.effects.contribution import Contribution, GivenDatum, Support
+from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.errors import SceneError
+from vemcvx.vem import Part, SideRule, Space
+
+# u = 0 on a part of the boundary, (3.3).
+
+
+@dataclass(frozen=True)
+class Clamp(Effect):
+    """Fixed boundary: u = 0 at every node of the edges `on`, end points included, (3.3).
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Boundary names.
+    """
+
+    on: str | Sequence[str]
+
+    def contribute(self, space: Space) -> Contribution:
+        nodes = space.part(self.on, "Clamp").nodes
+        dim = space.mesh.points.shape[1]
+        repeated = np.repeat(nodes, dim)
+        axes = np.tile(np.eye(dim), (len(nodes), 1))
+        return Contribution(supports=(Support("Clamp", repeated, axes, space.mesh.points[repeated]),))
+
+    def describe(self) -> str:
+        return f"Clamp: u = 0 on {where(self.on)}"
+
+
+# A line of symmetry, or a row of rollers: u . n = 0 and sigma_tau = 0.
+#
+# Under symmetric loads a body moves along its line of symmetry, without shear stress on it: half of the body is
+# enough.
+
+
+@dataclass(frozen=True)
+class Symmetry(Effect):
+    """Line of symmetry, or rollers: u . n = 0 on a part of the boundary, which is free to slide.
+
+    The condition is that of BilateralContact, but this is a support and not contact: its force is in `reaction`, it is
+    not in `history.contact` (unless BilateralContact is there, too), and it does not yield to other supports. A
+    prescribed displacement that contradicts it at a shared node is an error. At a corner u . n = 0 for both normals,
+    which fixes the node; along sides that turn by less than 42.5 degrees, a curve, nodes slide. Contact on a curve that
+    ends on a line of symmetry has the normals and pressures of the whole body there.
+
+    Parameters
+    ----------
+    on : str or sequence of str
+        Boundary names.
+    """
+
+    on: str | Sequence[str]
+
+    def contribute(self, space: Space) -> Contribution:
+        rows = space.part(self.on, "Symmetry").node_normals
+        subject = f"Symmetry on {where(self.on)}"
+        support = Support(subject, rows.nodes, rows.normals, space.mesh.points[rows.nodes])
+        return Contribution(supports=(support,), curves=(subject,) if rows.curved else ())
+
+    def describe(self) -> str:
+        return f"Symmetry: u.n = 0, free along {where(self.on)}"
+
+
+# Given displacements u = value on a part of the boundary: all components, or one direction of them.
+
+
+@dataclass(frozen=True)
+class PrescribedDisplacement(Effect):
+    """Given displacements of a part of the boundary: all components, or one.
+
+    `history.reaction` is the force that they take.
+
+    Parameters
+    ----------
+    value : constant or callable
+        With ``direction=None`` the whole vector, (dim,) or f(x, t) -> (m, dim), in units of length; otherwise
+        the one component u . direction, a number or f(x, t) -> (m,).
+    on : str or sequence of str
+        Boundary names.
+    direction : None, (dim,) vector, "normal" or "tangent"
+        "normal" is outward; "tangent" is, in the plane, the normal turned by +90 degrees, so that the body lies on its
+        left. A vector is normalised. At a corner of `on` both normals (tangents) are prescribed; sides that turn by
+        less than 42.5 degrees are a curve: its nodes move so that all sides go outward by the value.
+    """
+
+    value: data.Datum
+    on: str | Sequence[str]
+    direction: str | Sequence[float] | None = None
+
+    def contribute(self, space: Space) -> Contribution:
+        subject = f"PrescribedDisplacement on {where(self.on)}"
+        part = space.part(self.on, "PrescribedDisplacement")
+        if self.direction is None:
+            whole = self._whole(part.nodes, space.mesh.points[part.nodes], subject)
+            return Contribution(supports=(whole,), given=self._given(part, data.vector, subject))
+        nodes, directions, cosines = self._rows(part, space, subject)
+        points = space.mesh.points[nodes]
+
+        def value(t: float) -> Floats:
+            return data.scalar(self.value, points, t, subject) / cosines
+
+        support = Support(subject, nodes, directions, points, self._unless_zero(value))
+        curved = isinstance(self.direction, str) and part.node_normals.curved
+        given = self._given(part, data.scalar, subject)
+        return Contribution(supports=(support,), given=given, curves=(subject,) if curved else ())
+
+    def _given(self, part: Part, read: Callable[..., Floats], subject: str) -> tuple[GivenDatum, ...]:
+        def at(x: Floats, t: float) -> Floats:
+            return read(self.value, x, t, subject)
+
+        return (GivenDatum(subject, "displacement", at, part.sides),) if data.varies(self.value) else ()
+
+    def describe(self) -> str:
+        held = "" if self.direction is None else f" along {self.direction}"
+        return f"PrescribedDisplacement: u = {amount(self.value)}{held} on {where(self.on)}"
+
+    def _whole(self, nodes: Ints, points: Floats, subject: str) -> Support:
+        dim = points.shape[1]
+
+        def value(t: float) -> Floats:
+            return data.vector(self.value, points, t, subject).ravel()
+
+        repeated = np.repeat(nodes, dim)
+        axes, places = np.tile(np.eye(dim), (len(nodes), 1)), np.repeat(points, dim, axis=0)
+        return Support(subject, repeated, axes, places, self._unless_zero(value))
+
+    def _unless_zero(self, value: Callable[[float], Floats]) -> Callable[[float], Floats] | None:
+        """None for a constant of zero, which holds its nodes as a clamp or rollers do."""
+        return value if data.varies(self.value) or value(0.0).any() else None
+
+    def _rows(self, part: Part, space: Space, subject: str) -> tuple[Ints, Floats, Floats]:
+        """Nodes, directions, and by which the values of sides are to be divided."""
+        if isinstance(self.direction, str):
+            rows = part.node_normals
+            if self.direction == "normal":
+                return rows.nodes, rows.normals, rows.cosines
+            if self.direction == "tangent":
+                space.require_plane(f"{subject}: direction 'tangent'", "give a vector along the boundary")
+                return rows.nodes, rows.tangents, np.ones(len(rows.nodes))
+            raise SceneError(
+                f"{subject}: found direction {self.direction!r}; there are 'normal', 'tangent', a vector, "
+                "or None (all components)."
+            )
+        dim = part.normals.shape[1]
+        wanted = f"a nonzero vector of {dim} finite components, 'normal', 'tangent', or None (all components)"
+        direction = as_real_array(self.direction, f"{subject}: direction", wanted)
+        if direction.shape != (dim,) or not np.isfinite(direction).all() or not direction.any():
+            raise SceneError(f"{subject}: found direction {brief(self.direction)}; wanted {wanted}.")
+        # Its largest component first: the square of 1e200 would overflow.
+        direction = direction / np.abs(direction).max()
+        directions = np.tile(direction / np.linalg.norm(direction), (len(part.nodes), 1))
+        return part.nodes, directions, np.ones(len(part.nodes))
+
+
+# Springs along a part of the boundary (Winkler's foundation): sigma n = -k_n u_n n - k_t u_tau.
+#
+# They add
+#
+#     int k_n (u . n)(v . n) + k_t (u_tau . v_tau) ds
+#
+# to a(u, v). Traces are linear on edges and two Gauss points an edge integrate their products exactly (the P1 mass
+# matrix of the edge) for constant and affine k; likewise on faces of polyhedra, where traces are piecewise linear.
+
+
+GAUSS = 2
+
+
+@dataclass(frozen=True)
+class ElasticFoundation(Effect):
+    """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).
+
+    The springs are part of a^h: `history.energy` = 1/2 a^h(u, u) includes their energy,
+    int k_n u_n^2 / 2 + k_t u_tau^2 / 2, and `history.reaction` does not include their force, which is minus the
+    stiffness times the displacement. A motion that stretches the springs needs no other support.
+
+    Parameters
+    ----------
+    normal, tangential : number, or callable f(x) -> (m,)
+        k_n, k_t >= 0, traction per displacement: force per length^2 (and unit thickness). Fixed in time.
+    on : str or sequence of str
+        Boundary names.
+    """
+
+    normal: data.Constant = 0.0
+    tangential: data.Constant = 0.0
+    on: str | Sequence[str] = field(kw_only=True)
+
+    def contribute(self, space: Space) -> Contribution:
+        part = space.part(self.on, "ElasticFoundation")
+        springs = [_spread(self._of_sides(rule, part.normals[rule.sides]), rule, space) for rule in part.rules(GAUSS)]
+
+        def at(x: Floats) -> Floats:
+            return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])
+
+        subject = f"ElasticFoundation on {where(self.on)}"
+        given = (
+            (GivenDatum(subject, "foundation", at, part.sides),) if data.varies(self.normal, self.tangential) else ()
+        )
+        return Contribution(stiffness=sp.csr_matrix(sum(springs[1:], start=springs[0])), given=given)
+
+    def _of_sides(self, rule: SideRule, n: Floats) -> Floats:
+        """The matrices (m, n, dim, n, dim) of sides with these normals (m, dim), symmetric to the bit."""
+        (m, count, q), dim = rule.shares.shape, n.shape[1]
+        across = n[:, :, None] * n[:, None, :]
+        along = np.eye(dim) - across
+        ends = rule.shares / rule.shares.sum(axis=1, keepdims=True)
+        blocks = np.zeros((m, count, dim, count, dim))
+        for name, direction in (("normal", across), ("tangential", along)):
+            k = self._stiffness(name, rule.points.reshape(-1, dim)).reshape(m, q)
+            mass = np.einsum("eiq,ejq,eq->eij", rule.shares, ends, k)
+            # The product above rounds (i, j) and (j, i) differently.
+            mass = 0.5 * (mass + mass.transpose(0, 2, 1))
+            blocks += mass[:, :, None, :, None] * direction[:, None, :, None, :]
+        return blocks
+
+    def describe(self) -> str:
+        return (
+            f"ElasticFoundation: normal {amount(self.normal, 'x')}, tangential {amount(self.tangential, 'x')} "
+            f"on {where(self.on)}"
+        )
+
+    def _stiffness(self, name: str, x: Floats) -> Floats:
+        return data.stiffness(getattr(self, name), x, f"ElasticFoundation on {where(self.on)}: {name}")
+
+
+def _spread(blocks: Floats, rule: SideRule, space: Space) -> sp.csr_matrix:
+    """Sum of the sides' matrices (m, n, dim, n, dim) over all nodal values, symmetric to the bit."""
+    dim, n = blocks.shape[2], space.n_unknowns
+    unknowns = rule.nodes[:, :, None] * dim + np.arange(dim)
+    rows = np.broadcast_to(unknowns[:, :, :, None, None], blocks.shape)
+    columns = np.broadcast_to(unknowns[:, None, None, :, :], blocks.shape)
+    return sp.coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)).tocsr()

@@ -1,0 +1,360 @@
+"""A mesh and instants for the accuracy asked: solve, estimate, mark, refine, until the budget is met."""
+
+from __future__ import annotations
+
+import logging
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.arguments import LARGEST, check_takes, is_real, part
+from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.errors import SceneError, SceneWarning
+from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
+from vemcvx.estimate.budget.finer_steps import ACROSS, course
+from vemcvx.history import History
+from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
+from vemcvx.outline import Outline, Outlined
+from vemcvx.program.tolerances import ADAPTED
+from vemcvx.results.from_march import record
+from vemcvx.scene import Scene
+from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.simulation import check_kinds
+from vemcvx.solvers import Solver, Solves, as_solver
+from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.state import prepare
+from vemcvx.stepping.time_loop import checked_times, initial_state, march
+from vemcvx.stepping.trajectory import Memory
+
+# Which cells to refine, and which steps to split: the largest indicators.
+#
+# The smallest set of cells that carries a given part theta of the squared indicators (Dorfler, *A convergent adaptive
+# algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Where less is enough to reach the target, less is
+# taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does.
+#
+# A step that loses much has data that bend or jump inside it, and these are instants from then on; or it is halved.
+# The steps that together make up a given part of the loss are split at once: the smallest set, as of cells.
+
+
+GAIN = 0.75
+"""Part of its squared indicator that a smooth cell loses when it is split."""
+MARGIN = 0.9
+"""Of the target: what the last pass aims at, so that it need not be followed by another."""
+SPLIT = 0.8
+"""Part of the squared loss that is split at once."""
+GREATLY = 4.0
+"""Steps are cut into more than two at once where the error exceeds this many times what is allowed."""
+
+
+def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
+    """The cells whose squared indicators (n_cells,) make up `theta` of the sum, or fewer if that reaches the goal."""
+    total = float(squares.sum())
+    excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
+    return largest(squares, min(theta, max(excess, 0.0)))
+
+
+def largest(values: Floats, part: float) -> Bools:
+    """The fewest entries that make up this part of the sum."""
+    if part <= 0.0:
+        return np.zeros(len(values), dtype=bool)
+    order = np.argsort(-values, kind="stable")
+    sums = np.cumsum(values[order])
+    count = int(np.searchsorted(sums, part * sums[-1])) + 1
+    chosen = np.zeros(len(values), dtype=bool)
+    chosen[order[:count]] = True
+    return chosen
+
+
+def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
+    """The instants (N + 1,) of a run, more where its steps lose most, if its energy error is beyond the one allowed."""
+    error = float(finer.errors.max())
+    lost = np.where(np.diff(times) > ACROSS * (times[-1] - times[0]), finer.added, 0.0)
+    if error <= allowed or not lost.any():
+        return times
+    marked = largest(lost**2, SPLIT)
+    # Where loads are smooth the error falls with the square of the step.
+    parts = 2 if error <= GREATLY * allowed else 3
+    new = [times]
+    for n in np.flatnonzero(marked):
+        a, b = times[n], times[n + 1]
+        inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
+        new.append(inside if len(inside) else np.linspace(a, b, parts + 1)[1:-1])
+    return np.unique(np.concatenate(new))
+
+
+# A mesh and instants for the accuracy asked: solve, estimate, mark, refine, until the budget is met.
+#
+# Each pass simulates the whole history on the mesh of that pass: friction remembers its path, and a history that was
+# carried over from another mesh would bring that mesh's errors along. Passes grow by factors, so that all of them
+# cost little more than twice the last one.
+
+
+log = logging.getLogger("vemcvx")
+
+TIME_SHARE = 0.3
+"""Part of the target for time."""
+THETA = 0.6
+NEAR = 1.5
+"""Steps are split once the error of the mesh is this near to what it may be."""
+SOON = 1.4
+"""Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse mesh."""
+MOST_STEPS = 4000
+"""Beyond so many, steps are not split before the mesh is."""
+MOST_LOOKED_AT = 8
+"""Instants at which the mesh is judged; each costs one back-substitution a pass."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pass:
+    """One pass: sizes, the parts of its estimated relative error, and its seconds."""
+
+    cells: int
+    unknowns: int
+    steps: int
+    algebra: float
+    space: float
+    time: float
+    seconds: float
+
+    @property
+    def total(self) -> float:
+        """The sum of the three parts."""
+        return self.algebra + self.space + self.time
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Adapted(Outlined):
+    """What :func:`adapt` returns.
+
+    Attributes
+    ----------
+    history : History
+        The last pass; `history.errors` names the three parts of its error, which files keep.
+    budget : ErrorBudget
+        Of the last pass.
+    passes : tuple of Pass
+        From the coarse mesh to the last.
+    target : float
+        The relative energy error that was asked for.
+    """
+
+    history: History
+    budget: ErrorBudget
+    passes: tuple[Pass, ...]
+    target: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the estimated error is within the target."""
+        return self.passes[-1].total <= self.target
+
+    def outline(self) -> Outline:
+        """What prompts and notebooks show: whether the target is met, and the last pass."""
+        last, met = self.passes[-1], "met" if self.met else "not met"
+        parts = ", ".join(f"{name} {getattr(last, name):.1e}" for name in ("algebra", "space", "time"))
+        lines = [
+            ("estimated", f"{last.total:.2%} of the energy norm ({parts})"),
+            ("passes", f"{len(self.passes)}; last: cells {last.cells}, unknowns {last.unknowns}, steps {last.steps}"),
+            *(("jump", words) for words in self.budget.jumps),
+        ]
+        return Outline(f"Adapted: target {self.target:.2%}, {met}", lines)
+
+    def summary(self) -> str:
+        """The passes as a table."""
+        head = "cells   unknowns  steps   algebra     space      time     total   seconds"
+        rows = [
+            f"{p.cells:<7d} {p.unknowns:<9d} {p.steps:<5d} {p.algebra:9.1e} "
+            f"{p.space:9.2%} {p.time:9.2%} {p.total:9.2%} {p.seconds:8.2f}"
+            for p in self.passes
+        ]
+        met = "met" if self.met else "not met"
+        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of the energy norm: {met}"])
+
+
+def adapt(
+    scene: Scene,
+    mesh: AnyMesh,
+    times: ArrayLike,
+    target: float = 0.02,
+    *,
+    solver: Solver | Solves | None = None,
+    initial: ArrayLike | str | None = None,
+    most_unknowns: int = 400_000,
+    theta: float = THETA,
+    progress: Callable[[Pass], None] | None = None,
+) -> Adapted:
+    """Simulate with a mesh and time steps chosen so that the estimated relative energy error is at most `target`.
+
+    Parameters
+    ----------
+    scene : Scene
+    mesh : PolygonMesh
+        A coarse mesh to begin with; it must have the boundaries that the scene names.
+    times : increasing sequence of instants
+        The first and the last instant, and those at which the history stores the answer; others are inserted between.
+    target : float
+        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined.
+    solver : Solver, or object with solve(program, target), optional
+        An accuracy finer than a hundredth of the target is replaced by that: nothing finer is needed.
+    initial : None, "equilibrium" or "settled"
+        As in :func:`vemcvx.simulate`.
+    most_unknowns : int
+        No pass after the first is started that is expected to have more unknowns; the result then says that the target
+        was not met.
+    theta : float
+        Fraction of the squared error whose cells are refined in a pass, in (0, 1).
+    progress : callable, optional
+        Called with each finished :class:`Pass`.
+
+    Warns
+    -----
+    SceneWarning
+        Conditions on normals hold along a curve: refined meshes keep the corners of the coarse one, as what slides
+        along it feels.
+
+    Raises
+    ------
+    SceneError
+        The target is not in (0, 1), or scene, mesh and times make no well-posed problem.
+    NotCertified
+        A step misses the accuracy.
+    """
+    check_kinds(scene, mesh)
+    mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
+    _check(target, theta, most_unknowns, progress)
+    begin = _beginning(initial)
+    wanted = checked_times(times)
+    if len(wanted) < 2:
+        raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
+    instants, passes = wanted, list[Pass]()
+    finer: Finer | None = None
+    while True:
+        start = time.perf_counter()
+        if not passes:
+            instants, finer = _begin(scene, mesh, wanted, target, begin)
+        posed = pose_scene(scene, mesh, instants.tolist())
+        kept = np.searchsorted(instants, wanted).tolist()
+        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=begin, store=kept)
+        assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
+        history = History.of(record(posed, trajectory, assembled, Memory()))
+        near = len(passes) > 0 and passes[-1].space <= SOON * target
+        budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
+        now = _pass_of(posed, budget, steps=len(instants) - 1, seconds=time.perf_counter() - start)
+        passes.append(now)
+        _log(passes, budget)
+        if progress is not None:
+            progress(now)
+        marked, split = _next(budget, finer, instants, target, theta)
+        done = now.total <= target or not (marked.any() or len(split) > len(instants))
+        if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
+            history = replace(history, errors={**budget.largest, "target": target})
+            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target)
+        mesh = mesh.refine(marked) if marked.any() else mesh
+        instants, finer = split, finer if len(split) == len(instants) else None
+
+
+def _pass_of(posed: PosedScene, budget: ErrorBudget, steps: int, seconds: float) -> Pass:
+    parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
+    return Pass(cells=posed.space.mesh.n_cells, unknowns=posed.system.n, steps=steps, seconds=seconds, **parts)
+
+
+def _log(passes: Sequence[Pass], budget: ErrorBudget) -> None:
+    """Log the last pass; beside the first, where data jump."""
+    for words in budget.jumps if len(passes) == 1 else ():
+        log.info("%s", words)
+    now = passes[-1]
+    log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
+
+
+def _judged(
+    posed: PosedScene, history: History, steps: Ints, target: float, finer: Finer | None
+) -> tuple[ErrorBudget, Finer]:
+    """The budget at some steps, and the run beside one in finer steps: the one at hand until the target seems met."""
+    rows = [history.row(int(n)) for n in steps]
+    if finer is not None:
+        budget = budget_of(posed, history, rows, finer)
+        if budget.largest["total"] > target:
+            return budget, finer
+    finer = in_time(posed, history.trajectory)
+    return budget_of(posed, history, rows, finer), finer
+
+
+def _for_space(budget: ErrorBudget, target: float) -> float:
+    """What the error of the mesh may be."""
+    worst = budget.largest
+    return max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
+
+
+def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, theta: float) -> tuple[Bools, Floats]:
+    """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
+    for_space = _for_space(budget, target)
+    marked = cells_to_refine(budget.cells**2, for_space**2, theta)
+    if budget.largest["space"] > NEAR * for_space or budget.largest["time"] <= TIME_SHARE * target:
+        return marked, instants
+    return marked, split_steps(instants, finer, TIME_SHARE * target * (budget.scale or finer.norm))
+
+
+def _check(target: object, theta: object, most: object, progress: object) -> None:
+    part(target, "adapt", "target", "a relative error,", "0.02")
+    part(theta, "adapt", "theta", "a part,", "0.6")
+    if not (is_real(most) and 1 <= most <= LARGEST):
+        raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
+    if not (progress is None or callable(progress)):
+        raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")
+    check_takes(progress, 1, "adapt: progress", "each Pass")
+
+
+def _beginning(initial: ArrayLike | str | None) -> str | None:
+    if initial is None or isinstance(initial, str):
+        return initial
+    raise SceneError(
+        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or 'settled'."
+    )
+
+
+def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initial: str | None) -> tuple[Floats, Finer]:
+    """Instants with which the coarse mesh loses little to time, and the run beside one in finer steps.
+
+    Nothing is left out here: what is zero at the instants asked for need not be so between them.
+    """
+    posed = pose_scene(scene, mesh)
+    check_estimable(posed, "adapt")
+    if posed.curves:
+        warnings.warn(
+            f"adapt: {' and '.join(posed.curves)} acts along a curve, of which finer meshes keep the corners: answers "
+            "go towards that of the polygon, over whose corners nothing slides, and estimates are of errors to that. "
+            "If bodies slide there, simulate on finer meshes of the curve itself.",
+            SceneWarning,
+            stacklevel=3,
+        )
+    run = prepare(posed.system, None, False, True)
+    state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
+    known, times = course(posed.system, wanted), wanted
+    while True:
+        finer = beside_finer(run, times, state.unknowns, known)
+        allowed = TIME_SHARE * target * finer.norm
+        split = split_steps(times, finer, allowed)
+        if len(split) == len(times) or len(split) > MOST_STEPS:
+            return times, finer
+        times = split
+
+
+def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
+    """Algebra well below the error of the mesh is enough."""
+    if given is None:
+        return None
+    solver = as_solver(given)
+    solver.check_accuracy()
+    return solver if solver.accuracy >= ADAPTED * target else solver.asked(ADAPTED * target)
+
+
+def _looked_at(instants: Floats, wanted: Floats) -> Ints:
+    """Steps at which the mesh is judged: those asked for, or some of them, and the last."""
+    steps = np.searchsorted(instants, wanted[1:])
+    if len(steps) > MOST_LOOKED_AT:
+        steps = steps[np.linspace(0, len(steps) - 1, MOST_LOOKED_AT).round().astype(int)]
+    return steps

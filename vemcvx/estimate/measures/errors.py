@@ -1,0 +1,270 @@
+"""Errors against closed forms, in tables, with their observed orders of convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, totals
+from vemcvx.effects import data
+from vemcvx.errors import HistoryError
+from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
+from vemcvx.estimate.measures.overlap import convex_pieces
+from vemcvx.meshes.interpolation import projected_values
+from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, fans, places
+from vemcvx.outline import csv_text, html, latex, markdown
+from vemcvx.owned_files import path_of
+from vemcvx.results.results import Results
+from vemcvx.vem import Space, stresses
+
+# Observed orders of convergence: e = C h^p between two runs gives p = log(e_1 / e_2) / log(h_1 / h_2).
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Observed orders.
+
+    Attributes
+    ----------
+    successive : (m - 1,) array
+        Between every run and the next.
+    slope : float
+        Of the least-squares line through (log h, log e).
+    """
+
+    successive: Floats
+    slope: float
+
+
+def orders(h: ArrayLike, errors: ArrayLike) -> Orders:
+    """Observed orders of errors in a mesh size or a step.
+
+    Parameters
+    ----------
+    h : (m,) sequence of positive numbers, no two neighbours alike
+        Mesh sizes or steps (any measure of them: orders do not see constants).
+    errors : (m,) sequence of positive numbers
+
+    Raises
+    ------
+    HistoryError
+        There are fewer than two runs, the lengths differ, or a number is not positive.
+    """
+    x, y = (np.log(array) for array in checked(h, errors, "orders"))
+    about = x - x.mean()
+    return Orders(np.diff(y) / np.diff(x), float(about @ y / (about @ about)))
+
+
+def checked(h: ArrayLike, errors: ArrayLike, subject: str, missing: bool = False) -> tuple[Floats, Floats]:
+    """Sizes and errors that have logarithms; NaN among the errors where some may be missing."""
+    sizes, values = (as_real_array(raw, subject, "a sequence of numbers") for raw in (h, errors))
+    if sizes.ndim != 1 or sizes.shape != values.shape or len(sizes) < 2:
+        raise HistoryError(
+            f"{subject}: found {sizes.shape} sizes and {values.shape} errors; give equally many, two or more."
+        )
+    for name, array in (("size", sizes), ("error", values[~np.isnan(values)] if missing else values)):
+        wrong = ~(np.isfinite(array) & (array > 0))
+        if wrong.any():
+            raise HistoryError(f"{subject}: found the {name} {array[wrong][0]:.6g}; logarithms want it finite and > 0.")
+    twice = np.diff(np.log(sizes)) == 0
+    if twice.any():
+        raise HistoryError(f"{subject}: found the size {sizes[1:][twice][0]:.6g} twice in a row; refine.")
+    return sizes, values
+
+
+# Errors against closed forms: what Pi u misses of a known displacement.
+#
+#     energy    ( sum_K int_K C (eps(u) - eps(Pi u_h)) : (eps(u) - eps(Pi u_h)) dx )^(1/2)
+#     L2        ( sum_K int_K |u - Pi u_h|^2 dx )^(1/2)
+#
+# by quadrature of degree 5; Pi as in :mod:`vemcvx.vem.projection`. Under (3.28) of the paper the first is O(h + k).
+#
+# Strains of closed forms are no polynomials, and a rule of low degree hides what is to be measured: at the centroids
+# of squares the strains of the numerical answer superconverge. So Radon's seven points are taken on every triangle of
+# a cell.
+
+
+def energy_error(history: Results | Field, strain: data.Datum, step: int = -1) -> Measured:
+    """Error of Pi u against a known strain, in the energy norm.
+
+    Parameters
+    ----------
+    history : History or Field
+    strain : callable (x, t) -> (m, 3)
+        e_xx, e_yy and 2 e_xy at points x (m, 2) and the instant t of the step.
+    step : int
+        A stored step; negative ones count from the end.
+
+    Returns
+    -------
+    Measured
+        Its reference is the energy norm of the closed form.
+
+    Raises
+    ------
+    SceneError
+        That step was not stored, or the strain is ill-shaped or not finite.
+    HistoryError
+        `history` is neither a history nor a field.
+    """
+    field = field_of(history, step, "energy_error")
+    x, weights, owner = _cell_rule(field.space)
+    exact = data.tensor(strain, x, field.time, "energy_error: strain (e_xx, e_yy, 2 e_xy)")
+    moduli = field.moduli[:, owner]
+    missed = exact - field.strain[owner]
+    missed, exact = (np.sum(e * stresses(moduli, e), axis=1) for e in (missed, exact))
+    return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
+
+
+def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1) -> Measured:
+    """Error of Pi u against a known displacement, in L2.
+
+    Parameters
+    ----------
+    history, step : as of `energy_error`
+        Which says what is raised, too.
+    displacement : callable (x, t) -> (m, 2)
+        At points x (m, 2) and the instant t of the step.
+
+    Returns
+    -------
+    Measured
+        In length squared; its reference is the L2 norm of the closed form.
+    """
+    field = field_of(history, step, "l2_error")
+    x, weights, owner = _cell_rule(field.space)
+    exact = data.vector(displacement, x, field.time, "l2_error: displacement")
+    missed = exact - projected_values(field.mesh, owner, x) @ field.displacement
+    missed, exact = (np.sum(u**2, axis=1) for u in (missed, exact))
+    return measured(totals(owner, weights * missed, field.mesh.n_cells), float(weights @ exact))
+
+
+def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
+    """Points (q, 2), weights (q,) that add up to the areas, and the cell (q,) of each point."""
+    pieces = convex_pieces(space)
+    triangles = fans(pieces.corners, pieces.owner)
+    points = places(triangles.corners, RADON_POINTS).reshape(-1, 2)
+    weights = triangles.areas[:, None] * RADON_WEIGHTS
+    return points, weights.ravel(), np.repeat(triangles.owner, len(RADON_WEIGHTS))
+
+
+# Errors and their observed orders, run by run, as Markdown, CSV and LaTeX.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConvergenceTable:
+    """Errors and their observed orders, size by size; prompts show it as Markdown, notebooks as a table.
+
+    Attributes
+    ----------
+    name : str
+        What the sizes are called.
+    sizes : (m,) array
+    errors, orders : dict of str to (m,) array
+        By names. An order stands beside the finer of two runs, so the first is NaN.
+    """
+
+    name: str
+    sizes: Floats
+    errors: dict[str, Floats]
+    orders: dict[str, Floats]
+
+    def markdown(self) -> str:
+        """As a table of Markdown."""
+        return markdown(self._heads, self._words(lambda value: f"{value:#.4g}"))
+
+    def latex(self) -> str:
+        """As a tabular of LaTeX that needs no package; what stands between dollar signs in names is a formula."""
+        return latex(self._heads, self._words(_in_latex))
+
+    def csv(self) -> str:
+        """As comma-separated values, with all digits and names of their own; what is missing is empty."""
+        columns = [self.sizes, *(part[name] for name in self.errors for part in (self.errors, self.orders))]
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        heads = [self.name, *(head for name in self.errors for head in (name, f"order of {name}"))]
+        return csv_text(heads, [["" if np.isnan(value) else value for value in row] for row in rows])
+
+    def write(self, path: str | Path) -> Path:
+        """Write it as .md, .csv or .tex, as the path ends.
+
+        Raises
+        ------
+        HistoryError
+            The path ends in something else, or cannot be written.
+        """
+        path = path_of(path, "ConvergenceTable.write")
+        forms = {".md": self.markdown, ".csv": self.csv, ".tex": self.latex}
+        if path.suffix not in forms:
+            raise HistoryError(f"{path}: a table of convergence is written as {', '.join(forms)}.")
+        try:
+            path.write_text(forms[path.suffix](), encoding="utf-8")
+        except OSError as error:
+            raise HistoryError(f"{path}: cannot be written: {error}.") from error
+        return path
+
+    def __repr__(self) -> str:
+        return self.markdown().rstrip()
+
+    def _repr_html_(self) -> str:
+        return html(self._heads, self._words(lambda value: f"{value:#.4g}"))
+
+    @property
+    def _heads(self) -> list[str]:
+        return [self.name, *(head for name in self.errors for head in (name, "order"))]
+
+    def _words(self, in_words: Callable[[float], str]) -> list[list[str]]:
+        """The cells, row by row; what is missing is empty."""
+        rows = []
+        for row, size in enumerate(self.sizes):
+            words = [_fraction(size)]
+            for name, errors in self.errors.items():
+                error, order = errors[row], self.orders[name][row]
+                words += ["" if np.isnan(error) else in_words(error), "" if np.isnan(order) else f"{order:.2f}"]
+            rows.append(words)
+        return rows
+
+
+def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike], name: str = "h") -> ConvergenceTable:
+    """Errors in a mesh size or a step with their observed orders, to be read or written as Markdown, CSV or LaTeX.
+
+    Parameters
+    ----------
+    h : (m,) sequence of positive numbers, no two neighbours alike
+        Mesh sizes or steps; those that are one over a whole number are written so, but for CSV.
+    errors : (m,) sequence of positive numbers, or mapping of names to such
+        A column each, NaN where there is none, with a column of orders.
+    name : str
+        What the sizes are called.
+
+    Raises
+    ------
+    HistoryError
+        There are fewer than two runs, the lengths differ, a number is not positive, or a name is none.
+    """
+    given = errors if isinstance(errors, Mapping) else {"error": errors}
+    for word in (name, *given):
+        if not isinstance(word, str):
+            raise HistoryError(f"convergence_table: found the name {brief(word)}; wanted words.")
+    if not given:
+        raise HistoryError("convergence_table: found no errors; give a sequence, or a mapping of names to sequences.")
+    columns = {word: checked(h, values, f"convergence_table: {word}", missing=True) for word, values in given.items()}
+    sizes = next(iter(columns.values()))[0]
+    values = {word: column for word, (_, column) in columns.items()}
+    rates = {word: np.diff(np.log(column)) / np.diff(np.log(sizes)) for word, column in values.items()}
+    return ConvergenceTable(name, sizes, values, {word: np.append(np.nan, rate) for word, rate in rates.items()})
+
+
+def _fraction(size: float) -> str:
+    """A size in words: 1/64 where it is that, to rounding."""
+    parts = round(1.0 / size) if size > 1e-9 else 0
+    return f"1/{parts}" if parts > 1 and abs(parts * size - 1.0) < 1e-12 else f"{size:.4g}"
+
+
+def _in_latex(value: float) -> str:
+    """A number; powers of ten as they are printed."""
+    digits, _, power = f"{value:#.4g}".partition("e")
+    return rf"${digits}\cdot10^{{{int(power)}}}$" if power else digits

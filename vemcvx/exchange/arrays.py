@@ -1,0 +1,286 @@
+"""Programs as named arrays: taken apart and put together, as NPZ archives and as Matrix Market files."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.io import mmwrite
+
+from vemcvx.archives import read_arrays
+from vemcvx.arrays import Floats, as_real_array
+from vemcvx.errors import ProgramError, VemcvxError
+from vemcvx.linear import Matrix
+from vemcvx.program.checks import check_symmetric, checked_matrix, finite, of_shape
+from vemcvx.program.kernel import anchors
+from vemcvx.program.operators import Operators
+from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
+
+# The arrays that a step's program consists of, taken apart and put together again, and numbers in text, to the bit.
+
+
+Parts = dict[str, Matrix]
+VECTORS = "g", "w", "b", "e", "c"
+
+
+def parts_of(program: StepProgram) -> Parts:
+    """K, B, D, g, w, b, e, and c the compliances; with a kernel also N, its motions, and the anchors' stiffness."""
+    operators = program.operators
+    parts: Parts = {"K": operators.K, "B": operators.B, "D": operators.D}
+    parts |= {"g": program.g, "w": program.w, "b": program.b, "e": program.e, "c": operators.compliance}
+    if operators.kernel is not None and operators.anchor is not None:
+        parts |= {"N": operators.kernel, "anchor": operators.anchor}
+    return parts
+
+
+def put_together(parts: Mapping[str, Matrix]) -> StepProgram:
+    """The program of these parts; norm terms, limits or a kernel that are not there are none.
+
+    Raises
+    ------
+    ProgramError
+        Something is missing, of another shape than the rest, not finite, or makes no convex program.
+    """
+    for name in ("K", "g"):
+        if name not in parts:
+            raise ProgramError(f"found no {name}; a program has {', '.join(('K', 'B', 'D', *VECTORS))}.")
+    try:
+        g, w, b, e, c = (_array(parts, name).ravel() for name in VECTORS)
+        n, terms = len(g), len(w)
+        rows = {"K": n, "B": len(b), "D": len(e)}
+        shapes = {name: parts[name].shape for name in rows if name in parts}
+        fits = all(shape == (rows[name], n) for name, shape in shapes.items())
+        if not fits or len(c) != len(e) or (terms and len(b) % terms) or (len(b) and not terms):
+            found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+            raise ProgramError(f"{found}, g {n}, w {terms}, b {len(b)}, e {len(e)} and c {len(c)} fit no program.")
+        K = _array(parts, "K") if isinstance(parts["K"], np.ndarray) else checked_matrix(parts["K"], "K")
+        B, D = (checked_matrix(parts.get(name, sp.csr_matrix((rows[name], n))), name) for name in "BD")
+        if n:
+            check_symmetric(sp.csr_matrix(K), "K")
+        if (w < 0).any() or (c < 0).any():
+            raise ProgramError("found negative weights w or compliances c.")
+        kernel, anchor = (_array(parts, name) if name in parts else None for name in ("N", "anchor"))
+        if kernel is not None and anchor is not None:
+            anchor = anchor.ravel()
+            if kernel.ndim != 2 or not len(kernel) == len(anchor) == n or kernel.shape[1] > n:
+                raise ProgramError(f"N {kernel.shape} and anchor {anchor.shape} are no motions of {n} unknowns.")
+        block = len(b) // terms if terms else 1
+        operators = Operators(K=K, B=B, block=block, kernel=kernel, anchor=anchor, D=D, compliance=c)
+    except (VemcvxError, np.linalg.LinAlgError) as error:
+        raise ProgramError(f"is no convex program of a step: {error}") from error
+    return StepProgram(operators, g, w, b, e)
+
+
+def compressed_rows(name: str, data: Any, indices: Any, indptr: Any, shape: Any) -> sp.csr_matrix:
+    """A matrix of compressed rows that a file claims to hold: SciPy's own code reads and writes where they lead.
+
+    Raises
+    ------
+    ProgramError
+        The arrays are of other kinds or lengths, or lead out of the matrix.
+    """
+    whole = all(np.ndim(x) == 1 and np.asarray(x).dtype.kind in "iu" for x in (indices, indptr, shape))
+    if not whole or np.ndim(data) != 1 or len(shape) != 2 or min(shape) < 0:
+        raise ProgramError(f"{name}: found no numbers, columns, ends of rows and shape, as lists of them.")
+    try:
+        rows: sp.csr_matrix = sp.csr_matrix((data, indices, indptr), shape=tuple(np.asarray(shape).tolist()))
+        rows.check_format(full_check=True)
+    except (ValueError, OverflowError) as error:
+        raise ProgramError(f"{name}: found rows that lead out of the matrix: {error}.") from error
+    return rows
+
+
+def null_motions(K: Matrix, k: int) -> Parts:
+    """Of a K with so many motions in its kernel: these, and the stiffness of as many anchors."""
+    if k == 0:
+        return {}
+    if not 0 < k <= len(K.diagonal()):
+        raise ProgramError(f"found {k} motions in the kernel of K, which has {len(K.diagonal())} unknowns.")
+    motions = np.linalg.eigh(K if isinstance(K, np.ndarray) else K.toarray())[1][:, :k]
+    return {"N": motions, "anchor": anchors(motions, K.diagonal())}
+
+
+def _array(parts: Mapping[str, Matrix], name: str) -> Floats:
+    """A part that is no sparse matrix, of finite numbers."""
+    part, wanted = parts.get(name, np.zeros(0)), "an array of real numbers"
+    if sp.issparse(part):
+        raise ProgramError(f"{name}: found a sparse matrix; wanted {wanted}.")
+    return finite(np.atleast_1d(as_real_array(part, name, wanted)), name)
+
+
+def number(x: float) -> str:
+    """The shortest words that read as this number."""
+    return repr(float(x))
+
+
+def triplets(rows: sp.csr_matrix) -> Iterator[tuple[int, int, float]]:
+    """Row, column and value of the entries that are not zero, row by row."""
+    rows.sort_indices()
+    coo = rows.tocoo()
+    for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
+        if x:
+            yield i, j, x
+
+
+# NPZ, NumPy's archive: every array of the program to the bit, and the certified answer, where it is known.
+#
+# K               (n, n), dense; or, sparse, as B and D
+# B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
+# g, w, b, e, c   vectors; N, anchor where K has a kernel; d, lam, p, step, t of a certified answer
+
+
+CSR = "data", "indices", "indptr", "shape"
+
+
+def to_npz(program: StepProgram) -> dict[str, bytes]:
+    """The archive, under its suffix."""
+    arrays: dict[str, object] = {}
+    for name, part in parts_of(program).items():
+        arrays |= {name: part} if isinstance(part, np.ndarray) else {f"{name}_{k}": getattr(part, k) for k in CSR}
+    if isinstance(program, SolvedProgram):
+        answer = program.answer
+        arrays |= {"d": answer.d, "lam": answer.lam, "p": answer.p, "step": program.step, "t": program.t}
+    made = io.BytesIO()
+    np.savez(made, **arrays)  # type: ignore[arg-type]  # names of arrays are none of its options
+    return {".npz": made.getvalue()}
+
+
+def from_npz(path: Path) -> StepProgram:
+    """The program, solved if the file has the answer."""
+    kept = read_arrays(path)
+    parts: Parts = {name: kept[name] for name in ("K", "g", "w", "b", "e", "c", "N", "anchor") if name in kept}
+    for name in "KBD":
+        members = [f"{name}_{k}" for k in CSR]
+        if any(member in kept for member in members):
+            missing = [member for member in members if member not in kept]
+            if missing:
+                raise ProgramError(f"found no {missing[0]}; a sparse {name} has {', '.join(members)}.")
+            parts[name] = compressed_rows(name, *(kept[member] for member in members))
+    program = put_together(parts)
+    if "d" not in kept:
+        return program
+    shapes: dict[str, tuple[int, ...]] = {**program.shapes, "step": (), "t": ()}
+    missing = [name for name in shapes if name not in kept]
+    if missing:
+        raise ProgramError(f"found no {missing[0]}; an answer has {', '.join(shapes)}.")
+    d, lam, p, step, t = (finite(of_shape(kept[name], name, shape), name) for name, shape in shapes.items())
+    return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
+
+
+# Matrix Market, one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
+#
+# Arrays without entries have no file: a program without NAME_B.mtx has no norm terms, without NAME_D.mtx no limits.
+# (What another program of that name left is removed.) Files are read here and not by SciPy, whose reader ends the
+# process (1.17: SIGSEGV) where a file ends in the middle of a number.
+
+
+OTHERS = "B", "D", "g", "w", "b", "e", "c", "N", "anchor"
+DIGITS = 17
+EMPTY = 2**20
+"""Rows that may all be empty: a number in the header shall not take memory that the file does not."""
+HEAD = re.compile(
+    r"%%MatrixMarket\s+matrix\s+(coordinate|array)\s+(real|double|integer|unsigned-integer|pattern)\s+"
+    r"(general|symmetric|skew-symmetric)\s*",
+    re.IGNORECASE,
+)
+
+
+def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
+    """The files, under the ends of their names; None of those that are not to be there."""
+    made: dict[str, bytes | None] = {f"_{name}.mtx": None for name in OTHERS}
+    for name, part in parts_of(program).items():
+        rows = part.shape[0]
+        if rows:
+            file = io.BytesIO()
+            matrix = part.reshape(rows, -1) if isinstance(part, np.ndarray) else part
+            mmwrite(file, matrix, precision=DIGITS, symmetry=None if name == "K" else "general")
+            made[".mtx" if name == "K" else f"_{name}.mtx"] = file.getvalue()
+    return made
+
+
+def from_matrix_market(path: Path) -> StepProgram:
+    """The program of the file of K and those beside it."""
+    parts: Parts = {"K": read_matrix(path, "K")}
+    for name in OTHERS:
+        beside = path.with_name(f"{path.stem}_{name}.mtx")
+        if beside.exists():
+            parts[name] = read_matrix(beside, name)
+    return put_together(parts)
+
+
+def read_matrix(path: Path, name: str) -> Matrix:
+    """The matrix of a file, dense where it is an array, sparse where it is a list of entries.
+
+    Raises
+    ------
+    ProgramError
+        The header or the sizes are of no real matrix, lines are missing or too many, or some hold no numbers.
+    """
+    lines = path.read_bytes().decode("latin-1").splitlines(keepends=True)
+    head = HEAD.fullmatch(lines[0]) if lines else None
+    if head is None:
+        raise ProgramError(
+            f"{name}: found the first line {lines[0].strip()[:60] if lines else ''!r}; wanted '%%MatrixMarket matrix', "
+            "coordinate or array, real, integer or pattern, and general, symmetric or skew-symmetric."
+        )
+    form, field, symmetry = (word.lower() for word in head.groups())
+    said = [line for line in lines[1:] if line.strip() and not line.startswith("%")]
+    sizes = said[0].split() if said else []
+    if len(sizes) != (2 if form == "array" else 3) or not all(size.isdecimal() and len(size) < 19 for size in sizes):
+        raise ProgramError(f"{name}: found the sizes {' '.join(sizes)[:60]!r}; wanted those of {form}s, whole numbers.")
+    rows, columns, *entries = map(int, sizes)
+    if symmetry != "general" and rows != columns:
+        raise ProgramError(f"{name}: found a {symmetry} matrix of {rows} rows and {columns} columns; wanted as many.")
+    if form == "array":
+        above = rows * (rows - 1) // 2
+        count = {"general": rows * columns, "symmetric": above + rows, "skew-symmetric": above}[symmetry]
+        return _dense(_numbers(name, said[1:], count, 1)[:, 0], rows, columns, symmetry)
+    return _sparse(name, _numbers(name, said[1:], entries[0], 2 if field == "pattern" else 3), rows, columns, symmetry)
+
+
+def _numbers(name: str, lines: list[str], count: int, width: int) -> Floats:
+    """As many lines of numbers as the header announces."""
+    if len(lines) != count or (lines and not lines[-1].endswith("\n")):
+        cut = "" if not lines or lines[-1].endswith("\n") else ", the last one cut short"
+        raise ProgramError(f"{name}: found {len(lines)} lines of numbers{cut}; announced are {count} whole ones.")
+    if count == 0:
+        return np.zeros((0, width))
+    try:
+        numbers: Floats = np.loadtxt(lines, ndmin=2, comments=None)
+    except ValueError as error:
+        raise ProgramError(f"{name}: some line is not of {width} numbers: {error}.") from error
+    if numbers.shape[1] != width:
+        raise ProgramError(f"{name}: found lines of {numbers.shape[1]} numbers; wanted {width}.")
+    return numbers
+
+
+def _dense(values: Floats, rows: int, columns: int, symmetry: str) -> Floats:
+    """Column by column; of a symmetric matrix from the diagonal down, of a skew one from below it."""
+    if symmetry == "general":
+        return values.reshape(columns, rows).T.copy()
+    full = np.zeros((rows, rows))
+    j, i = np.triu_indices(rows, 1 if symmetry == "skew-symmetric" else 0)
+    full[j, i] = -values if symmetry == "skew-symmetric" else values
+    full[i, j] = values
+    return full
+
+
+def _sparse(name: str, entries: Floats, rows: int, columns: int, symmetry: str) -> sp.csr_matrix:
+    """By rows, columns and, but of patterns, values; of symmetric matrices one of each pair is listed."""
+    places, values = entries[:, :2], np.append(entries, np.ones((len(entries), 1)), axis=1)[:, 2]
+    outside = ((places != np.floor(places)) | (places < 1) | (places > (rows, columns))).any(axis=1)
+    if outside.any():
+        i, j = places[outside][0]
+        raise ProgramError(f"{name}: found an entry at ({i:g}, {j:g}) of {rows} rows and {columns} columns.")
+    if rows > max(EMPTY, len(entries)):
+        raise ProgramError(f"{name}: found {rows} rows and {len(entries)} entries; wanted no row without an entry.")
+    at = places.astype(np.int64) - 1
+    if symmetry != "general":
+        apart, sign = at[:, 0] != at[:, 1], -1.0 if symmetry == "skew-symmetric" else 1.0
+        at, values = np.concatenate([at, at[apart, ::-1]]), np.append(values, sign * values[apart])
+    return sp.csr_matrix((values, at.T), shape=(rows, columns))

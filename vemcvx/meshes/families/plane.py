@@ -1,0 +1,362 @@
+"""Families of meshes of the plane whose cells follow a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.errors import MeshError
+from vemcvx.meshes.box import (
+    UNIT_BOX,
+    Box,
+    Corners,
+    Count,
+    cell_counts,
+    check_box,
+    check_fraction,
+    check_whole,
+    listed,
+    ticks,
+)
+from vemcvx.meshes.polygon_mesh import PolygonMesh
+from vemcvx.meshes.polygons.topology import offsets_of
+
+# Equal rectangles (squares where the box allows), numbered row by row; meshes of such numberings with holes.
+
+
+def squares(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
+    """Mesh a box with equal squares; other families take what this one takes, and name the sides as it does.
+
+    Parameters
+    ----------
+    n : int or (int, int)
+        Cells across the shortest side of the box, and along the other as many as make them most nearly squares; or the
+        numbers of cells along x and y.
+    box : ((x0, x1), (y0, y1))
+        The rectangle to mesh.
+    seed : int
+        Start of the random numbers: the same seed gives the same mesh. Nothing is random here.
+    size : float
+        The width of a cell, instead of n; cells are as near to it as whole numbers of them come.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells row by row, boundaries "left", "right", "bottom", "top" and "boundary"; in the unit square
+        h = sqrt(2) / n.
+
+    Raises
+    ------
+    MeshError
+        n is not a positive whole number, size is not a positive length, both or neither are given, or box is not a
+        rectangle.
+    """
+    rectangle = check_box(box)
+    points, corners = square_grid(*cell_counts(n, rectangle, size), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+
+
+def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
+    """Return nodes ((nx + 1)(ny + 1), 2) row by row, and the corners (nx ny, 4) of the cells, counter-clockwise."""
+    x, y = ticks(box.left, box.right, nx), ticks(box.bottom, box.top, ny)
+    points = np.column_stack([np.tile(x, ny + 1), np.repeat(y, nx + 1)])
+    first = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
+    return points, first[:, None] + np.array([0, 1, nx + 2, nx + 1])
+
+
+def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> PolygonMesh:
+    """Return the mesh of the nodes ``present`` whose cells are ``rows`` less the absent nodes and the entries -1.
+
+    Of n candidates for nodes, the rows (n_cells, k) list those of each cell, counter-clockwise.
+    """
+    number = np.where(present, np.cumsum(present) - 1, -1)
+    vertices = np.where(rows >= 0, number[rows], -1)
+    offsets = offsets_of((vertices >= 0).sum(axis=1))
+    return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box)
+
+
+# Squares cut in two by the diagonal from the lower left; halving n nests the meshes.
+
+
+def triangles(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
+    """Mesh a box with right-angled triangles, two to each square of `squares`.
+
+    Parameters
+    ----------
+    n, box, seed, size : as of `squares`
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes row by row, the lower then the upper triangle of each square.
+    """
+    rectangle = check_box(box)
+    points, corners = square_grid(*cell_counts(n, rectangle, size, each=2), rectangle)
+    vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
+    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)
+
+
+# Hexagons in staggered rows, cut off straight at the box.
+#
+# Rows of cells are parted by zigzag lines of nodes half a cell apart. Regular hexagons of width a have rows
+# a sqrt(3)/2 apart and zigzags of height 1/3 of that; the counts are rounded so that rows and columns fill the box,
+# which stretches them a little.
+
+
+# Width of a regular hexagon of area 1, so that hexagons are as many as squares: a^2 sqrt(3)/2 = 1.
+WIDTH = float(np.sqrt(2.0 / np.sqrt(3.0)))
+
+
+def hexagons(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
+    """Mesh a box with hexagons, regular up to a stretch that makes them fit; cut in half or to pentagons at the sides.
+
+    Parameters
+    ----------
+    n, box, seed, size : as of `squares`
+        As many cells as squares, nearly; every other of the rows has a half cell at either end in place of one whole.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells row by row.
+    """
+    rectangle = check_box(box)
+    columns, rows = cell_counts(n, rectangle, size, stretch=WIDTH)
+    lines, half_cells = np.arange(rows + 1)[:, None], np.arange(2 * columns + 1)
+    # Row k has its upright edges where k + i is even; there the line below it is high and the line above it low.
+    high = (lines + half_cells) % 2 == 0
+    flat = (lines == 0) | (lines == rows)
+    present = np.where(lines == 0, high, np.where(lines == rows, ~high, True))
+    present = present | (flat & ((half_cells == 0) | (half_cells == 2 * columns)))
+    points = _zigzag_points(columns, rows, np.where(flat, 0.0, np.where(high, 1.0, -1.0)), rectangle)
+    cells = np.concatenate([_row_of_cells(columns, row) for row in range(rows)])
+    return padded_mesh(points, present.ravel(), cells, rectangle)
+
+
+def _zigzag_points(columns: int, rows: int, zigzag: Floats, box: Box) -> Floats:
+    x = np.tile(ticks(box.left, box.right, 2 * columns), rows + 1)
+    y = np.repeat(ticks(box.bottom, box.top, rows), 2 * columns + 1)
+    return np.column_stack([x, y + zigzag.ravel() * (box.height / rows / 6.0)])
+
+
+def _row_of_cells(columns: int, row: int) -> Ints:
+    """Candidates for the vertices of a row of cells: three on the line below, three on the line above."""
+    last = 2 * columns
+    middles = np.arange(1, last, 2) if row % 2 == 0 else np.arange(0, last + 1, 2)
+    across = middles[:, None] + np.array([-1, 0, 1])
+    across[(across < 0) | (across > last)] = -1
+    outside = across < 0
+    below = np.where(outside, -1, across + row * (last + 1))
+    above = np.where(outside, -1, across + (row + 1) * (last + 1))
+    return np.concatenate([below, above[:, ::-1]], axis=1)
+
+
+# Squares whose inner nodes are moved at random: quadrilaterals of every shape, some of them not convex.
+
+
+def distorted(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, amount: float = 0.5
+) -> PolygonMesh:
+    """Mesh a box with distorted squares.
+
+    Parameters
+    ----------
+    n, box, seed, size : as of `squares`
+    amount : float
+        In [0, 1): inner nodes move by up to this part of half a cell along each axis. Nodes then stay in disjoint
+        boxes about their places, so opposite edges of a cell never meet and every cell is valid.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells in the order of `squares`.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``amount`` is not in [0, 1).
+    """
+    rectangle = check_box(box)
+    amount = check_fraction("amount", amount, 1.0)
+    nx, ny = cell_counts(n, rectangle, size)
+    points, corners = square_grid(nx, ny, rectangle)
+    random = np.random.default_rng(check_whole("seed", seed, 0))
+    inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
+    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * [rectangle.width / nx, rectangle.height / ny]
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+
+
+# Squares of which some are cut in four: their neighbours get a vertex in the middle of a straight edge.
+
+
+# Places of a 3 x 3 block of nodes, numbered from the lower left row by row: once around it, and its four quarters.
+AROUND = np.array([0, 1, 2, 5, 8, 7, 6, 3])
+QUARTERS = np.array([[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]])
+
+
+def hanging(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, fraction: float = 0.3
+) -> PolygonMesh:
+    """Mesh a box with squares of two sizes and hanging nodes between them.
+
+    Parameters
+    ----------
+    n, box, seed, size : as of `squares`
+        With n for the large cells; which of them are cut is random.
+    fraction : float
+        In [0, 1]: the part of the large cells that is cut in four.
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes row by row; large cells row by row, each cut one followed by its four quarters in its place.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``fraction`` is not in [0, 1].
+    """
+    rectangle = check_box(box)
+    fraction = check_fraction("fraction", fraction, 1.0, closed=True)
+    nx, ny = cell_counts(n, rectangle, size, each=4)
+    random = np.random.default_rng(check_whole("seed", seed, 0))
+    cut = np.zeros(nx * ny, dtype=bool)
+    cut[random.permutation(nx * ny)[: round(fraction * nx * ny)]] = True
+    points, _ = square_grid(2 * nx, 2 * ny, rectangle)
+    blocks = _blocks(nx, ny)
+    whole = np.flatnonzero(~cut)
+    rows = np.full((4 * nx * ny, 8), -1)
+    rows[4 * whole] = blocks[whole][:, AROUND]
+    rows.reshape(-1, 4, 8)[cut, :, :4] = blocks[cut][:, QUARTERS]
+    rows = rows[rows[:, 0] >= 0]
+    return padded_mesh(points, _present(cut, blocks, len(points)), rows, rectangle)
+
+
+def _blocks(nx: int, ny: int) -> Ints:
+    """Nodes (nx ny, 9) of the fine grid that belong to each large cell."""
+    line = 2 * nx + 1
+    first = (2 * np.arange(ny)[:, None] * line + 2 * np.arange(nx)).ravel()
+    return first[:, None] + (np.arange(3)[:, None] * line + np.arange(3)).ravel()
+
+
+def _present(cut: Bools, blocks: Ints, n_points: int) -> Bools:
+    """Which nodes of the fine grid exist: corners of large cells, and all of a cell that is cut."""
+    present = np.zeros(n_points, dtype=bool)
+    present[blocks[:, [0, 2, 6, 8]]] = True
+    present[blocks[cut]] = True
+    return present
+
+
+# Squares with zigzag edges: cells of up to twelve vertices, none of them convex, that lock into each other.
+
+
+def nonconvex(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None, zigzag: float = 0.15
+) -> PolygonMesh:
+    """Mesh a box with non-convex cells (where there is more than one).
+
+    Parameters
+    ----------
+    n, box, seed, size : as of `squares`
+    zigzag : float
+        In [0, 1/3): how far the thirds of every inner edge swerve to either side, in parts of a cell. Below 1/3 the
+        edges of a corner stay apart.
+
+    Returns
+    -------
+    PolygonMesh
+        Cells row by row; first the corner nodes in the order of `squares`, then the nodes of the zigzags.
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``zigzag`` is not in [0, 1/3).
+    """
+    rectangle = check_box(box)
+    zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
+    nx, ny = cell_counts(n, rectangle, size)
+    points, corners = square_grid(nx, ny, rectangle)
+    along = _thirds(points, nx, ny, zigzag, rectangle)
+    level, upright = (ny + 1) * nx, ny * (nx + 1)  # numbers of level and of upright edges, also those on the sides
+    inner = np.repeat(_inner(nx, ny), 2)
+    first = len(points) + 2 * np.arange(level + upright)
+    edges = first[:, None] + np.array([0, 1])
+    level_edges, upright_edges = edges[:level].reshape(ny + 1, nx, 2), edges[level:].reshape(ny, nx + 1, 2)
+    around = [
+        corners[:, :1],
+        level_edges[:-1].reshape(-1, 2),
+        corners[:, 1:2],
+        upright_edges[:, 1:].reshape(-1, 2),
+        corners[:, 2:3],
+        level_edges[1:, :, ::-1].reshape(-1, 2),
+        corners[:, 3:],
+        upright_edges[:, :-1, ::-1].reshape(-1, 2),
+    ]
+    present = np.concatenate([np.ones(len(points), dtype=bool), inner])
+    return padded_mesh(np.concatenate([points, along]), present, np.concatenate(around, axis=1), rectangle)
+
+
+def _thirds(points: Floats, nx: int, ny: int, zigzag: float, box: Box) -> Floats:
+    """Two nodes an edge, level edges first: off to the left at a third, off to the right at two thirds."""
+    grid = points.reshape(ny + 1, nx + 1, 2)
+    pitch = np.array([box.width / nx, box.height / ny])
+    level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
+    upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
+    return np.concatenate([level.reshape(-1, 2), upright.reshape(-1, 2)])
+
+
+def _inner(nx: int, ny: int) -> Ints:
+    """Which edges (level ones first) are inside the box; the others stay straight."""
+    level, upright = np.ones((ny + 1, nx), dtype=bool), np.ones((ny, nx + 1), dtype=bool)
+    level[[0, -1]] = upright[:, [0, -1]] = False
+    return np.concatenate([level.ravel(), upright.ravel()])
+
+
+# Squares in an L: a box without its upper right quarter, the usual body with a re-entrant corner.
+
+
+def l_shape(
+    n: Count | None = None, box: Corners = UNIT_BOX, seed: int = 0, *, size: float | None = None
+) -> PolygonMesh:
+    """Mesh an L with equal squares (rectangles, if the box asks for them).
+
+    Parameters
+    ----------
+    n : int or (int, int)
+        As of `squares`, but rounded to even numbers, so that a corner falls in the middle; or the even numbers of cells
+        along the bottom and left sides: (nx, ny).
+    box : ((x0, x1), (y0, y1))
+        The rectangle around the L; its quarter beyond the middles of x and y is left out.
+    seed, size : as of `squares`
+
+    Returns
+    -------
+    PolygonMesh
+        Nodes and cells row by row. Boundaries "left", "bottom", "right" (lower half) and "top" (left half) as on a box,
+        "inner_right" and "inner_top", which meet in the re-entrant corner and face right and up, and "boundary".
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or a pair (nx, ny) is not even.
+    """
+    rectangle = check_box(box)
+    nx, ny = cell_counts(n, rectangle, size)
+    if not listed(n):
+        nx, ny = 2 * max(1, round(nx / 2)), 2 * max(1, round(ny / 2))
+    elif nx % 2 or ny % 2:
+        raise MeshError(f"n must be even numbers of cells, so that a corner falls in the middle; got ({nx}, {ny}).")
+    points, corners = square_grid(nx, ny, rectangle)
+    column, row = np.tile(np.arange(nx), ny), np.repeat(np.arange(ny), nx)
+    corners = corners[(column < nx // 2) | (row < ny // 2)]
+    present = np.zeros(len(points), dtype=bool)
+    present[corners] = True
+    x, y = points[(ny // 2) * (nx + 1) + nx // 2]
+    mesh = padded_mesh(points, present, corners, rectangle)
+    return mesh.with_boundary("inner_right", lambda m: m[:, 0] == x).with_boundary("inner_top", lambda m: m[:, 1] == y)

@@ -1,0 +1,649 @@
+"""Local refinement of polygonal meshes: chosen cells are split, neighbours keep their shape and get hanging nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array, eye_array, vstack
+
+from vemcvx.arguments import flag
+from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.errors import MeshError
+from vemcvx.meshes.checks.names import check_boundaries, check_cell_data
+from vemcvx.meshes.interfaces import Interface, on_boundary
+from vemcvx.meshes.interpolation import projected_values
+from vemcvx.meshes.polygons.convex import convex_pieces, left_of
+from vemcvx.meshes.polygons.geometry import cross, polygon_centroids, rounding
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    directed_edges,
+    first_in_row,
+    next_vertex,
+    offsets_of,
+    positions,
+    previous_corner,
+    rotation,
+    spans,
+)
+from vemcvx.meshes.tessellation import Tessellation
+
+# The sides of polygonal cells, and the places where refinement splits them.
+#
+# A vertex where the outline goes straight on hangs on a side; the others are *bends*. Not every bend is a corner:
+# were the middles on both sides of a bend of 175 degrees joined to the centre, then a quarter with that angle would
+# be left, whose quarters would have it again and again. So a corner is a bend by at least `SHARP`, or one in a row of
+# gentler bends, like those of a many-sided polygon, by which the outline has turned another `TURN`.
+#
+# A *side* of a cell is its outline from one corner to the next, nearly always straight. One that is at least `SHORT`
+# of the cell's diameter long is split once: at a vertex if there is one near its middle, else at the middle of the
+# edge in its middle. So an edge is split in its own middle or not at all, whichever of its two cells asks.
+#
+# Shorter sides are not split, or the short edges of Voronoi cells would beget thinner and thinner cells; their share
+# of the diameter doubles from pass to pass until they are long. A run of them whose bends cancel is part of a longer
+# side; one that is long in sum is split at the corner nearest to its middle (several, if it is very long), right
+# turns first. The perimeter is at least twice the diameter: every cell has at least two such places.
+
+
+# Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
+STRAIGHT = 1e-6
+SHARP, TURN = np.radians(20.0), np.radians(40.0)
+# Part of the diameter. The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to
+# 1 : 3.2 are long; thinner rectangles are cut across only, which brings them back below. Zigzag cells of twelve sides
+# of 0.26 get 5 children; if 0.25 were enough it would be 10, thin ones around a point.
+SHORT = 0.3
+# A vertex this near to the middle of its side, in parts of it, is its middle. Else the edge in the middle is
+# at least 0.4 of the side long, and its own middle lies within 0.15 of the side's.
+NEAR = 0.2
+# In lengths of its share of a run: so much nearer to the middle a right turn seems to be.
+RIGHT = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Edges and angles of all cells, (n_corners,) each, at the corners of the mesh."""
+
+    length: Floats
+    """of the edge that starts there"""
+    turn: Floats
+    """angle by which the outline turns left there; zero where it goes straight on"""
+    bend: Bools
+    """whether it turns at all"""
+    corner: Bools
+    """whether that makes a corner"""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Sides of all cells, in the order of the cells; those of one cell counter-clockwise, the first long if any is."""
+
+    cell: Ints
+    """(n_sides,) cell of each side"""
+    first: Ints
+    """(n_sides,) where in `order` each side begins"""
+    order: Ints
+    """(n_corners,) corners of the mesh, side after side"""
+    lengths: Floats
+    """(n_sides,) in diameters of the cell"""
+    long: Bools
+    """(n_sides,) those that are split: of `SHORT` at least, and all of triangles (whose parts are similar)"""
+
+
+@dataclass(frozen=True, eq=False)
+class Splitting:
+    """Where cells are split."""
+
+    start: Ints
+    """(n_sides,) corner of the mesh at which each side begins, the sides in the order of the cells"""
+    offsets: Ints
+    """(n_cells + 1,) cell c has the sides offsets[c] to offsets[c + 1]"""
+    long: Bools
+    """(n_sides,) those that are split in the middle"""
+    bend: Bools
+    """(n_corners,) vertices where the outline of a cell does not go straight on"""
+    convex: Bools
+    """(n_cells,) cells that turn right nowhere"""
+    places: Ints
+    """(n_cells,) number of places to split at: 2 at least, for all but absurd shapes"""
+    vertex: Bools
+    """(n_corners,) places to split at: the vertex at a corner of the mesh"""
+    edge: Bools
+    """(n_corners,) and the middle of the edge that starts there"""
+
+
+def splitting_of(mesh: Tessellation) -> Splitting:
+    """Find the sides of all cells and the places to split at."""
+    outline = _outline_of(mesh)
+    sides = _sides(mesh, outline, outline.corner)
+    smooth = _cancelling(sides, outline)
+    if len(smooth):
+        corner = outline.corner.copy()
+        corner[smooth] = False
+        sides = _sides(mesh, outline, _at_least_three(corner, outline.corner, mesh.offsets))
+    order, first = sides.order, sides.first
+    vertex, edge = np.zeros((2, len(order)), dtype=bool)
+    at, between = _middles(outline.length[order], sides)
+    vertex[order[at]] = edge[order[between]] = True
+    vertex[order[first[_split_runs(sides, outline.turn[order[first]] < 0.0)]]] = True
+    convex = np.minimum.reduceat(outline.turn, mesh.offsets[:-1]) >= 0.0
+    places = np.add.reduceat(vertex + edge.astype(np.int64), mesh.offsets[:-1])
+    offsets = offsets_of(np.bincount(sides.cell, minlength=mesh.n_cells))
+    return Splitting(
+        start=order[first],
+        offsets=offsets,
+        long=sides.long,
+        bend=outline.bend,
+        convex=convex,
+        places=places,
+        vertex=vertex,
+        edge=edge,
+    )
+
+
+def _outline_of(mesh: Tessellation) -> Outline:
+    """Measure the outlines of all cells and find their corners."""
+    x = mesh.points[mesh.vertices]
+    edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    before = previous_corner(mesh.offsets)
+    sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
+    slack = STRAIGHT * length[before] * length + rounding(x) * (length[before] + length)
+    bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
+    turn = np.where(bend, np.arctan2(sine, cosine), 0.0)
+    return Outline(length, turn, bend, _at_least_three(_corners(turn, mesh.offsets), bend, mesh.offsets))
+
+
+def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
+    """The flags, but those of ``otherwise`` in cells with less than three of them."""
+    few = np.add.reduceat(flags.astype(np.int64), offsets[:-1]) < 3
+    return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
+
+
+def _corners(turn: Floats, offsets: Ints) -> Bools:
+    """Sharp bends, and those of the others where the turn since the last sharp one passes 20, 60, 100 ... degrees."""
+    sharp: Bools = np.abs(turn) > SHARP
+    gentle = np.flatnonzero(np.logical_or.reduceat((turn != 0.0) & ~sharp, offsets[:-1]))
+    if not len(gentle):
+        return sharp
+    order = rotation(offsets, first_in_row(sharp, offsets))
+    fresh = sharp[order]
+    fresh[offsets[:-1]] = True
+    step = np.where(sharp, 0.0, turn)[order]
+    total = np.cumsum(step)
+    since = np.maximum.accumulate(np.where(fresh, np.arange(len(order)), 0))
+    turned = np.rint((total - (total - step)[since]) / TURN)
+    passed = np.concatenate([[False], turned[1:] != turned[:-1]]) & ~fresh & (step != 0.0)
+    corner = sharp.copy()
+    corner[order[passed]] = True
+    return corner
+
+
+def _sides(mesh: Tessellation, outline: Outline, corner: Bools) -> Sides:
+    """Sides between the given corners."""
+    cell = cell_of_corner(mesh.offsets)
+    order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
+    for _ in range(2):  # once to know the long sides, once more to begin with one
+        first = np.flatnonzero(corner[order])
+        lengths = np.add.reduceat(outline.length[order], first) / mesh.diameters[cell[first]]
+        triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
+        long = (lengths >= SHORT) | triangle[cell[first]]
+        sides = Sides(cell[first], first, order, lengths, long)
+        starts_long = np.zeros(len(order), dtype=bool)
+        starts_long[first[long]] = True
+        order = order[rotation(mesh.offsets, first_in_row(starts_long, mesh.offsets))]
+    return sides
+
+
+def _runs(sides: Sides) -> tuple[Bools, Ints, Floats]:
+    """Which sides begin a run (of long, or of short sides of a cell), the run of each side, and lengths of runs."""
+    new = np.append(True, (np.diff(sides.cell) != 0) | (sides.long[1:] != sides.long[:-1]))
+    return new, np.cumsum(new) - 1, np.add.reduceat(sides.lengths, np.flatnonzero(new))
+
+
+def _cancelling(sides: Sides, outline: Outline) -> Ints:
+    """Corners of the mesh in runs of short sides that are short in sum and hardly turn in all."""
+    new, run, total = _runs(sides)
+    begin = np.flatnonzero(new)
+    turn = outline.turn[sides.order[sides.first]]
+    # The corner after a run is where the next side begins, in the same cell or (a cell begins with a long side) the
+    # first of its cell.
+    last = np.append(begin[1:], len(new)) - 1
+    wraps = np.append(sides.cell[1:] != sides.cell[:-1], True)[last]
+    first_side = np.searchsorted(sides.cell, sides.cell[last])
+    end = np.where(wraps, first_side, np.minimum(last + 1, len(new) - 1))
+    flat = np.abs(np.add.reduceat(turn, begin) + turn[end]) < SHARP
+    smooth = ~sides.long[begin] & (total < SHORT) & flat
+    chosen: Ints = np.concatenate([np.flatnonzero(smooth[run]), end[smooth]])
+    return sides.order[sides.first[chosen]]
+
+
+def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
+    """Vertices, and edges, in the middle of long sides, as positions in the order of ``length``."""
+    first, long = sides.first, sides.long
+    side = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(length))))
+    share = length / np.add.reduceat(length, first)[side]
+    end = np.cumsum(share)  # every side counts one, so that short ones keep their digits
+    begin = end - share
+    base = begin[first][side]
+    begin, end = begin - base, end - base
+    inner = long[side]
+    inner[first] = False
+    away = np.where(inner, np.abs(begin - 0.5), np.inf)
+    nearest = np.minimum.reduceat(away, first)
+    is_nearest = first + first_in_row(away == nearest[side], np.append(first, len(side)))
+    taken = nearest <= NEAR
+    between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
+    return is_nearest[taken], np.flatnonzero(between)
+
+
+def _split_runs(sides: Sides, right: Bools) -> Ints:
+    """Sides at whose first corner a run of short sides is split; ``right`` where the outline turns right there."""
+    new, run, total = _runs(sides)
+    parts = np.maximum(1.0, np.rint(total / (2.0 * SHORT)))
+    parts[sides.long[new] | (total < SHORT)] = 0.0
+    share = sides.lengths / total[run]
+    begin = np.cumsum(share) - share
+    begin -= begin[new][run]
+    inner = np.flatnonzero(~new & (parts[run] > 0.0))
+    place = begin[inner] * parts[run[inner]]
+    part = np.minimum(np.floor(place), parts[run[inner]] - 1.0)
+    bins = (np.cumsum(parts) - parts)[run[inner]] + part
+    order = np.lexsort((np.abs(place - part - 0.5) - RIGHT * right[inner], bins))
+    best = np.append(True, np.diff(bins[order]) > 0)[: len(order)]
+    chosen: Ints = order[best]
+    return inner[chosen]
+
+
+# The inner point that the middles of a cell's sides are joined to.
+#
+#     four long sides    the crossing of the lines through opposite middles, (x_1 + x_2 + x_3 + x_4) / 4: the quarters
+#                        of quarters ... tend to parallelograms, so no shape degenerates
+#     an arrow           (four sides, right turn at x_1) the middle of its inner diagonal, (x_1 + x_3) / 2: two children
+#                        are arrows of the same shape, two are parallelograms
+#     convex             the centroid, from which every side is at least a third of the width away
+#     else               the centroid of the kernel (the points that see the whole cell), an intersection of
+#                        half-planes, which comes from clipping a square by one side after the other
+#
+# A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
+
+
+# In diameters: what the centre must be away from the line of every side. A side of a quarter of the diameter
+# is then seen under an angle of six degrees at least.
+CLEAR = 0.03
+
+
+def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]:
+    """Centres of all cells (n_cells, 2), and which cells have one, (n_cells,)."""
+    centres, seen = mesh.centroids.copy(), np.ones(mesh.n_cells, dtype=bool)
+    bends = np.flatnonzero(splitting.bend)
+    counts = np.add.reduceat(splitting.bend.astype(np.int64), mesh.offsets[:-1])
+    offsets = offsets_of(counts)
+
+    def corners(cells: Ints, count: int) -> Floats:
+        nodes: Ints = mesh.vertices[bends[offsets[cells, None] + np.arange(count)]]
+        return mesh.points[nodes]
+
+    all_long = np.logical_and.reduceat(splitting.long, splitting.offsets[:-1]) & (np.diff(splitting.offsets) == 4)
+    quads = np.flatnonzero((counts == 4) & (all_long | ~splitting.convex))
+    centres[quads] = _middles_of_quads(corners(quads, 4))
+    others = np.flatnonzero(~splitting.convex & (counts != 4))
+    for count in np.unique(counts[others]):
+        cells = others[counts[others] == count]
+        scale = mesh.diameters[cells, None]
+        about = (corners(cells, count) - mesh.centroids[cells, None]) / scale[:, None]
+        inside, clear = kernel_centroids(about)
+        centres[cells] += inside * scale
+        seen[cells] = clear >= CLEAR
+    return centres, seen
+
+
+def _middles_of_quads(x: Floats) -> Floats:
+    """Crossings of the middle lines of convex quadrilaterals (c, 4, 2), middles of the inner diagonals of arrows."""
+    # The sums of opposite corners do not depend on where the list begins, to the bit.
+    even, odd = x[:, 0] + x[:, 2], x[:, 1] + x[:, 3]
+    before, after = x - np.roll(x, 1, axis=1), np.roll(x, -1, axis=1) - x
+    turn = cross(before, after)
+    tip = np.argmin(turn, axis=1)
+    arrow = turn.min(axis=1) < 0.0
+    diagonal = np.where((tip % 2 == 0)[:, None], even, odd)
+    return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
+
+
+def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
+    """Centroids (c, 2) of the kernels of polygons, and how far they are from the lines of the sides, (c,).
+
+    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin, which stands for an empty kernel. Distances
+    are the least signed ones, negative outside.
+    """
+    edge = np.roll(corners, -1, axis=1) - corners
+    inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / np.hypot(edge[..., 0], edge[..., 1])[..., None]
+    empty = np.zeros(len(corners), dtype=bool)
+    kernel = np.broadcast_to(np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), (len(corners), 4, 2))
+    for start, along in zip(corners.transpose(1, 0, 2), edge.transpose(1, 0, 2), strict=True):
+        kernel, left = left_of(kernel, start, along)
+        empty |= ~left
+    areas, centroids = polygon_centroids(kernel)
+    points = np.where(((areas > 0.0) & ~empty)[:, None], centroids, 0.0)
+    return points, np.einsum("cia,cia->ci", points[:, None] - corners, inward).min(axis=1)
+
+
+# The cells of a refined mesh: outlines of the old cells with the new middles in them, cut at the chosen places.
+#
+# All nodes of the outlines, cell after cell, and the new centres form one pool; every new cell is a few ranges of it,
+# one after the other: a whole outline; or a part of it from middle to middle, the next middle, and the centre; or the
+# three middles of a triangle; or sides and diagonals of a cell without centre.
+
+
+Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins, and how long that is
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """What becomes of each cell, (n_cells,) bool each."""
+
+    parted: Bools
+    """at the middles of its sides"""
+    centred: Bools
+    """of these, with the middles joined to a new centre"""
+    medial: Bools
+    """or to each other, being a triangle; the others are cut across"""
+    unseen: Bools
+    """into convex pieces along diagonals, having no centre"""
+
+
+def kinds_of(splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
+    """Tell what becomes of each cell from which are marked, and which have a centre that sees all of them."""
+    parted = marked & seen
+    medial = parted & (np.diff(splitting.offsets) == 3) & splitting.convex
+    centred = parted & ~medial & ~((splitting.places == 2) & splitting.convex)
+    return Kinds(parted, centred, medial, marked & ~seen)
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """Old cells with the new middles among their vertices, those to be cut turned so that they begin with a mark."""
+
+    offsets: Ints
+    nodes: Ints
+    """cell c has the outline nodes[offsets[c]:offsets[c + 1]]"""
+    marks: Ints
+    """(m,) positions where cells are cut: middles of sides of parted cells, all bends of unseen ones"""
+    cell: Ints
+    """(m,) cell of each mark"""
+    stop: Ints
+    """(m,) where the part of the outline that begins at a mark ends"""
+    follower: Ints
+    """(m,) the position of the next mark of the cell"""
+
+
+def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: Ints) -> Outlines:
+    """Insert the nodes ``middle`` (n_corners,), -1 for none, after the corners of a mesh, and mark where to cut."""
+    cell = cell_of_corner(mesh.offsets)
+    new = middle >= 0
+    place = offsets_of(1 + new)
+    offsets = place[mesh.offsets]
+    nodes, marked = np.empty(place[-1], dtype=np.int64), np.zeros(place[-1], dtype=bool)
+    nodes[place[:-1]], nodes[place[:-1][new] + 1] = mesh.vertices, middle[new]
+    marked[place[:-1]] = (kinds.parted[cell] & splitting.vertex) | (kinds.unseen[cell] & splitting.bend)
+    marked[place[:-1][new] + 1] = (kinds.parted[cell] & splitting.edge)[new]
+    turned = rotation(offsets, first_in_row(marked, offsets))
+    marks = np.flatnonzero(marked[turned])
+    owner = cell_of_corner(offsets)[marks]
+    last = np.append(owner[1:] != owner[:-1], True)
+    after = np.append(marks[1:], 0)
+    stop, follower = np.where(last, offsets[owner + 1], after), np.where(last, offsets[owner], after)
+    return Outlines(offsets=offsets, nodes=nodes[turned], marks=marks, cell=owner, stop=stop, follower=follower)
+
+
+def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: int) -> tuple[Ints, Ints, Ints]:
+    """Offsets and vertices of the new cells, in the order of their parents, and the parents.
+
+    ``points`` are the nodes of the old mesh; the centres are numbered from ``first_centre`` in the order of the cells.
+    """
+    n_cells = len(outlines.offsets) - 1
+    marks = np.bincount(outlines.cell, minlength=n_cells)
+    cut, whole = np.flatnonzero(kinds.unseen), np.flatnonzero(~kinds.parted & ~kinds.unseen)
+    counts, pieces = _pieces(outlines, cut, points)
+    children = np.where(kinds.parted, marks + kinds.medial, 1)
+    children[cut] = counts
+    first = offsets_of(children)
+    ranges = [
+        (first[whole], outlines.offsets[whole], np.diff(outlines.offsets)[whole]),
+        *_between_middles(outlines, kinds, first, marks),
+        _middle_triangles(outlines, kinds, first, marks),
+        *((first[c] + number, start, length) for c, (number, start, length) in zip(cut, pieces, strict=True)),
+    ]
+    cell, start, count = (np.concatenate(parts) for parts in zip(*ranges, strict=True))
+    order = np.argsort(cell, kind="stable")
+    centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
+    pool = np.concatenate([outlines.nodes, centres])
+    sizes = np.bincount(cell, weights=count, minlength=first[-1]).astype(np.int64)
+    vertices = pool[spans(start[order], count[order])]
+    return offsets_of(sizes), vertices, np.repeat(np.arange(n_cells), children)
+
+
+def _between_middles(outlines: Outlines, kinds: Kinds, first: Ints, marks: Ints) -> list[Ranges]:
+    """The outline from each middle to the next one, that one, and the centre if there is one."""
+    here = np.flatnonzero(kinds.parted[outlines.cell])
+    cell, start = outlines.cell[here], outlines.marks[here]
+    child = first[cell] + here - offsets_of(marks)[cell]
+    single = np.ones(len(here), dtype=np.int64)
+    with_centre = kinds.centred[cell]
+    centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
+    return [
+        (child, start, outlines.stop[here] - start),
+        (child, outlines.follower[here], single),
+        (child[with_centre], centre[cell[with_centre]], single[with_centre]),
+    ]
+
+
+def _middle_triangles(outlines: Outlines, kinds: Kinds, first: Ints, marks: Ints) -> Ranges:
+    """The three middles of each triangle."""
+    here = np.flatnonzero(kinds.medial[outlines.cell])
+    return first[outlines.cell[here]] + marks[outlines.cell[here]], outlines.marks[here], np.ones_like(here)
+
+
+def _pieces(outlines: Outlines, cells: Ints, points: Floats) -> tuple[Ints, list[Ranges]]:
+    """Numbers of convex pieces of the given cells; for each edge of a piece its first corner, or the whole side."""
+    counts, found = np.zeros(len(cells), dtype=np.int64), []
+    begin = np.searchsorted(outlines.cell, cells)
+    end = np.searchsorted(outlines.cell, cells, side="right")
+    for k in range(len(cells)):  # cells that no point sees all of are rare
+        marks, stops = outlines.marks[begin[k] : end[k]], outlines.stop[begin[k] : end[k]]
+        corners = points[outlines.nodes[marks]]
+        pieces = convex_pieces(corners - corners[0])
+        counts[k] = len(pieces)
+        start = np.concatenate(pieces)
+        side = np.concatenate([np.roll(piece, -1) for piece in pieces]) == (start + 1) % len(marks)
+        number = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+        found.append((number, marks[start], np.where(side, stops[start] - marks[start], 1)))
+    return counts, found
+
+
+# Local refinement of polygonal meshes: chosen cells are split, their neighbours get the new vertices and stay.
+#
+# The middles of the sides of a cell (`sides`) are joined to its centre (`centres`): n sides, n quadrilaterals. A
+# triangle has its middles joined to each other instead (four similar triangles), a long thin convex cell with two
+# middles is cut across, and a cell without a centre is first cut into convex pieces between its own vertices. New
+# vertices hang on the straight sides of unrefined neighbours; virtual elements take them as any vertex, so no closure
+# is needed.
+#
+# Grading: an unrefined cell of which a side would get a new hanging node beside another one is refined too, and so
+# on.
+
+
+Mesh = TypeVar("Mesh", bound=Tessellation)
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """One number for each undirected edge."""
+
+    of_corner: Ints
+    """(n_corners,) number of the edge that starts at each corner of the mesh"""
+    ends: Ints
+    """(n_edges, 2) its nodes, the smaller first; edges are in the order of these pairs"""
+    twins: Ints
+    """(q, 2) numbers of the edges of both bodies in one place at interfaces"""
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement(Generic[Mesh]):
+    """A refined mesh, and where its cells and nodes come from.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh
+        Children stand in the place of their parent; old nodes first, then middles of edges, then centres of cells.
+        Names of boundaries and cell data are those of the parents.
+    parents : (n_new_cells,) int
+        Old cell that each cell is, or is part of.
+    prolongation : (n_new_nodes, n_old_nodes) sparse array
+        Nodal values of the old mesh at the new nodes: kept; mean of the two ends of the edge; projection Pi at
+        centres (the linear function that the element of the cell computes with). Exact for linear functions.
+    """
+
+    mesh: Mesh
+    parents: Ints
+    prolongation: csr_array
+
+
+def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = True) -> Refinement[Mesh]:
+    """Split the given cells of a mesh.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+        Any valid mesh.
+    cells : (m,) array_like of int or (n_cells,) array_like of bool, optional
+        Cells to split; by default all.
+    balance : bool
+        Also split every cell of which a side would get a new hanging node beside another one, until no side has
+        two of them (if none had before).
+
+    Returns
+    -------
+    Refinement
+        The new mesh, the parent of each cell, and the prolongation of nodal values.
+
+    Raises
+    ------
+    MeshError
+        ``cells`` are not numbers of cells or one bool a cell, or edges to split are as short as rounding.
+    """
+    if not isinstance(mesh, Tessellation):
+        raise MeshError(f"refinement: found {brief(mesh)} where a PolygonMesh is wanted.")
+    balance, marked = flag(balance, "refinement: balance"), check_marks(cells, mesh.n_cells)
+    splitting, edges = splitting_of(mesh), _edges_of(mesh)
+    centres, seen = centres_of(mesh, splitting)
+    seen &= splitting.places >= 2
+    wanted = splitting.edge & seen[cell_of_corner(mesh.offsets)]
+    if balance:
+        marked = closed(marked, wanted, mesh, splitting, edges)
+    split = _split(marked, wanted, mesh, edges)
+    ends = edges.ends[split]
+    _check_lengths(mesh.points, ends)
+    middle = np.full(len(split), -1)
+    middle[split] = mesh.n_nodes + np.arange(len(ends))
+    kinds = kinds_of(splitting, marked, seen)
+    outlines = outlines_of(mesh, splitting, kinds, middle[edges.of_corner])
+    offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
+    inner = centres[kinds.centred]
+    points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
+    refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, mesh._box), parents, edges, middle)
+    at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
+    return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
+
+
+def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
+    """Which cells are meant, (n_cells,) bool, or MeshError."""
+    if cells is None:
+        return np.ones(n_cells, dtype=bool)
+    what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"
+    given = plain(cells)
+    if given is None:
+        raise MeshError(f"{what}; got {brief(cells)}, masked or rows of different lengths.")
+    if given.ndim == 1 and not given.size:
+        return np.zeros(n_cells, dtype=bool)
+    if given.ndim != 1 or given.dtype.kind not in "biu" or (given.dtype == bool and len(given) != n_cells):
+        example = f", for example {given.ravel()[0]!r}" if given.size and given.dtype.kind not in "biu" else ""
+        raise MeshError(f"{what}; got {given.dtype} of shape {given.shape}{example}.")
+    if given.dtype == bool:
+        return given.copy()
+    if given.min() < 0 or given.max() >= n_cells:
+        raise MeshError(f"{what}; got numbers from {given.min()} to {given.max()}.")
+    marked = np.zeros(n_cells, dtype=bool)
+    marked[given.astype(np.int64)] = True
+    return marked
+
+
+def _edges_of(mesh: Tessellation) -> Edges:
+    shared = mesh.shared_edges
+    of_corner = np.empty_like(shared.corners)
+    of_corner[shared.corners] = np.repeat(np.arange(len(shared.first)), shared.counts)
+    ends = np.sort(directed_edges(mesh.offsets, mesh.vertices)[shared.corners[shared.first]], axis=1)
+    sides = [np.empty((0, 4), dtype=np.int64), *(np.hstack([i.edges, i.partners]) for i in mesh.interfaces.values())]
+    twins = positions(np.concatenate(sides).reshape(-1, 2), ends, mesh.n_nodes).reshape(-1, 2)
+    return Edges(of_corner, ends, twins)
+
+
+def _check_lengths(points: Floats, ends: Ints) -> None:
+    """MeshError if an edge is so short that its halves would be rounding of the coordinates."""
+    one, other = points[ends[:, 0]], points[ends[:, 1]]
+    short = np.flatnonzero(np.abs(other - one).max(axis=1) <= 4.0 * rounding(one, other))
+    if len(short):
+        a, b = ends[short[0]]
+        raise MeshError(
+            f"the edge ({a}, {b}) at ({points[a, 0]:.6g}, {points[a, 1]:.6g}) is only "
+            f"{np.hypot(*(points[b] - points[a])):.2g} long: its middle would be rounding of the coordinates. Refine "
+            "elsewhere, or put the origin there."
+        )
+
+
+def _split(marked: Bools, wanted: Bools, mesh: Tessellation, edges: Edges) -> Bools:
+    """Edges to split: those that marked cells want split, and what is in the same place of another body, (n_edges,)."""
+    split = np.zeros(len(edges.ends), dtype=bool)
+    split[edges.of_corner[wanted & marked[cell_of_corner(mesh.offsets)]]] = True
+    split[edges.twins] = split[edges.twins].any(axis=1, keepdims=True)
+    return split
+
+
+def closed(marked: Bools, wanted: Bools, mesh: Tessellation, splitting: Splitting, edges: Edges) -> Bools:
+    """Cells marked, and those that would get a new node beside another one between two bends of their outline."""
+    marked, cell = marked.copy(), cell_of_corner(mesh.offsets)
+    order = rotation(mesh.offsets, first_in_row(splitting.bend, mesh.offsets))
+    begin = np.flatnonzero(splitting.bend[order])
+    edge, hanging = edges.of_corner[order], np.diff(np.append(begin, len(order))) - 1
+    while True:
+        new = np.add.reduceat(_split(marked, wanted, mesh, edges)[edge].astype(np.int64), begin)
+        crowded = (new > 0) & (new + hanging > 1)
+        before = np.count_nonzero(marked)
+        marked[cell[begin[crowded]]] = True
+        if np.count_nonzero(marked) == before:
+            return marked
+
+
+def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Ints) -> Mesh:
+    """The refined mesh with the names, interfaces and cell data of the old one."""
+
+    def halved(part: Ints) -> Ints:
+        new = middle[positions(part, edges.ends, mesh.n_nodes)]
+        cut, whole = new >= 0, part[new < 0]
+        first, second = np.column_stack([part[cut, 0], new[cut]]), np.column_stack([new[cut], part[cut, 1]])
+        return np.concatenate([whole, first, second])
+
+    data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
+    named = {name: halved(part) for name, part in mesh._named.items()}
+    named = check_boundaries(named, refined._boundary, refined.n_nodes, None) if named else {}
+    sides = {k: Interface(i.bodies, halved(i.edges), halved(i.partners)) for k, i in mesh.interfaces.items()}
+    matched = on_boundary(sides, refined._boundary, refined.n_nodes) if sides else {}
+    return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))
+
+
+def _prolongation(n_nodes: int, ends: Ints, inner: csr_array) -> csr_array:
+    """Rows of the identity, of means over edges, and of the inner nodes, one below the other."""
+    middles = csr_array((np.full(ends.size, 0.5), ends.ravel(), 2 * np.arange(len(ends) + 1)), (len(ends), n_nodes))
+    return csr_array(vstack([eye_array(n_nodes), middles, inner], format="csr"))

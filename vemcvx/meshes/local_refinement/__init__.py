@@ -1,1 +1,0 @@
-"""Local refinement: chosen cells are split, neighbours keep their shape and get hanging nodes."""

@@ -1,0 +1,261 @@
+"""Polyhedra: their faces joined, areas, normals and volumes, and how points and edges lie to faces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.meshes.polygons.geometry import TOLERANCE
+from vemcvx.meshes.polygons.topology import (
+    cell_of_corner,
+    next_corner,
+    next_vertex,
+    offsets_of,
+    rows_in_order,
+    spans,
+    turned,
+)
+
+# Faces that cells list one by one, joined: every face once, with the cells on its two sides.
+#
+# Two listed faces are the same if they have the same vertices. Faces are numbered as they first appear, so the first
+# cell of a face is the one of lower number, whose listing the face keeps.
+
+
+class Listed(NamedTuple):
+    """Faces of cells that list all of theirs, one cell after the other."""
+
+    offsets: Ints
+    """(n_listed + 1,) where in `vertices` each face begins"""
+    vertices: Ints
+    cell_offsets: Ints
+    """(n_cells + 1,) which faces are each cell's"""
+
+    def in_order(self, cells: Ints) -> Listed:
+        """Those of the cells with the given numbers, in this order."""
+        cell_offsets, faces = rows_in_order(self.cell_offsets, np.arange(len(self.offsets) - 1), cells)
+        return Listed(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
+
+
+class Faces(NamedTuple):
+    """Faces of a mesh (see :class:`vemcvx.PolyhedralMesh`)."""
+
+    face_offsets: Ints
+    face_vertices: Ints
+    cell_offsets: Ints
+    cell_faces: Ints
+    face_cells: Ints
+
+
+def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
+    """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
+    first, number = same_faces(offsets, vertices)
+    face_offsets, face_vertices = rows_in_order(offsets, vertices, first)
+    owner = cell_of_corner(cell_offsets)
+    second = np.full(len(first), -1)
+    later = np.flatnonzero(first[number] != np.arange(len(number)))
+    second[number[later]] = owner[later]
+    return Faces(
+        face_offsets,
+        face_vertices,
+        cell_offsets,
+        number,
+        np.column_stack([owner[first], second]),
+    )
+
+
+def same_faces(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
+    """Of each face the listing that names its vertices first, in order; and of each listing the face that it is."""
+    counts = np.diff(offsets)
+    leader = np.arange(len(counts))
+    for count in np.unique(counts):
+        listed = np.flatnonzero(counts == count)
+        rows = np.sort(vertices[offsets[listed, None] + np.arange(count)], axis=1)
+        order = np.lexsort(rows.T[::-1])
+        rows = rows[order]
+        starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
+        leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
+    first = np.unique(leader)
+    return first, np.searchsorted(first, leader)
+
+
+def listed_faces(faces: Faces) -> Listed:
+    """The faces of each cell, outwards: what `joined_faces` makes them of."""
+    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
+    return Listed(offsets, turned(offsets, vertices, signs_of(faces) < 0.0), faces.cell_offsets)
+
+
+def signs_of(faces: Faces) -> Floats:
+    """1 where the stored normal of a cell's face points out of it, -1 where into it; in the order of `cell_faces`."""
+    return np.where(faces.face_cells[faces.cell_faces, 0] == cell_of_corner(faces.cell_offsets), 1.0, -1.0)
+
+
+def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
+    """Offsets (n_cells + 1,) and the nodes of each cell, once each and ascending."""
+    rows, nodes = rows_in_order(faces.face_offsets, faces.face_vertices, faces.cell_faces)
+    cells = np.repeat(cell_of_corner(faces.cell_offsets), np.diff(rows))
+    keys = np.sort(cells * n_nodes + nodes)
+    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
+    return offsets_of(np.bincount(keys // n_nodes)), keys % n_nodes
+
+
+# Areas, normals and centroids of plane polygons in space; volumes and centroids of polyhedra.
+#
+# A face is summed over the fan of triangles from its first vertex o (d_i = x_i - o), with signed areas along its
+# normal:
+#
+#     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
+#
+# exact for plane faces, convex or not. A cell is summed over the pyramids from the mean p of the centroids of its
+# faces, with a the area vectors outwards and c the centroids of faces:
+#
+#     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
+#
+# Coordinates are taken relative to a vertex or a mean nearby, so a mesh far from the origin loses nothing.
+
+
+class FaceShapes(NamedTuple):
+    """Areas (n_faces,), unit normals and centroids (n_faces, 3); zero, zero and the first vertex of a flat face."""
+
+    areas: Floats
+    normals: Floats
+    centroids: Floats
+
+
+def face_shapes(points: Floats, offsets: Ints, vertices: Ints) -> FaceShapes:
+    """Shapes of faces; normals by the right-hand rule."""
+    counts = np.diff(offsets)
+    origin = points[vertices[offsets[:-1]]]
+    here = points[vertices] - np.repeat(origin, counts, axis=0)
+    after = here[next_corner(offsets)]
+    part = 0.5 * np.cross(here, after)
+    vectors = np.add.reduceat(part, offsets[:-1], axis=0)
+    areas = np.linalg.norm(vectors, axis=1)
+    normals = _divided(vectors, areas)
+    signed = np.einsum("ij,ij->i", part, np.repeat(normals, counts, axis=0))
+    moments = np.add.reduceat((here + after) * signed[:, None], offsets[:-1], axis=0)
+    return FaceShapes(areas, normals, origin + _divided(moments, 3.0 * areas))
+
+
+def volumes_and_centroids(faces: FaceShapes, offsets: Ints, cell_faces: Ints, signs: Floats) -> tuple[Floats, Floats]:
+    """Signed volumes (n_cells,) and centroids (n_cells, 3) of cells.
+
+    Cell c has the faces ``cell_faces[offsets[c]:offsets[c + 1]]``; `signs` (1 outwards, -1 inwards) goes with them.
+    """
+    counts = np.diff(offsets)
+    place = faces.centroids[cell_faces]
+    apex = np.add.reduceat(place - np.repeat(place[offsets[:-1]], counts, axis=0), offsets[:-1], axis=0)
+    apex = place[offsets[:-1]] + apex / counts[:, None]
+    arm = place - np.repeat(apex, counts, axis=0)
+    part = np.einsum("ij,ij->i", faces.normals[cell_faces], arm) * (signs * faces.areas[cell_faces])
+    volumes = np.add.reduceat(part, offsets[:-1])
+    moments = np.add.reduceat(arm * part[:, None], offsets[:-1], axis=0)
+    return volumes / 3.0, apex + 0.75 * _divided(moments, volumes)
+
+
+def _divided(rows: Floats, by: Floats) -> Floats:
+    """Rows divided by a number each; zero where that is zero."""
+    return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
+
+
+# Faces of the cells that are usually given by their vertices, outwards.
+#
+# The bottom runs counter-clockwise seen from above; over it are, in the same order, the vertices of the top, or the
+# apex.
+
+
+FACES = {
+    "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+    "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+
+
+# Points, edges and plane faces in space: how far a point is from a face, which edges pierce or cross what.
+#
+# A point is inside the outline of a face if a line from it in the plane of two coordinates (the one left out is that
+# in which the normal is longest) crosses the outline an odd number of times.
+
+
+PAIRS_AT_ONCE = 200_000
+PARALLEL = 1e-12
+"""Squared sine of the angle below which two edges count as parallel: they touch in end points only."""
+
+
+def beside_faces(
+    places: Floats, faces: Ints, points: Floats, offsets: Ints, vertices: Ints, normals: Floats
+) -> tuple[Floats, Bools]:
+    """Distance (m,) of places (m, 3) from the outlines of faces (m,), and whether they are inside these, seen along."""
+    follow = next_vertex(offsets, vertices)
+    distance, inside = np.empty(len(places)), np.empty(len(places), dtype=bool)
+    for start in range(0, len(places), PAIRS_AT_ONCE):
+        part = slice(start, start + PAIRS_AT_ONCE)
+        counts = np.diff(offsets)[faces[part]]
+        corner = spans(offsets[faces[part]], counts)
+        rows = np.cumsum(counts) - counts
+        at = np.repeat(places[part], counts, axis=0)
+        a, b = points[vertices[corner]] - at, points[follow[corner]] - at
+        distance[part] = np.minimum.reduceat(_from_origin(a, b), rows)
+        longest = np.repeat(np.argmax(np.abs(normals[faces[part]]), axis=1), counts)[:, None]
+        (au, bu), (av, bv) = (
+            [np.take_along_axis(x, (longest + shift) % 3, axis=1)[:, 0] for x in (a, b)] for shift in (1, 2)
+        )
+        astride = (av > 0.0) != (bv > 0.0)
+        # Where the outline crosses the line v = 0: at u = au - av (bu - au) / (bv - av).
+        beyond = (au * bv - bu * av) * np.sign(bv - av) > 0.0
+        inside[part] = np.add.reduceat(astride & beyond, rows, dtype=np.int64) % 2 == 1
+    return distance, inside
+
+
+def _from_origin(a: Floats, b: Floats) -> Floats:
+    """Distance (m,) of the origin from segments (m, 3)."""
+    edge = b - a
+    length = np.einsum("ij,ij->i", edge, edge)
+    along = np.clip(-np.einsum("ij,ij->i", a, edge) / length, 0.0, 1.0)
+    distance: Floats = np.linalg.norm(a + along[:, None] * edge, axis=1)
+    return distance
+
+
+def crossing_distance(points: Floats, first: Ints, second: Ints) -> Floats:
+    """How far edges (m, 2) pass by others (m, 2) where both are nearest in inner points; elsewhere infinite."""
+    a, c = points[first[:, 0]], points[second[:, 0]]
+    one, other, apart = points[first[:, 1]] - a, points[second[:, 1]] - c, a - c
+    aa, bb, ab = (np.einsum("ij,ij->i", x, y) for x, y in ((one, one), (other, other), (one, other)))
+    ar, br = np.einsum("ij,ij->i", one, apart), np.einsum("ij,ij->i", other, apart)
+    square = aa * bb - ab * ab
+    skew = square > PARALLEL * aa * bb
+    divisor = np.where(skew, square, 1.0)
+    s, t = (ab * br - bb * ar) / divisor, (aa * br - ab * ar) / divisor
+    inner = skew & (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
+    return np.where(inner, np.linalg.norm(apart + s[:, None] * one - t[:, None] * other, axis=1), np.inf)
+
+
+def piercing(start: Floats, end: Floats, height_start: Floats, height_end: Floats) -> tuple[Bools, Floats]:
+    """Whether edges (m, 3) leave a plane on both sides beyond rounding, and where they cross it, (m, 3)."""
+    slack = TOLERANCE * np.maximum(np.abs(start).max(axis=1), np.abs(end).max(axis=1))
+    low, high = np.minimum(height_start, height_end), np.maximum(height_start, height_end)
+    through = (low < -slack) & (high > slack)
+    part = np.divide(height_start, height_start - height_end, out=np.zeros_like(slack), where=through)
+    return through, start + part[:, None] * (end - start)
+
+
+def solid_angles(places: Floats, triangles: Floats) -> Floats:
+    """Solid angles (m, t) of triangles (t, 3, 3) seen from places (m, 3), positive where normals point away."""
+    return angles_seen(triangles[None] - places[:, None, None])
+
+
+def angles_seen(arms: Floats) -> Floats:
+    """Solid angles (...,) of triangles whose corners are at arms (..., 3, 3) from the eye.
+
+    tan(angle / 2) = a . (b x c) / (abc + (a . b) c + (a . c) b + (b . c) a), the letters the arms and their lengths
+    (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983), 125-126).
+    """
+    a, b, c = (arms[..., k, :] for k in range(3))
+    la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
+    ab, ac, bc = (np.einsum("...i,...i->...", x, y) for x, y in ((a, b), (a, c), (b, c)))
+    volume = np.einsum("...i,...i->...", a, np.cross(b, c))
+    angles: Floats = 2.0 * np.arctan2(volume, la * lb * lc + ab * lc + ac * lb + bc * la)
+    return angles

@@ -1,1 +1,0 @@
-"""Several bodies in one mesh: where their boundaries coincide, nodes of the other as hanging vertices, names."""

@@ -1,0 +1,262 @@
+"""Results at any points of the body, and along lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from vemcvx.arguments import is_whole
+from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, shape_in_words
+from vemcvx.errors import SceneError
+from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
+from vemcvx.meshes.interpolation import projected_values
+from vemcvx.meshes.polygons.geometry import cross, overlapping_boxes
+from vemcvx.meshes.polygons.topology import next_vertex, spans
+from vemcvx.results.results import Results
+from vemcvx.vem import Space, solid_places
+from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
+
+# Which cells of a polygonal mesh hold which points, for all points at once, whatever the shape of the cells.
+#
+# A point lies inside a simple polygon if a ray from it crosses the sides an odd number of times (Shimrat, Algorithm
+# 112, Comm. ACM 5 (1962)). It lies on a side, where parity is a matter of rounding, if it is as close as rounding
+# brings it: then all cells there hold it, and the side is kept, because functions of the space are known on it.
+
+
+# Points in one go: temporaries of some ten megabytes.
+CHUNK = 2**14
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """Where p points lie.
+
+    Attributes
+    ----------
+    points, cells : (k,) and (k,) arrays of int
+        Point points[i] lies in the closed cell cells[i]; by point, then by cell.
+    starts, ends : (p,) and (p,) arrays of int
+        The nodes of the side that a point lies on; -1 inside of cells and outside of the mesh.
+    along : (p,) array
+        How much of that side lies before the point, 0 ... 1.
+    """
+
+    points: Ints
+    cells: Ints
+    starts: Ints
+    ends: Ints
+    along: Floats
+
+
+def locate(mesh: PolygonMesh, points: Floats) -> Location:
+    """Where the finite points (p, 2) lie; those outside the mesh are in no cell."""
+    low, high = (f.reduceat(mesh.points[mesh.vertices], mesh.offsets[:-1]) for f in (np.minimum, np.maximum))
+    rounding = POINT_ROUNDING * np.abs(mesh.points).max()
+    reach = CLOSE * mesh.h + rounding
+    near = np.flatnonzero(((points >= low.min(axis=0) - reach) & (points <= high.max(axis=0) + reach)).all(axis=1))
+    starts, ends, along = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))
+    found = [np.zeros((2, 0), dtype=np.int64)]
+    for chunk in np.split(near, range(CHUNK, len(near), CHUNK)) if len(near) else []:
+        i, cells = overlapping_boxes(points[chunk] - reach, points[chunk] + reach, low, high)
+        order = np.lexsort([cells, i])
+        i, cells = chunk[i[order]], cells[order]
+        if len(i):
+            sides = _Sides(mesh, points, i, cells, CLOSE * mesh.diameters[cells] + rounding)
+            on, a, b, t = sides.nearest()
+            starts[on], ends[on], along[on] = a, b, t
+            found.append(np.stack([i, cells])[:, sides.holds])
+    held, holding = np.concatenate(found, axis=1)
+    return Location(held, holding, starts, ends, along)
+
+
+class _Sides:
+    """The sides of candidates: pairs of a point i and a cell that may hold it, within `reach` of its sides."""
+
+    def __init__(self, mesh: PolygonMesh, points: Floats, i: Ints, cells: Ints, reach: Floats):
+        counts = np.diff(mesh.offsets)[cells]
+        corner = spans(mesh.offsets[cells], counts)
+        self._begin = np.cumsum(counts) - counts
+        self._point = np.repeat(i, counts)
+        self._a, self._b = mesh.vertices[corner], next_vertex(mesh.offsets, mesh.vertices)[corner]
+        a, b = (mesh.points[ends] - points[self._point] for ends in (self._a, self._b))
+        side = b - a
+        self._along = np.clip(-np.einsum("sd,sd->s", a, side) / np.einsum("sd,sd->s", side, side), 0.0, 1.0)
+        self._distance = np.linalg.norm(a + self._along[:, None] * side, axis=1)
+        self._on = self._distance <= np.repeat(reach, counts)
+        # The ray to the right meets a side from below to above if the point lies left of it, and so on.
+        left = cross(a, b) > 0
+        self._crossed = ((a[:, 1] > 0) != (b[:, 1] > 0)) & (left == (b[:, 1] > a[:, 1]))
+        if mesh.interfaces:
+            first = np.repeat(~self._of_second_bodies(mesh, i), counts)
+            self._on, self._crossed = self._on & first, self._crossed & first
+
+    @property
+    def holds(self) -> Bools:
+        """Whether each candidate's closed cell holds its point."""
+        odd: Bools = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
+        return odd | np.logical_or.reduceat(self._on, self._begin)
+
+    def _of_second_bodies(self, mesh: PolygonMesh, i: Ints) -> Bools:
+        """Whether a candidate's point lies on a side of its cell that is the second body's of an interface.
+
+        Not where that is so of all candidates of a point.
+        """
+        n = mesh.n_nodes
+        second = np.concatenate([joint.partners[:, 1] * n + joint.partners[:, 0] for joint in mesh.interfaces.values()])
+        there = self._on & np.isin(self._a * n + self._b, second)
+        found: Bools = np.logical_or.reduceat(there, self._begin)
+        others = np.bincount(i[~found], minlength=i.max() + 1)[i] > 0
+        return found & others
+
+    def nearest(self) -> tuple[Ints, Ints, Ints, Floats]:
+        """Points on sides, without repetition; the ends of the nearest side of each, and the place on it."""
+        on = np.flatnonzero(self._on)
+        on = on[np.lexsort([self._distance[on], self._point[on]])]
+        points, first = np.unique(self._point[on], return_index=True)
+        side = on[first]
+        return points, self._a[side], self._b[side], self._along[side]
+
+
+# Points of the body as averages over nodes and cells.
+#
+# On an edge u_h is known: linear between its nodes, whose own values it takes at the ends; on faces of polyhedra it
+# is piecewise linear. Inside a cell it is not known, and its projection Pi u_h, (3.11), stands for it. What is
+# constant on cells is averaged over all cells that hold the point, so that a mirror image gives the mirror image.
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """p points of a body.
+
+    Attributes
+    ----------
+    nodes : (p, n_nodes) sparse matrix
+        Values at the points from values at nodes.
+    cells : (p, n_cells) sparse matrix
+        Values at the points from values on cells.
+    """
+
+    nodes: sp.csr_matrix
+    cells: sp.csr_matrix
+
+    def at_nodes(self, values: Floats) -> Floats:
+        """(S, p, ...) of values (S, n_nodes, ...)."""
+        return np.stack([self.nodes @ row for row in values])
+
+    def at_cells(self, values: Floats) -> Floats:
+        """(p, ...) of values (n_cells, ...)."""
+        return self.cells @ values
+
+
+def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
+    """The places of points (p, dim) in the body.
+
+    Raises
+    ------
+    SceneError
+        They are not points, or one lies outside the body; `subject` asked.
+    """
+    x = _points(points, mesh.points.shape[1], subject)
+    nodes, cells = solid_places(Space(mesh), mesh, x) if isinstance(mesh, PolyhedralMesh) else _in_plane(mesh, x)
+    out = np.flatnonzero(np.diff(cells.indptr) == 0)
+    if len(out):
+        raise SceneError(_outside(mesh, x, out, subject))
+    return Places(nodes, cells)
+
+
+def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    found = locate(mesh, x)
+    shares = 1.0 / np.bincount(found.points, minlength=len(x))[found.points]
+    cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))
+    return _nodes(mesh, x, found), cells
+
+
+def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
+    """Values at the points from values at nodes."""
+    on = np.flatnonzero(found.starts >= 0)
+    row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
+    ends = np.concatenate([found.starts[on], found.ends[on]])
+    edges = sp.csr_matrix((part, (row, ends)), shape=(len(x), mesh.n_nodes))
+    # Inside, one cell holds the point.
+    inner, first = np.unique(found.points, return_index=True)
+    inside = found.starts[inner] < 0
+    inner, cell = inner[inside], found.cells[first[inside]]
+    spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))
+    return sp.csr_matrix(edges + spread @ projected_values(mesh, cell, x[inner]))
+
+
+def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
+    wanted = f"points (p, {dim}), one a row, such as {[[0.5] * dim]}"
+    x = as_real_array(points, subject, wanted)
+    if x.ndim != 2 or x.shape[1] != dim:
+        raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
+    bad = ~np.isfinite(x).all(axis=1)
+    if bad.any():
+        raise SceneError(f"{subject}: found NaN or infinity in point {int(np.argmax(bad))}; wanted finite {wanted}.")
+    return x
+
+
+def _outside(mesh: AnyMesh, x: Floats, out: Ints, subject: str) -> str:
+    first, cells = int(out[0]), "polyhedra" if isinstance(mesh, PolyhedralMesh) else "polygons"
+    node = int(np.argmin(np.linalg.norm(mesh.points - x[first], axis=1)))
+    more = f" (and so do {len(out) - 1} others)" if len(out) > 1 else ""
+    return (
+        f"{subject}: point {first} at {x[first]} lies outside the body{more}; the nearest node of the mesh is {node} "
+        f"at {mesh.points[node]}. Give points of the {cells} that the mesh is made of."
+    )
+
+
+# A field along a straight line of the body.
+
+
+MOST = 10**7
+"""Points on a line beyond which it is a slip of the keyboard."""
+ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
+
+
+class Profile(NamedTuple):
+    """A field along a line.
+
+    Attributes
+    ----------
+    arc : (count,) array
+        Distance from the start, length.
+    values : (S, count, ...) array
+        One row a stored step.
+    """
+
+    arc: Floats
+    values: Floats
+
+
+def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, field: str) -> Profile:
+    """A field of a history along the line from `start` to `end`: see :meth:`vemcvx.History.along`."""
+    if not isinstance(field, str) or field not in ("displacement", *ON_CELLS):
+        raise SceneError(
+            f"along: there is no field {field!r}; there are 'displacement', {', '.join(map(repr, ON_CELLS))}."
+        )
+    if not is_whole(count) or not 2 <= count <= MOST:
+        raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
+    dim = history.mesh.points.shape[1]
+    first, last = (_end(point, dim, name) for point, name in ((start, "start"), (end, "end")))
+    length = float(np.linalg.norm(last - first))
+    if length == 0.0:
+        raise SceneError(f"along: the line begins and ends at {first}; use probe for a single point.")
+    at = places(history.mesh, np.linspace(first, last, count), "along")
+    if field == "displacement":
+        values = at.at_nodes(history.displacement)
+    else:
+        values = np.stack([at.at_cells(getattr(history, field)(int(step))) for step in history.stored])
+    return Profile(np.linspace(0.0, length, count), values)
+
+
+def _end(point: ArrayLike, dim: int, name: str) -> Floats:
+    wanted = f"a point of {dim} coordinates"
+    x = as_real_array(point, f"along: {name}", wanted)
+    if x.shape != (dim,) or not np.isfinite(x).all():
+        raise SceneError(f"along: found {name} = {brief(point)}; wanted {wanted}, finite.")
+    return x

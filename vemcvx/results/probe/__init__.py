@@ -1,1 +1,0 @@
-"""What results say at any points of the body, and along lines."""

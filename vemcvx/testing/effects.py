@@ -1,0 +1,392 @@
+"""The conformance suite of effects: samples of effects, and what every effect must satisfy."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats
+from vemcvx.effects import (
+    ContactSurface,
+    Contribution,
+    Effect,
+    Eigenstrain,
+    Friction,
+    GivenDatum,
+    InitialStress,
+    MaterialLaw,
+)
+from vemcvx.errors import SceneError
+from vemcvx.history import History
+from vemcvx.meshes import FAMILIES, PolygonMesh
+from vemcvx.scene import Scene
+from vemcvx.simulation import simulate
+from vemcvx.vem import Space
+
+# Samples of effects, in scenes in which they do something, and everything that they contribute as plain data.
+
+
+TIMES = np.array([0.0, 0.4, 1.0])
+
+
+@dataclass(frozen=True)
+class Other:
+    """Another value of a field that asks for more: for changes of other fields, or for effects beside."""
+
+    value: object
+    changes: Mapping[str, object] = field(default_factory=dict)
+    beside: tuple[Effect, ...] = ()
+
+
+@dataclass(frozen=True)
+class EffectSample:
+    """An effect, and a scene in which it does something, on a square mesh of the unit square.
+
+    Parameters
+    ----------
+    effect : Effect
+    beside : tuple of Effect
+        What stands in the scene beside it.
+    instead : tuple of Effect
+        What stands in its place when it is left out.
+    data : mapping of names to numbers
+        The fields that carry data f(x, t), or f(x), and the number of components of each.
+    others : mapping of names to values
+        For every field another value, with which the answer differs; :class:`Other` where that asks for more.
+    pairs : tuple of str
+        Names of the fields whose value is a pair of data.
+    """
+
+    effect: Effect
+    beside: tuple[Effect, ...]
+    instead: tuple[Effect, ...] = ()
+    data: Mapping[str, int] = field(default_factory=dict)
+    others: Mapping[str, object] = field(default_factory=dict)
+    pairs: tuple[str, ...] = ()
+
+    def with_datum(self, name: str, value: object) -> Effect:
+        """The effect with a datum replaced; in a pair the second."""
+        first = getattr(self.effect, name)
+        return self.changed(**{name: (first[0], value) if name in self.pairs else value})
+
+    def changed(self, **fields: object) -> Effect:
+        """The effect with other fields."""
+        effect: Any = self.effect
+        changed: Effect = dataclasses.replace(effect, **fields)
+        return changed
+
+    @property
+    def name(self) -> str:
+        """The name of its class."""
+        return type(self.effect).__name__
+
+    @property
+    def fields(self) -> list[str]:
+        """The names of its fields."""
+        effect: Any = self.effect
+        return [setting.name for setting in dataclasses.fields(effect)]
+
+    @property
+    def on(self) -> list[str] | None:
+        """The boundaries that it is on; None if it is on none."""
+        effect: Any = self.effect
+        return list(np.atleast_1d(effect.on)) if hasattr(effect, "on") and not isinstance(effect, MaterialLaw) else None
+
+
+@cache
+def mesh(family: str = "squares", n: int = 3) -> PolygonMesh:
+    """A mesh of the unit square, with the cell data "west" and "east"."""
+    made: PolygonMesh = FAMILIES[family](n)
+    west = made.centroids[:, 0] < 0.5
+    return made.with_cell_data("west", west).with_cell_data("east", ~west)
+
+
+def answer(*effects: Effect, on: PolygonMesh | None = None) -> History:
+    """The history of a scene of these effects."""
+    return simulate(Scene(*effects), on or mesh(), TIMES)
+
+
+def content(thing: Any, rows: int = 1) -> Any:
+    """Everything that a contribution says, as comparable plain data; functions by their values, of so many rows."""
+    if isinstance(thing, GivenDatum):
+        values = tuple(content(_at_places(thing, t)) for t in TIMES)
+        return thing.kind, content(thing.edges), content(thing.cells), values
+    if dataclasses.is_dataclass(thing):
+        rows = len(getattr(thing, "nodes", range(rows)))
+        told = {f.name: content(getattr(thing, f.name), rows) for f in dataclasses.fields(thing) if f.name != "value"}
+        return told | {"at": _at_times(thing)}
+    if isinstance(thing, (sp.csr_matrix, sp.csr_array)):
+        return content((thing.shape, thing.indptr, thing.indices, thing.data))
+    if isinstance(thing, np.ndarray):
+        return thing.shape, thing.dtype.str, thing.tobytes()
+    if isinstance(thing, tuple):
+        return tuple(content(part, rows) for part in thing)
+    if callable(thing):
+        # Functions of friction take forces, and slips, of all rows.
+        more = [np.full(rows, 0.5)] * (len(inspect.signature(thing).parameters) - 1)
+        return tuple(content(thing(t, *more)) for t in TIMES)
+    return thing
+
+
+def _at_places(given: GivenDatum, t: float) -> Any:
+    """A datum as a function of place, at points of the first cell."""
+    x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, 2)), np.zeros(5, dtype=np.int64)
+    more: dict[str, tuple[Any, ...]] = {
+        "bound": (t, np.ones(5)),
+        "spring": (t, np.ones(5)),
+        "foundation": (),
+        "moduli": (cells,),
+        "eigenstrain": (cells, t),
+    }
+    return given.value(x, *more.get(given.kind, (t,)))
+
+
+def _at_times(thing: Any) -> Any:
+    """A load or a support as a function of time."""
+    if hasattr(thing, "vector"):
+        return tuple(content(thing.vector(t)) for t in TIMES)
+    return content(thing.value) if callable(getattr(thing, "value", None)) else None
+
+
+def nameless(thing: Any) -> Any:
+    """Content without the words that name its subject."""
+    if isinstance(thing, dict):
+        return {name: nameless(value) for name, value in thing.items() if name != "subject"}
+    return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
+
+
+# What every effect must satisfy: sentences, each "every effect ..." of a sample.
+
+
+UNIT = 4 * float(np.finfo(float).eps)
+"""By how much the length of a unit vector may miss one."""
+
+
+def is_frozen(sample: EffectSample) -> None:
+    """Its fields cannot be set."""
+    for name in sample.fields:
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(sample.effect, name, None)
+
+
+def contributes_the_same_arrays_when_asked_twice(sample: EffectSample) -> None:
+    """Also after a run, and for another space of the same mesh."""
+    space = Space(mesh())
+    first = content(sample.effect.contribute(space))
+    answer(sample.effect, *sample.beside)
+    assert content(sample.effect.contribute(space)) == first
+    assert content(sample.changed().contribute(Space(mesh()))) == first
+
+
+def remembers_no_mesh(sample: EffectSample) -> None:
+    """What it contributes on one mesh does not depend on those before."""
+    fine, coarse = Space(mesh("voronoi", 4)), Space(mesh())
+    alone = content(sample.changed().contribute(coarse))
+    assert content(sample.effect.contribute(fine)) != alone
+    assert content(sample.effect.contribute(coarse)) == alone
+
+
+def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
+    """Shapes, node numbers, unit vectors, weights >= 0."""
+    space = Space(mesh("hanging", 3))
+    part = sample.effect.contribute(space)
+    assert isinstance(part, Contribution)
+    matrices = part.stiffness, part.viscosity
+    assert any(value for value in vars(part).values() if isinstance(value, tuple)) or any(
+        matrix is not None for matrix in matrices
+    )
+    n, nodes = space.n_unknowns, space.mesh.n_nodes
+    if part.stiffness is not None:
+        assert part.stiffness.shape == (n, n)
+        assert np.isfinite(part.stiffness.data).all()
+    for load in part.loads:
+        assert load.matrix.shape in ((n, load.points.size), (n, len(load.points)))
+        assert np.isfinite(load.vector(1.0)).all()
+    for support in part.supports:
+        m = len(support.nodes)
+        assert support.directions.shape == support.points.shape == (m, 2)
+        assert _units(support.directions)
+        assert support.value is None or support.value(1.0).shape == (m,)
+    every: tuple[Friction | ContactSurface, ...] = (*part.frictions, *part.surfaces)
+    for rows in every:
+        assert ((rows.nodes >= 0) & (rows.nodes < nodes)).all()
+        assert (rows.lengths > 0).all()
+        assert _units(rows.normals)
+    stresses: tuple[Eigenstrain | InitialStress, ...] = (*part.eigenstrains, *part.initial_stresses)
+    for stress in stresses:
+        assert len(stress.value(1.0)) == space.mesh.n_cells
+        assert np.isfinite(stress.value(1.0)).all()
+    for friction in part.frictions:
+        assert (friction.weights(1.0) >= 0).all()
+        assert friction.directions is None or _units(friction.directions)
+        if friction.slip_law is not None:
+            slip = np.linspace(0.0, 1.0, len(friction.nodes))
+            friction.slip_law.added(friction.subject, friction.nodes, 1.0, slip, (slip, slip))
+
+
+def _units(vectors: Floats) -> bool:
+    return bool(np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < UNIT)
+
+
+def names_an_unknown_boundary_and_what_exists(sample: EffectSample) -> None:
+    """In one sentence, which begins with the name of its class."""
+    for on in () if sample.on is None else ("bottm", ["left", "bottm"]):
+        with pytest.raises(
+            SceneError,
+            match=rf"^{sample.name}: there is no boundary named 'bottm'; this mesh has 'left', 'right', 'bottom', "
+            r"'top', 'boundary'; add one with mesh\.with_boundary\(name, predicate\)\.$",
+        ):
+            answer(sample.changed(on=on), *sample.beside)
+
+
+def names_an_unknown_cell_datum_and_what_exists(sample: EffectSample) -> None:
+    """Likewise, of materials of a region."""
+    for on in ("wst", ["west", "wst"]) if isinstance(sample.effect, MaterialLaw) else ():
+        with pytest.raises(
+            SceneError,
+            match=rf"^{sample.name}: on= names cells by a cell datum that is nonzero there; found 'wst', but this mesh "
+            r"has 'west', 'east'\. Add one with mesh\.with_cell_data\(name, values\)\.$",
+        ):
+            answer(sample.changed(on=on), *sample.beside)
+
+
+def takes_a_name_or_a_list_of_names(sample: EffectSample) -> None:
+    """On one boundary, or on several at once."""
+    space = Space(mesh())
+
+    def on(names: object) -> Any:
+        return nameless(content(sample.changed(on=names).contribute(space)))
+
+    if isinstance(sample.effect, MaterialLaw):
+        assert on("west") == on(["west"]) == on(("west", "west"))
+        assert on("west") != on("east")
+    if sample.on is not None:
+        assert on("left") == on(["left"]) == on(("left", "left"))
+        assert on("boundary") == on(["left", "boundary", "right"])
+        assert on("left") != on(["left", "top"])
+
+
+def refuses_data_that_are_not_finite(sample: EffectSample) -> None:
+    """Constants when the scene is posed, functions when they are evaluated."""
+    for name, components in sample.data.items():
+        for wrong in (np.nan, np.inf):
+            constant = wrong if components == 1 else (*np.zeros(components - 1), wrong)
+            shape = () if components == 1 else (components,)
+
+            def late(x: Floats, t: float = 1.0, wrong: float = wrong, shape: tuple[int, ...] = shape) -> Floats:
+                values = np.zeros((len(x), *shape))
+                values[-1] = wrong if t > 0.5 else 0.0
+                return values
+
+            for value in (constant, late):
+                spoilt = sample.with_datum(name, value)
+                with pytest.raises(SceneError, match=rf"^{sample.name}.*found NaN or infinity .*must be finite"):
+                    answer(spoilt, *sample.beside)
+
+
+def refuses_numbers_that_are_not_finite(sample: EffectSample) -> None:
+    """Each of its settings that is a float."""
+    effect: Any = sample.effect
+    for name in sample.fields:
+        if isinstance(getattr(effect, name), float):
+            with pytest.raises(SceneError, match=f"^{sample.name}"):
+                answer(sample.changed(**{name: np.nan}), *sample.beside)
+
+
+def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
+    """What functions of the user return is not written to."""
+    for name, components in sample.data.items():
+        handed: dict[int, Floats] = {}
+
+        def given(x: Floats, *t: float, handed: dict[int, Floats] = handed, components: int = components) -> Floats:
+            shape = (len(x), components) if components > 1 else len(x)
+            return handed.setdefault(len(x), np.full(shape, 0.25))
+
+        effect = sample.with_datum(name, given)
+        first = content(effect.contribute(Space(mesh())))
+        assert handed
+        assert all((array == 0.25).all() for array in handed.values())
+        assert content(effect.contribute(Space(mesh()))) == first
+
+
+def describes_itself_in_one_line(sample: EffectSample) -> None:
+    """Class, boundaries, and data however long they are."""
+    words = sample.effect.describe()
+    assert words.startswith(sample.name + ":")
+    assert words.strip() == words
+    assert "\n" not in words
+    assert "0x" not in words
+    for name in sample.on or ():
+        assert name in words
+    if isinstance(sample.effect, MaterialLaw):
+        assert "west" in sample.changed(on="west").describe()
+    for name, components in sample.data.items():
+        many = sample.with_datum(name, np.ones((500, components))).describe()
+        assert "\n" not in many
+        assert len(many) < 200
+
+
+def survives_a_copy_to_another_process(sample: EffectSample) -> None:
+    """Pickled, it equals itself."""
+    assert pickle.loads(pickle.dumps(sample.effect)) == sample.effect
+
+
+def does_not_depend_on_its_place_in_the_scene(sample: EffectSample) -> None:
+    """Histories are the same to the last bit, in whatever order effects are named."""
+    effects = (sample.effect, *sample.beside)
+    reference = answer(*effects)
+    rng = np.random.default_rng(0)
+    orders = [tuple(reversed(range(len(effects)))), *(rng.permutation(len(effects)) for _ in range(2))]
+    for order in orders:
+        other = answer(*(effects[i] for i in order))
+        for name in ("displacement", "forces", "energy", "work", "dissipated", "certificate", "iterations"):
+            assert np.array_equal(getattr(other, name), getattr(reference, name)), name
+        for name in ("slip", "traction", "pressure", "sticking"):
+            assert np.array_equal(getattr(other.contact, name), getattr(reference.contact, name)), name
+
+
+def changes_the_answer_of_a_scene(sample: EffectSample) -> None:
+    """Without it, or with what stands in its place, displacements differ."""
+    present, absent = answer(sample.effect, *sample.beside), answer(*sample.instead, *sample.beside)
+    scale = np.abs(present.displacement).max() + np.abs(absent.displacement).max()
+    # The smallest change is that of the quadrature rule's weights; round-off is 1e-15.
+    assert np.abs(present.displacement - absent.displacement).max() > 1e-6 * scale
+
+
+def changes_the_answer_by_each_of_its_settings(sample: EffectSample) -> None:
+    """Every field has another value with which they do."""
+    assert set(sample.others) == set(sample.fields)
+    reference = answer(sample.effect, *sample.beside).displacement
+    for name, other in sample.others.items():
+        other = other if isinstance(other, Other) else Other(other)
+        changed = sample.changed(**{name: other.value, **other.changes})
+        found = answer(changed, *sample.beside, *other.beside).displacement
+        assert np.abs(found - reference).max() > 1e-6 * np.abs(reference).max(), name
+
+
+SENTENCES: tuple[Callable[[EffectSample], None], ...] = (
+    is_frozen,
+    contributes_the_same_arrays_when_asked_twice,
+    remembers_no_mesh,
+    contributes_finite_arrays_that_fit_the_space,
+    names_an_unknown_boundary_and_what_exists,
+    names_an_unknown_cell_datum_and_what_exists,
+    takes_a_name_or_a_list_of_names,
+    refuses_data_that_are_not_finite,
+    refuses_numbers_that_are_not_finite,
+    leaves_the_arrays_of_the_user_alone,
+    describes_itself_in_one_line,
+    survives_a_copy_to_another_process,
+    does_not_depend_on_its_place_in_the_scene,
+    changes_the_answer_of_a_scene,
+    changes_the_answer_by_each_of_its_settings,
+)

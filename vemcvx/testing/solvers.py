@@ -1,0 +1,390 @@
+"""The conformance suite of solvers: small instances, and what every solver must satisfy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from vemcvx.arrays import Floats
+from vemcvx.effects import (
+    BilateralContact,
+    Clamp,
+    Effect,
+    Elasticity,
+    NormalCompliance,
+    Traction,
+    TrescaFriction,
+    UnilateralContact,
+)
+from vemcvx.errors import NotAccepted, NotCertified, SceneError
+from vemcvx.meshes import FAMILIES, SPACE_FAMILIES
+from vemcvx.program import Limits, Norms, System
+from vemcvx.program.certificate import Certificate
+from vemcvx.program.condensation import Condensation
+from vemcvx.program.operators import energy_norm
+from vemcvx.program.step_program import Answer, StepProgram, fitting
+from vemcvx.scene import Scene
+from vemcvx.scene.pose import pose_scene
+from vemcvx.solvers import Newton, Solver
+from vemcvx.stepping.time_loop import march
+from vemcvx.stepping.trajectory import Trajectory
+
+# Small problems on which solvers are tested: every kind of term, alone and together, under a load that reverses.
+
+
+TIMES: Floats = np.linspace(0.0, 1.0, 6)
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A problem: a system in time, made when it is first asked for."""
+
+    name: str
+    make: Callable[[], System]
+
+    @cached_property
+    def system(self) -> System:
+        """The system; its instants are TIMES."""
+        return self.make()
+
+    @cached_property
+    def features(self) -> frozenset[str]:
+        """What its programs have."""
+        return Condensation(self.system).operators.features
+
+
+def _block(*below: Effect) -> Callable[[], System]:
+    """The paper's block, held on the right, pulled to and fro on the left, on what is below."""
+
+    def pull(x: Floats, t: float) -> Floats:
+        course = np.sin(6 * t)
+        return np.column_stack([8 * (1.25 - x[:, 1]) * course, np.full(len(x), -0.5 * course)])
+
+    def make() -> System:
+        scene = Scene(Elasticity(200.0, 0.3), Clamp(on="right"), Traction(pull, on="left"), *below)
+        return pose_scene(scene, FAMILIES["squares"](4), TIMES.tolist()).system
+
+    return make
+
+
+def _cube(*below: Effect) -> Callable[[], System]:
+    """A block in space, held on the right, on what is below; what pulls at its top goes round, and presses."""
+
+    def pull(x: Floats, t: float) -> Floats:
+        size = min(1.0, 4 * t)
+        return np.tile(size * np.array([np.cos(6 * t), np.sin(6 * t), -0.6]), (len(x), 1))
+
+    def make() -> System:
+        scene = Scene(Elasticity(2.5, 0.25), Clamp(on="right"), Traction(pull, on="top"), *below)
+        return pose_scene(scene, SPACE_FAMILIES["cubes"](2), TIMES.tolist()).system
+
+    return make
+
+
+def sliders(block: int, n: int = 6) -> System:
+    """Unconnected sliders of different stiffness and threshold."""
+    rng = np.random.default_rng(0)
+    k, w = rng.uniform(1, 3, n), rng.uniform(0.2, 1.5, n)
+    push = rng.uniform(-1, 1, (n, block))
+    push /= np.linalg.norm(push, axis=1)[:, None]
+
+    def load(t: float) -> Floats:
+        return np.ravel(2 * np.sin(5 * t) * push)
+
+    return System(_sparse(np.diag(np.repeat(k, block))), load, Norms(_sparse(np.eye(n * block)), w, block=block))
+
+
+def _plain_matrices() -> System:
+    """Three unknowns; rows of B and D that read several of them."""
+    K = _sparse([[4.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 5.0]])
+    norms = Norms(_sparse([[1.0, -1.0, 0.0], [0.0, 0.6, 0.8]]), [0.3, 0.5])
+    limits = Limits(_sparse([[1.0, 1.0, 0.0]]), [0.4])
+    return System(K, lambda t: [3 * t, -t, 2 * t * (1 - t)], norms, limits=limits)
+
+
+def _sparse(rows: ArrayLike) -> sp.csr_matrix:
+    return sp.csr_matrix(np.asarray(rows, dtype=float))
+
+
+INSTANCES = {
+    name: Instance(name, make)
+    for name, make in {
+        "no terms": _block(),
+        "friction": _block(BilateralContact(on="bottom"), TrescaFriction(4.0, on="bottom")),
+        "contact": _block(UnilateralContact(on="bottom", gap=1e-4)),
+        "contact and friction": _block(UnilateralContact(on="bottom"), TrescaFriction(1.0, on="bottom")),
+        "compliant contact": _block(NormalCompliance(1e3, on="bottom"), TrescaFriction(1.0, on="bottom")),
+        "friction of one component": lambda: sliders(1),
+        "friction of two components": lambda: sliders(2),
+        "friction in space": _cube(BilateralContact(on="bottom"), TrescaFriction(0.6, on="bottom")),
+        "contact and friction in space": _cube(UnilateralContact(on="bottom"), TrescaFriction(0.5, on="bottom")),
+        "plain matrices": _plain_matrices,
+    }.items()
+}
+"""By name; between them they have every feature of programs."""
+
+
+# What every solver must satisfy: sentences of any solver, and of a solver on an instance.
+
+
+UNITS = [(10, 0), (0, 7), (-7, 31), (-30, -24)]
+"""Lengths times 2^a, stresses times 2^b: steel in SI is (0, 37) away from a modulus of one."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A scaled step as solvers are asked it, with the gap asked for and multipliers to begin with."""
+
+    program: StepProgram
+    target: float
+    lam: Floats
+    p: Floats
+
+    def arrays(self) -> Iterator[Floats]:
+        """All numbers of it."""
+        program, operators = self.program, self.program.operators
+        yield from (A if isinstance(A, np.ndarray) else A.toarray() for A in (operators.K, operators.B, operators.D))
+        yield from (operators.compliance, program.g, program.w, program.b, program.e, self.lam, self.p)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A solver on an instance."""
+
+    solver: Solver
+    instance: Instance
+    must_answer: bool
+
+    def marched(self, system: System | None = None, check: bool = True) -> Trajectory | None:
+        """Its trajectory; None where it misses its accuracy, by name, and may."""
+        try:
+            return march(system or self.instance.system, TIMES, solver=self.solver, check=check)
+        except NotCertified as miss:
+            if self.must_answer or self.solver.name not in str(miss):
+                raise
+            return None
+
+    def answer(self, asked: Asked) -> Answer:
+        """Its answer to one step, freshly prepared."""
+        prepared = self.solver.prepare(asked.program.operators)
+        return fitting(prepared.solve(asked.program, asked.target, asked.lam, asked.p), asked.program, self.solver.name)
+
+
+@cache
+def reference(instance: Instance) -> Trajectory:
+    """Newton's answer, as sharp as it comes."""
+    return march(instance.system, TIMES, solver=Newton(accuracy=1e-12), check=False)
+
+
+@cache
+def steps_asked(instance: Instance) -> tuple[Asked, ...]:
+    """The programs of the steps, as Newton is asked them for a relative energy error of 1e-6."""
+    seen: list[Asked] = []
+
+    class Watch:
+        def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats) -> Answer:
+            seen.append(Asked(program, target, lam.copy(), p.copy()))
+            return Newton().prepare(program.operators).solve(program, target, lam, p)
+
+    # Without terms nothing is left to ask a solver of a condensed program.
+    march(instance.system, TIMES, solver=Watch(), condense=len(instance.system.retained) > 0)
+    return tuple(seen)
+
+
+# Sentences of any solver
+
+
+def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
+    """It is between 0 and 1."""
+    for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
+        with pytest.raises(SceneError, match=f"^{solver.name}: found accuracy"):
+            solver.asked(wrong).check_accuracy()  # type: ignore[arg-type]
+
+
+def accepts_programs_without_terms(solver: Solver) -> None:
+    """A quadratic function is the least that a program is; a solver that cannot minimise one accepts nothing."""
+    assert "quadratic" in solver.accepts
+
+
+OF_ANY_SOLVER: list[Callable[[Solver], None]] = [refuses_an_accuracy_that_means_nothing, accepts_programs_without_terms]
+
+
+# Sentences of a solver on an instance
+
+
+def refuses_what_it_does_not_accept(case: Case) -> None:
+    """By its name, naming the features."""
+    with pytest.raises(NotAccepted, match=f"^solver {case.solver.name}: the program has ") as refusal:
+        march(case.instance.system, TIMES, solver=case.solver)
+    for feature in case.instance.features - case.solver.accepts:
+        assert feature in str(refusal.value)
+
+
+def answers_within_its_accuracy(case: Case) -> None:
+    """As certified, step upon step."""
+    found = case.marched()
+    assert found is None or found.certificate.max() <= case.solver.accuracy
+
+
+def is_as_near_to_newton_as_certified(case: Case) -> None:
+    """The first and last step from Newton's states, condensed and on all unknowns: |y - z|_K <= both errors."""
+    truth, K = reference(case.instance), case.instance.system.K
+    for n in (1, len(TIMES) - 1):
+        for condense in (True, False):
+            one = partial(march, case.instance.system, TIMES[n - 1 : n + 1], initial=truth.state[n - 1], check=False)
+            own, ours = (one(solver=solver, condense=condense) for solver in (case.solver, Newton(accuracy=1e-12)))
+            apart = own.state[1] - ours.state[1]
+            allowed = sum(np.sqrt(2 * run.gap[1]) + np.sqrt(2 * run.floor[1]) for run in (own, ours))
+            assert energy_norm(K, apart) <= allowed
+
+
+def gives_multipliers_as_admissible_as_it_is_accurate(case: Case) -> None:
+    """Making them admissible moves forces, in the norm of K^{-1}, by no more than the error that is asked for."""
+    for asked in steps_asked(case.instance):
+        program, answer = asked.program, case.answer(asked)
+        lam, p = program.admissible(answer.lam, answer.p, answer.d)
+        moved = program.multiplier_force(answer.lam - lam, answer.p - p)
+        assert program.operators.factor.energy(moved) <= 2 * asked.target
+
+
+def agrees_with_itself_warm_and_cold(case: Case) -> None:
+    """Begun with no multipliers, or with those of the answer, within both certificates."""
+    for asked in steps_asked(case.instance):
+        program = asked.program
+        cold = case.answer(replace(asked, lam=np.zeros_like(asked.lam), p=np.zeros_like(asked.p)))
+        lam, p = program.admissible(cold.lam, cold.p, cold.d)
+        _agree(program, cold, case.answer(replace(asked, lam=lam, p=p)))
+
+
+def remembers_no_other_step(case: Case) -> None:
+    """Prepared once and asked the steps backwards, it answers as when freshly prepared, within both certificates."""
+    steps = steps_asked(case.instance)
+    prepared = case.solver.prepare(steps[0].program.operators)
+    for asked in reversed(steps):
+        again = replace(asked.program, operators=steps[0].program.operators)
+        answer = prepared.solve(again, asked.target, asked.lam, asked.p)
+        _agree(asked.program, answer, case.answer(asked))
+
+
+def changes_nothing_that_it_is_given(case: Case) -> None:
+    """Neither the program nor the multipliers that it begins with."""
+    for asked in steps_asked(case.instance):
+        before = [array.copy() for array in asked.arrays()]
+        case.answer(asked)
+        for array, copy in zip(asked.arrays(), before, strict=True):
+            assert np.array_equal(array, copy)
+
+
+def gives_the_same_answer_twice(case: Case) -> None:
+    """To the bit, and with the same settings afterwards."""
+    settings = repr(case.solver)
+    first, again = (case.marched(check=False) for _ in range(2))
+    assert first is not None
+    assert again is not None
+    for name in ("state", "multipliers", "pressures", "gap", "iterations"):
+        assert np.array_equal(getattr(again, name), getattr(first, name)), name
+    assert repr(case.solver) == settings
+
+
+def does_not_move_without_a_load(case: Case) -> None:
+    """Nor claim anything else."""
+    system = case.instance.system
+    calm = replace(system, load=lambda t: np.zeros(system.n))
+    found = case.marched(calm)
+    assert found is not None
+    assert not found.state.any()
+    assert not found.certificate.any()
+    # The solver itself, which need not even have been asked above.
+    for asked in steps_asked(case.instance)[:1]:
+        program = asked.program
+        rest = replace(program, g=0 * program.g, b=0 * program.b, e=np.maximum(program.e, 0.0))
+        answer, nothing = case.answer(replace(asked, program=rest)), 0 * asked.lam
+        _agree(rest, answer, Answer(0 * program.g, nothing, 0, p=0 * asked.p))
+
+
+def admits_what_it_cannot_reach(case: Case) -> None:
+    """An accuracy beyond rounding is refused with the numbers, or reached; asked to go on, it is admitted."""
+    greedy = case.solver.asked(1e-30)
+    found = march(case.instance.system, TIMES[:2], solver=greedy, check=False)
+    if found.certificate.max() > 1e-30:
+        with pytest.raises(NotCertified, match="reached a certified relative energy error of") as miss:
+            march(case.instance.system, TIMES[:2], solver=greedy)
+        assert greedy.name in str(miss.value)
+        assert miss.value.reached > miss.value.asked == 1e-30
+
+
+def knows_no_units(case: Case) -> None:
+    """Powers of two change no digit of the data, so that they may change none of the answer."""
+    plain = case.marched(check=False)
+    assert plain is not None
+    for a, b in UNITS:
+        length, stress = 2.0**a, 2.0**b
+        other = case.marched(_in_units(case.instance.system, length, stress), check=False)
+        assert other is not None
+        # Relative numbers pass through square roots of 2^b: a few roundings.
+        assert np.allclose(other.certificate, plain.certificate, rtol=1e-13, atol=0)
+        assert np.allclose(other.energy, stress * length**2 * plain.energy, rtol=1e-13, atol=0)
+
+
+def answers_sliders_in_closed_form(case: Case) -> None:
+    """k u + w u' / |u'| = f: u_n = u_{n-1} + (1 - w / |q|)_+ q / k, q = f_n - k u_{n-1}, on instances that are this."""
+    components = {"friction of one component": 1, "friction of two components": 2}.get(case.instance.name)
+    if components is None:
+        return
+    system = sliders(components)
+    k, norms = system.K.diagonal(), system.norms
+    assert norms is not None
+    u, held = np.zeros((len(TIMES), len(k))), np.repeat(norms.weights(0.0), components)
+    for n, t in enumerate(TIMES[1:], start=1):
+        f = system.force(float(t))
+        q = f - k * u[n - 1]
+        size = np.repeat(np.linalg.norm(q.reshape(-1, components), axis=1), components)
+        u[n] = u[n - 1] + (size > held) * (1 - held / np.where(size > 0, size, 1.0)) * q / k
+    found = case.marched()
+    if found is not None:
+        allowed = np.cumsum(np.sqrt(2 * found.gap) + np.sqrt(2 * found.floor))
+        assert (np.sqrt((found.state - u) ** 2 @ k) <= allowed).all()
+
+
+OF_EACH_INSTANCE: list[Callable[[Case], None]] = [
+    answers_within_its_accuracy,
+    is_as_near_to_newton_as_certified,
+    gives_multipliers_as_admissible_as_it_is_accurate,
+    agrees_with_itself_warm_and_cold,
+    remembers_no_other_step,
+    changes_nothing_that_it_is_given,
+    gives_the_same_answer_twice,
+    does_not_move_without_a_load,
+    admits_what_it_cannot_reach,
+    knows_no_units,
+    answers_sliders_in_closed_form,
+]
+
+
+def _certified(program: StepProgram, answer: Answer) -> Certificate:
+    return program.certify(program.feasible(answer.d), answer.lam, answer.p)
+
+
+def _agree(program: StepProgram, one: Answer, other: Answer) -> None:
+    parts = [_certified(program, answer) for answer in (one, other)]
+    apart = program.feasible(one.d) - program.feasible(other.d)
+    assert program.operators.energy_norm(apart) <= sum(part.error + part.error_floor for part in parts)
+
+
+def _in_units(system: System, length: float, stress: float) -> System:
+    """The same problem with lengths and stresses in other units."""
+    force, norms, limits = stress * length, system.norms, system.limits
+    if norms is not None:
+        weights = norms.weights
+        norms = Norms(norms.B, lambda t: force * weights(t), block=norms.block)
+    if limits is not None:
+        gap, compliance = limits.remaining_gap, np.asarray(limits.compliance, dtype=float)
+        limits = Limits(limits.D, lambda t: length * gap(t), compliance=compliance / stress)
+    K = sp.csr_matrix(stress * system.K)
+    return replace(system, K=K, load=lambda t: force * system.load_at(t), norms=norms, limits=limits, motion=None)

@@ -1,0 +1,271 @@
+"""The stiffness matrix of a^h, (3.13): local matrices of isotropic and anisotropic materials, stabilised and summed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from math import isqrt
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.errors import SceneError
+from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.space import Space
+
+# Sums of local matrices into one sparse matrix, by counting sorts instead of a sort of all triples.
+#
+# The pattern lives on nodes: an entry (i, j) is a dim x dim block. Every pair of vertices of every cell is one
+# contribution; two stable counting sorts (by column, then by row) bring the contributions to one block
+# together, in the order of cells. The blocks (i, j) and (j, i) are then sums of the same numbers in the same
+# order: local matrices that are symmetric to the bit give a global one that is.
+
+
+# 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
+CHUNK = 2**16
+TRIED = 64
+"""Cells by which it is seen whether many are translates of others: to find which costs a fifth of a local matrix."""
+
+
+def assemble_cells(
+    space: Space, local: Callable[..., Floats], filled: Bools, moduli: Sequence[Floats]
+) -> sp.csr_matrix:
+    """Sum of local matrices: `local` gives those of a piece of a group and its moduli, (c, n, n, dim, dim).
+
+    Cells (n_cells,) that are not `filled` have none, where any are. `moduli` are arrays (n_cells, ...). Cells that are
+    translates of each other, to the bit, and have the same share one matrix; mirror images have one of their own, which
+    is one more in a piece of thousands.
+    """
+    partly = filled.any() and not filled.all()
+    groups = [group.part(np.flatnonzero(filled[group.cells])) if partly else group for group in space.groups]
+    dim = space.mesh.points.shape[1]
+    found, which, first = list[Floats](), list[Ints](), 0
+    for group in groups:
+        for chunk in group.chunks(CHUNK):
+            pairs = chunk.nodes.shape[1] ** 2
+            own = [each[chunk.cells] for each in moduli]
+            some, same = distinct([*chunk.shapes, *own])
+            found.append(local(chunk.part(some), *(each[some] for each in own)).reshape(-1, dim * dim))
+            which.append((first + pairs * same.astype(np.int32)[:, None] + np.arange(pairs, dtype=np.int32)).ravel())
+            first += len(found[-1])
+    return assemble([group.nodes for group in groups], np.concatenate(found), np.concatenate(which), space.mesh.n_nodes)
+
+
+def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
+    """Places of one each of the rows of arrays (c, ...) that differ, and (c,) which of them a row is.
+
+    All are taken for different where many are.
+    """
+    every = np.arange(len(arrays[0]))
+    if all((each == each[:1]).all() for each in arrays):
+        return slice(1), np.zeros_like(every)
+    rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
+    if len(np.unique(rows[:TRIED], axis=0)) > TRIED // 2:
+        return slice(None), every
+    # Of their bits, modulo 2^64: sums of numbers would be equal where these differ by rounding.
+    weights = np.random.default_rng(0).integers(2**64, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
+    hashes = (rows.view(np.uint64) * weights).sum(axis=1)
+    _, some, same = np.unique(hashes, return_index=True, return_inverse=True)
+    return (some, same) if (rows == rows[some[same]]).all() else (slice(None), every)
+
+
+def assemble(nodes: Sequence[Ints], blocks: Floats, which: Ints, n_nodes: int) -> sp.csr_matrix:
+    """Add up blocks that couple the vertices of cells; column indices are sorted, without duplicates.
+
+    `nodes` are the vertices (c, n) of the cells, one array a number of vertices; `which` (pairs,) of the `blocks` (k,
+    dim^2) are added: arrays of `nodes` in turn, cell by cell, vertex i by vertex j.
+    """
+    small = [group.astype(np.int32) for group in nodes]  # half the memory traffic; enough for 2e9 nodes
+    rows = np.concatenate([np.repeat(group, group.shape[1]) for group in small])
+    columns = np.concatenate([np.tile(group, group.shape[1]).ravel() for group in small])
+    order = _counting_sort(columns, n_nodes)
+    order = order[_counting_sort(rows[order], n_nodes)]
+    columns, begins = columns[order], np.ones(len(order), dtype=bool)
+    np.not_equal(columns[1:], columns[:-1], out=begins[1:])
+    ends = np.cumsum(sum(group.shape[1] * np.bincount(group.ravel(), minlength=n_nodes) for group in small))
+    indptr = np.append(0, ends)
+    begins[indptr[:-1][np.diff(indptr) > 0]] = True
+    first = np.flatnonzero(begins)
+    gather = sp.csr_matrix(
+        (np.ones(len(order)), which[order], np.append(first, len(order))), shape=(len(first), len(blocks))
+    )
+    indptr = np.searchsorted(first, indptr)
+    dim = isqrt(blocks.shape[1])
+    shape = (dim * n_nodes, dim * n_nodes)
+    return sp.bsr_matrix(((gather @ blocks).reshape(-1, dim, dim), columns[first], indptr), shape=shape).tocsr()
+
+
+def _counting_sort(keys: Ints, n: int) -> Ints:
+    """Stable argsort of integers below n in linear time: the rows of a column-wise copy of a one-entry-a-row matrix."""
+    m = len(keys)
+    columns = sp.csr_matrix((np.empty(m, dtype=np.int8), keys, np.arange(m + 1)), shape=(m, n)).tocsc()
+    return np.asarray(columns.indices)
+
+
+# What the projection misses: tau h_K^(dim - 2) |(I - Pi) v|^2 in vertex values, added to the stiffness of every cell.
+#
+# A triangle or tetrahedron misses nothing. What tau is stands in :mod:`.isotropic` and :mod:`.anisotropic`.
+
+
+def add_stabilisation(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
+    """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
+    if cells.simplices:
+        return
+    stable = (tau * cells.stabilised_size)[:, None, None] * missed_products(cells.vertex_values())
+    for axis in range(blocks.shape[-1]):
+        blocks[..., axis, axis] += stable
+
+
+def missed_products(Pi: Floats) -> Floats:
+    """(I - Pi)'(I - Pi), (c, n, n), of the projection of vertex values: scalar products of what it misses."""
+    missed = np.eye(Pi.shape[1]) - Pi
+    product: Floats = np.matmul(missed.transpose(0, 2, 1), missed)
+    # A matrix product may sum (i, j) and (j, i) in different orders.
+    return 0.5 * (product + product.transpose(0, 2, 1))
+
+
+def missed_squares(space: Space, u: Floats) -> Floats:
+    """|(I - Pi) u|^2 at the vertices of each cell, (n_cells,), of nodal displacements (n_nodes, dim)."""
+    squares = np.zeros(space.mesh.n_cells)
+    for group in space.groups:
+        for chunk in () if group.simplices else group.chunks(CHUNK):
+            about = u[chunk.nodes] - u[chunk.nodes[:, :1]]
+            missed = about - np.matmul(chunk.vertex_values(), about)
+            squares[chunk.cells] = np.sum(missed**2, axis=(1, 2))
+    return squares
+
+
+# The stiffness matrix of a^h, (3.13).
+#
+#     a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K
+#                   + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v)
+#
+# with Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`; Pi_0 div u is the trace of eps(Pi u). Between the
+# components a, b of the vertices i, j this is
+#
+#     (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau h_K^(dim - 2) delta_ab ((I - Pi)'(I - Pi))_ij.
+#
+# tau = 2 mu ("shear") has the units of the rest and leaves the volumetric part alone, so nothing locks as
+# lam grows; tau = 1 ("unit") is (3.13) to the letter. On triangles and
+# tetrahedra Pi v = v, and the last term is left out.
+
+
+def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
+    """Matrix of a^h over all nodal values, (n_u, n_u), symmetric to the bit.
+
+    Parameters
+    ----------
+    space : Space
+    lam, mu : (n_cells,) arrays
+        Lame's constants, force per area; `lam` already reduced in plane stress. Both zero on cells that another
+        material fills.
+    stabilisation : {"shear", "unit"}
+        tau = 2 mu, or tau = 1.
+
+    Raises
+    ------
+    SceneError
+        `stabilisation` is neither.
+
+    Notes
+    -----
+    Scaling all coordinates by a power of two changes no bit; scaling moduli by one scales the matrix exactly
+    (with "unit", its consistent part). Entries that happen to vanish are stored.
+    """
+    tau = stabilisation_factor(mu, stabilisation)
+    return assemble_cells(space, local_blocks, (lam != 0.0) | (mu != 0.0), (lam, mu, tau))
+
+
+def stabilisation_factor(mu: Floats, stabilisation: str) -> Floats:
+    """tau (n_cells,) of an isotropic material; zero on cells that another material fills."""
+    if stabilisation not in ("shear", "unit"):
+        raise SceneError(f"stiffness: found stabilisation {stabilisation!r}; there are 'shear' and 'unit'.")
+    return 2.0 * mu if stabilisation == "shear" else np.sign(mu)
+
+
+def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floats:
+    """The local matrices (c, n, n, dim, dim) of cells with n vertices.
+
+    Entry (K, i, j, a, b) couples component a of vertex i with component b of vertex j.
+    """
+    measures, g = cells.gradients()
+    lam, mu = (lam / measures)[:, None, None], (mu / measures)[:, None, None]
+    axes = range(g.shape[2])
+    square = [g[:, :, None, a] * g[:, None, :, a] for a in axes]
+    blocks = np.empty((*square[0].shape, len(axes), len(axes)))
+    for a in axes:
+        others = reduce(np.add, [square[b] for b in axes if b != a])
+        blocks[..., a, a] = (lam + 2.0 * mu) * square[a] + mu * others
+        for b in range(a + 1, len(axes)):
+            ab = g[:, :, None, a] * g[:, None, :, b]
+            ba = ab.transpose(0, 2, 1)
+            blocks[..., a, b] = lam * ab + mu * ba
+            blocks[..., b, a] = lam * ba + mu * ab
+    add_stabilisation(blocks, cells, tau)
+    return blocks
+
+
+# The stiffness matrix of a^h, (3.13), for any elastic matrix C (3, 3) a cell.
+#
+#     a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v),   eps = (e_xx, e_yy, 2 e_xy)
+#
+# What Pi misses (hourglass modes) is mostly deviatoric, and tau stands for the modulus it meets. In Kelvin's
+# notation, C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3 that keep the
+# volumetric direction (1, 1, 0) and turn the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), within
+# itself. We take
+#
+#     tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
+#
+# It has the units of C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock: a
+# volumetric modulus that grows leaves the deviatoric plane alone, and fibres whose modulus grows add a matrix of rank
+# one to it, which leaves the smaller of its two eigenvalues bounded. (The trace or the mean would grow with the
+# fibres: with E1 / G = 2e8 and 8 Voronoi cells a side, 1.04 of the energy of a sheared body is found; with either of
+# them nothing.)
+
+
+def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
+    """Matrix of a^h over all nodal values, (2 n_nodes, 2 n_nodes), symmetric to the bit.
+
+    Parameters
+    ----------
+    space : Space
+    C : (n_cells, 3, 3) array
+        Stresses (xx, yy, xy) from strains (e_xx, e_yy, 2 e_xy), force per area; symmetric, positive definite, or zero
+        on cells that another material fills.
+    """
+    tau = softest_shear(C)
+    filled = np.abs(C).max(axis=(1, 2)) > 0.0
+    return assemble_cells(space, general_blocks, filled, (C, tau))
+
+
+def softest_shear(C: Floats) -> Floats:
+    """The smallest Kelvin modulus of deviatoric strains, (n_cells,); 2 mu where C is isotropic."""
+    p, q, r = _deviatoric(C)
+    larger = 0.5 * (p + q) + np.hypot(0.5 * (p - q), r)
+    # The product of the two is the determinant: their difference would cancel where fibres are stiff.
+    return np.divide(p * q - r * r, larger, out=np.zeros_like(p), where=larger > 0)
+
+
+def mean_shear(C: Floats) -> Floats:
+    """The harmonic mean (n_cells,) of the two Kelvin moduli of deviatoric strains; 2 mu where C is isotropic."""
+    p, q, r = _deviatoric(C)
+    return np.divide(2.0 * (p * q - r * r), p + q, out=np.zeros_like(p), where=p + q > 0)
+
+
+def _deviatoric(C: Floats) -> tuple[Floats, Floats, Floats]:
+    """p, q, r of the Kelvin matrix [[p, r], [r, q]] on the deviatoric plane."""
+    return 0.5 * (C[:, 0, 0] + C[:, 1, 1]) - C[:, 0, 1], 2.0 * C[:, 2, 2], C[:, 0, 2] - C[:, 1, 2]
+
+
+def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
+    """The local matrices (c, n, n, 2, 2) of polygons with n vertices; `local_blocks` is the isotropic case."""
+    areas, g = cells.gradients()
+    B = np.zeros((*g.shape[:2], 3, 2))
+    B[:, :, 0, 0] = B[:, :, 2, 1] = g[:, :, 0]
+    B[:, :, 1, 1] = B[:, :, 2, 0] = g[:, :, 1]
+    stress = np.einsum("ckl,cjlb->cjkb", C / areas[:, None, None], B)
+    blocks: Floats = np.einsum("cika,cjkb->cijab", B, stress)
+    blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
+    add_stabilisation(blocks, cells, tau)
+    return blocks

@@ -33,6 +33,16 @@ def test_ctrl_c_while_the_package_is_imported_is_a_line(tmp_path, script):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "vemcvx: interrupted.\n")
 
 
+def test_ctrl_c_while_commands_are_built_is_a_line(tmp_path):
+    start = tmp_path / "vemcvx"
+    build = f"def build(app):{STARTS.replace(chr(10), chr(10) + '    ')}"
+    lines = ["import typer.main", "from vemcvx.cli import main", build, "typer.main.get_command = build", "main()"]
+    start.write_text("\n".join(lines))
+    command = [sys.executable, start, "problems"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=25, cwd=tmp_path)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "vemcvx: interrupted.\n")
+
+
 def test_as_a_library_ctrl_c_stays_what_it_was(tmp_path):
     code = "import signal, vemcvx; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "True\n"

@@ -308,9 +308,10 @@ def options(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which.")] = False,
 ) -> None:
     """Options of the program itself."""
+    # Typer has built its commands by now; what follows ends in order.
+    as_usual()
 
 
 def main() -> None:
     """Run the command line on the program's arguments."""
-    as_usual()
     app(prog_name="vemcvx")

@@ -17,10 +17,9 @@ from vemcvx.outline import Outline, Outlined
 from vemcvx.plots import animate
 from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram
-from vemcvx.results.from_march import programs_of_steps
 from vemcvx.results.io.folder import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
-from vemcvx.results.results import Results
+from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, frame, in_words, table
 
 if TYPE_CHECKING:

@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import flag
-from vemcvx.arrays import Floats, brief, shaped
+from vemcvx.arrays import Floats, brief, flag, shaped
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
-from vemcvx.results.from_march import record, with_origin
+from vemcvx.results.results import record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver, Solves

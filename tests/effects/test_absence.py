@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TOUCHING
 
 import vemcvx as vx
-from vemcvx.linear import superlu
+from vemcvx.linear import factor
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import MOST_FIELDS
 from vemcvx.scene.pose import pose_scene
@@ -191,7 +191,7 @@ def counted(monkeypatch):
     """Counts of factorisations and back-substitutions."""
     counts = {"factorised": 0, "solved": 0}
 
-    class Counting(superlu.PositiveFactor):
+    class Counting(factor.PositiveFactor):
         def __init__(self, *args):
             counts["factorised"] += 1
             super().__init__(*args)
@@ -200,7 +200,7 @@ def counted(monkeypatch):
             counts["solved"] += bool(b.any())
             return super().solve(b)
 
-    monkeypatch.setattr(superlu, "PositiveFactor", Counting)
+    monkeypatch.setattr(factor, "PositiveFactor", Counting)
     return counts
 
 

@@ -10,8 +10,7 @@ from scenes import paper_scene, small
 
 import vemcvx as vx
 from vemcvx.arrays import EPS
-from vemcvx.linear.factor import Factor
-from vemcvx.linear.superlu import nested_dissection
+from vemcvx.linear.factor import Factor, nested_dissection
 from vemcvx.program.condensation import RELEASED, SHARP, Condensation
 from vemcvx.scene.pose import pose_scene
 

@@ -7,8 +7,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.linear.factor import DenseCholesky
-from vemcvx.linear.superlu import SparseFactor
+from vemcvx.linear.factor import DenseCholesky, SparseFactor
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, restricted
 from vemcvx.scene.pose import pose_scene

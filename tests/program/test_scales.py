@@ -12,7 +12,7 @@ import vemcvx as vx
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene.pose import pose_scene
-from vemcvx.stepping.acceptance import data_norm
+from vemcvx.stepping.posed_step import data_norm
 from vemcvx.stepping.trajectory import relative
 
 FAMILIES = ("squares", "triangles", "voronoi", "hexagons", "distorted", "nonconvex")

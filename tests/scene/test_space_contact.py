@@ -147,7 +147,7 @@ def test_nothing_depends_on_which_tangents_are_taken(monkeypatch):
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
         return np.stack([c * first + s * second, c * second - s * first], axis=1)
 
-    for module in ("freedom", "friction", "supports"):
+    for module in ("contact", "supports"):
         monkeypatch.setattr(f"vemcvx.scene.{module}.tangents_of", turned)
     after = rubbed(mesh)
     assert not np.allclose(before.trajectory.multipliers, after.trajectory.multipliers)

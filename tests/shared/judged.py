@@ -12,7 +12,7 @@ from exact_steps import Steps, Stuck
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.results.from_march import displacement
+from vemcvx.results.results import displacement
 from vemcvx.scene.pose import pose_scene
 
 EPS = float(np.finfo(float).eps)

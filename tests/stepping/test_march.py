@@ -123,7 +123,7 @@ def test_weak_pull_is_held_at_the_start():
 
 
 def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
-    from vemcvx.linear.superlu import SparseFactor
+    from vemcvx.linear.factor import SparseFactor
 
     calls = []
     original = SparseFactor.solve

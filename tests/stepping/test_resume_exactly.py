@@ -19,8 +19,8 @@ from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
+from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.program.system import Damping, Motion, System
-from vemcvx.program.terms import DraggedTerms, Limits, Norms
 from vemcvx.stepping import recorder
 from vemcvx.stepping.checkpoint import arrays_of, mark_of_data, record_of
 from vemcvx.stepping.ledger import Ledger

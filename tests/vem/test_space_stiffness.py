@@ -10,7 +10,7 @@ from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx.vem import Space, cell_load, edge_load, rigid_modes, stiffness, strains, stress_load
-from vemcvx.vem.faces import face_groups
+from vemcvx.vem.projection import face_groups
 
 EPS = np.finfo(float).eps
 SLOPE = np.array([[0.3, -1.2, 0.4], [0.7, 0.4, 0.1], [-0.2, 0.5, 0.6]])

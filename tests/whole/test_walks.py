@@ -19,7 +19,7 @@ from vemcvx.solvers import conic
 ROOT = Path(vx.__file__).parent
 NUMBER = 4 * math.e / math.pi
 STEP = "QuasistaticSteps.step"
-CHECKS = {"arrays.py", "arguments.py", "effects/data.py", "program/checks.py"}
+CHECKS = {"arrays.py", "effects/data.py", "program/checks.py"}
 """They hand back what they are given."""
 
 
@@ -112,7 +112,7 @@ WALKS = {
     "`bound`, from `TrescaFriction` to the cone": (bound_to_cone, "stepping/state.py"),
     "`bound`, from `TrescaFriction` to Newton's method": (
         bound_to_newton,
-        "stepping/state.py program/terms.py program/certificate.py program/operators.py",
+        "stepping/state.py program/operators.py program/certificate.py program/operators.py",
     ),
     "`young`, from `Elasticity` to K": (
         young_to_stiffness,
@@ -120,12 +120,12 @@ WALKS = {
     ),
     "`accuracy`, from the command line to an option of a solver": (
         accuracy_to_option,
-        "solvers/solver.py program/iterative_refinement.py stepping/acceptance.py stepping/time_loop.py "
+        "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/time_loop.py "
         "stepping/recorder.py",
     ),
     "`u`, from the answer to a step to a VTU file": (
         displacement_to_file,
-        "linear/factor.py linear/superlu.py solvers/newton.py program/step_program.py program/terms.py "
+        "linear/factor.py linear/factor.py solvers/newton.py program/step_program.py program/operators.py "
         "stepping/ledger.py program/operators.py program/certificate.py program/condensation.py "
         "program/iterative_refinement.py results/contact.py history.py vem/stress.py",
     ),

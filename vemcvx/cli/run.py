@@ -20,7 +20,6 @@ from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
 from vemcvx.owned_files import Owned
 from vemcvx.program import SolvedProgram
-from vemcvx.results.from_march import programs_of_steps
 from vemcvx.results.io.folder import (
     ARCHIVE,
     SERIES,
@@ -32,6 +31,7 @@ from vemcvx.results.io.folder import (
     write_results,
 )
 from vemcvx.results.probe import places
+from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import simulate
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder
 

@@ -10,8 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import called
-from vemcvx.arrays import Bools, Floats, Ints, brief, fading, shaped
+from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, shaped
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, EdgeEnds, elastic_matrix, softest_shear

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import called
-from vemcvx.arrays import Floats, Ints, as_real_array, brief, read_only, shape_in_words
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, called, read_only, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh
 from vemcvx.vem import component_names

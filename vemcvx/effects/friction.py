@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arguments import choice, flag
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
 from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, GivenDatum, Ground
 from vemcvx.effects.data import varies

@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from vemcvx.arguments import choice
-from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.arrays import Bools, Floats, Ints, brief, choice
 from vemcvx.effects import data
 from vemcvx.effects.contribution import Contribution, Eigenstrain, GivenDatum, InitialStress, Material
 from vemcvx.effects.data import Constant

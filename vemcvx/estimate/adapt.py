@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import LARGEST, check_takes, is_real, part
-from vemcvx.arrays import Bools, Floats, Ints, brief
+from vemcvx.arrays import LARGEST, Bools, Floats, Ints, brief, check_takes, is_real, part
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
 from vemcvx.estimate.budget.finer_steps import ACROSS, course
@@ -20,7 +19,7 @@ from vemcvx.history import History
 from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
-from vemcvx.results.from_march import record
+from vemcvx.results.results import record
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds

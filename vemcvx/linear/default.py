@@ -11,10 +11,9 @@ from threading import current_thread, main_thread
 
 from threadpoolctl import ThreadpoolController
 
-from vemcvx.linear.factor import LinearSolver
+from vemcvx.linear.factor import LinearSolver, SuperLU
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
-from vemcvx.linear.superlu import SuperLU
 
 # One thread for the dense matrices of steps: of a few hundred unknowns, for which threads wait longer than they work.
 #

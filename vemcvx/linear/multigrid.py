@@ -12,11 +12,9 @@ import scipy.sparse as sp
 from scipy.linalg import eigh_tridiagonal
 from scipy.sparse.linalg import LinearOperator, cg, eigsh
 
-from vemcvx.arguments import part, whole
-from vemcvx.arrays import EPS, Bools, Floats, Ints
+from vemcvx.arrays import EPS, Bools, Floats, Ints, part, whole
 from vemcvx.errors import NotAccepted, SceneError
-from vemcvx.linear.factor import Cycle, DenseCholesky, Factor, LinearSolver, Matrix, singular
-from vemcvx.linear.superlu import SuperLU
+from vemcvx.linear.factor import Cycle, DenseCholesky, Factor, LinearSolver, Matrix, SuperLU, singular
 
 # A multigrid cycle for K, and for K + S on some of its unknowns, S the stiffness of what acts at contact.
 #

@@ -1,20 +1,25 @@
-"""The box and the cell counts that every family of meshes is asked for.
-
-A family is called with n (cells across the shortest side), a count for each axis or the size of a cell, and with a box
-((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)). Counts do not depend on the unit of length.
-"""
+"""Boxes that are meshed, and names of sides, parts and data of meshes, checked."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arguments import is_real, is_whole
-from vemcvx.arrays import Floats, brief
+from vemcvx.arrays import Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
 from vemcvx.errors import MeshError
+from vemcvx.meshes.polygons.topology import edge_keys, offsets_of, spans
+from vemcvx.meshes.polyhedra import Faces, same_faces
+
+# The box and the cell counts that every family of meshes is asked for.
+#
+# A family is called with n (cells across the shortest side), a count for each axis or the size of a cell, and with a
+# box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)). Counts do not depend on the unit of length.
+
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]
@@ -196,3 +201,267 @@ def placed(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
     moved = np.clip(low + points * ((high - low) / size), low, high)
     moved = np.where(points == 0.0, low, moved)
     return np.where(points == size, high, moved)
+
+
+# Names of parts of a mesh, in the plane and in space, checked.
+
+
+WHOLE = "boundary"
+T = TypeVar("T")
+
+
+def side_edges(points: Floats, boundary: Ints, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
+    """Boundary edges on each side of the box; the families put points on its sides to the bit."""
+    start, end = points[boundary[:, 0]], points[boundary[:, 1]]
+    along = np.argmax(np.abs(end - start), axis=1)
+    sides = {"left": (0, box.left), "right": (0, box.right), "bottom": (1, box.bottom), "top": (1, box.top)}
+    named = {}
+    for name, (axis, place) in sides.items():
+        off = np.maximum(np.abs(start[:, axis] - place), np.abs(end[:, axis] - place))
+        named[name] = read_only(boundary[(off <= tolerance) & (along != axis)])
+    return named
+
+
+def straight_sides(points: Floats, boundary: Ints) -> dict[str, Ints]:
+    """Boundary edges that lie where x or y is extreme, by the names that families give them; those that there are."""
+    (left, bottom), (right, top) = points[boundary].min(axis=(0, 1)), points[boundary].max(axis=(0, 1))
+    # A mesh that was moved or scaled into place has straight sides to its digits.
+    rounding = 1e-9 * max(right - left, top - bottom)
+    sides = side_edges(points, boundary, Box(left, right, bottom, top), rounding)
+    return {name: edges for name, edges in sides.items() if len(edges)}
+
+
+def check_name(name: object) -> str:
+    """Return a name that a part of the boundary may have, or raise MeshError."""
+    if not isinstance(name, str) or not name:
+        raise MeshError(f"the name of a part of the boundary must be a non-empty string; got {name!r}.")
+    if name == WHOLE:
+        raise MeshError(f"the name {WHOLE!r} is taken: it always means the whole boundary. Choose another name.")
+    return name
+
+
+def check_is_whole_boundary(given: Ints, boundary: Ints) -> None:
+    """Raise MeshError where what is called the whole boundary, as meshes call it, is less; numbers or keys of parts."""
+    if not np.array_equal(np.unique(given), np.unique(boundary)):
+        raise MeshError(
+            f"the name {WHOLE!r} is taken: it always means the whole boundary, and here it is given to "
+            f"{len(np.unique(given))} of its {len(boundary)} parts. Choose another name, or leave it out."
+        )
+
+
+def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
+    """Which parts of the boundary the predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
+    name = check_name(name)
+    m, dimension = places.shape
+    middles = {"edges": "midpoints", "faces": "centroids"}[parts]
+    if not callable(predicate):
+        raise MeshError(
+            f"boundary {name!r}: predicate must be a function of the {middles} (m, {dimension}); got {predicate!r}."
+        )
+    failed = f"boundary {name!r}: the predicate failed for {middles} of shape {places.shape}"
+    chosen = _array(called(predicate, (places,), failed, f"take all {middles} at once and return a boolean for each"))
+    if chosen.shape != (m,) or chosen.dtype != bool:
+        raise MeshError(
+            f"boundary {name!r}: the predicate gets {m} {middles}, shape ({m}, {dimension}), "
+            f"and must return booleans of shape ({m},); it returned {chosen.dtype} of shape "
+            f"{chosen.shape}. For example: lambda x: x[:, 0] < 0.5."
+        )
+    if not chosen.any():
+        low, high = places.min(axis=0), places.max(axis=0)
+        extent = " x ".join(f"[{a:g}, {b:g}]" for a, b in zip(low, high, strict=True))
+        raise MeshError(
+            f"boundary {name!r}: the predicate selects none of the {m} boundary {parts}; their {middles} lie in "
+            f"{extent}."
+        )
+    return chosen
+
+
+def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapping[str, T]:
+    """What is given by name, nothing for None; or MeshError."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise MeshError(f"{what} must map names to {wanted}; got {type(given).__name__}.")
+    return given
+
+
+def check_boundaries(
+    boundaries: Mapping[str, ArrayLike] | None, boundary: Ints, n_nodes: int, node_map: Ints | None
+) -> dict[str, Ints]:
+    """Named edges as their cells run them, in the order of the boundary; MeshError if one is not on it."""
+    keys = edge_keys(boundary, n_nodes)
+    named = {}
+    for name, given in check_mapping(boundaries, "boundaries", "edges (m, 2)").items():
+        name = name if name == WHOLE else check_name(name)
+        given = check_edges(name, given, n_nodes if node_map is None else len(node_map))
+        edges = given if node_map is None else node_map[given]
+        wanted = edge_keys(edges, n_nodes)
+        strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
+        if len(strange):
+            a, b = given[strange[0]]
+            raise MeshError(
+                f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
+                f"{len(given)} are not). Name only edges that belong to exactly one cell."
+            )
+        if name == WHOLE:
+            check_is_whole_boundary(wanted, keys)
+        else:
+            named[name] = read_only(boundary[np.isin(keys, wanted)])
+    return named
+
+
+def check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
+    """Edges as pairs of node numbers that exist, (m, 2), or MeshError."""
+    edges = _array(edges)
+    if edges.ndim != 2 or edges.shape[1] != 2 or not len(edges) or edges.dtype.kind not in "iu":
+        raise MeshError(
+            f"boundary {name!r}: edges must be pairs of node numbers, shape (m, 2), at least one; got "
+            f"{edges.dtype} of shape {edges.shape}."
+        )
+    if edges.min() < 0 or edges.max() >= n_nodes:
+        raise MeshError(
+            f"boundary {name!r}: node numbers run from 0 to {n_nodes - 1}; got {edges.min()} to {edges.max()}."
+        )
+    return edges.astype(np.int64)
+
+
+def check_datum_name(name: object) -> str:
+    """Return a name that a cell datum may have, or raise MeshError."""
+    if not isinstance(name, str) or not name:
+        raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
+    return name
+
+
+def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
+    """Read-only copies of arrays with one row a cell, or MeshError."""
+    checked = {}
+    for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
+        check_datum_name(name)
+        array = _array(values).copy()
+        if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
+            raise MeshError(
+                f"cell datum {name!r} must hold one number (or row of numbers) for each of the {n_cells} "
+                f"cells; got {array.dtype} of shape {array.shape}."
+            )
+        checked[name] = read_only(array)
+    return checked
+
+
+def plotted_values(values: str | ArrayLike, cell_data: Mapping[str, NDArray[Any]], n_cells: int) -> Floats:
+    """One number a cell to colour it by: an array, or the name of a cell datum."""
+    if isinstance(values, str):
+        if values not in cell_data:
+            raise MeshError(f"there is no cell datum {values!r}; this mesh has {', '.join(cell_data) or 'none'}.")
+        values = cell_data[values]
+    array = check_cell_data({"values": values}, n_cells)["values"]
+    if array.ndim != 1:
+        raise MeshError(f"values to plot must be one number a cell, shape ({n_cells},); got shape {array.shape}.")
+    return array.astype(float)
+
+
+def plotted_points(points: Floats, displacement: ArrayLike | None) -> Floats:
+    """Points moved by the displacement, if there is one."""
+    if displacement is None:
+        return points
+    array = _array(displacement)
+    if array.shape != points.shape or array.dtype.kind not in "biuf":
+        raise MeshError(
+            f"displacement must be numbers of the shape {points.shape} of the points; got {array.dtype} of "
+            f"shape {array.shape}."
+        )
+    moved: Floats = points + array
+    return moved
+
+
+def _array(values: ArrayLike) -> NDArray[Any]:
+    """Values as an array; what makes none as an array of objects, which every check refuses."""
+    array = plain(values)
+    return np.empty(0, dtype=object) if array is None else array
+
+
+# Named parts of the boundary of a mesh in space: faces, by number or by their vertices.
+
+
+SIDES = (("left", "right"), ("front", "back"), ("bottom", "top"))
+"""Names of the two sides across each axis."""
+
+
+def box_sides(corners: Floats, offsets: Ints, box: SpaceBox, tolerance: float = 0.0) -> dict[str, Bools]:
+    """Which faces lie on each side of the box; families put points on its sides to the bit."""
+    on = {}
+    for axis, names in enumerate(SIDES):
+        for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):
+            on[name] = np.logical_and.reduceat(np.abs(corners[:, axis] - place) <= tolerance, offsets[:-1])
+    return on
+
+
+def extreme_faces(points: Floats, faces: Faces) -> dict[str, Ints]:
+    """Boundary faces that lie where x, y or z is extreme, by the names that families give them; those there are."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    # A mesh that was moved or scaled into place has plane sides to its digits.
+    rounding = 1e-9 * float((high - low).max())
+    box = SpaceBox(tuple(low.tolist()), tuple(high.tolist()))
+    on = box_sides(points[faces.face_vertices], faces.face_offsets, box, rounding)
+    sides = {name: np.flatnonzero(flags & (faces.face_cells[:, 1] < 0)) for name, flags in on.items()}
+    return {name: numbers for name, numbers in sides.items() if len(numbers)}
+
+
+def check_face_boundaries(
+    boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None, mesh: Faces, node_map: Ints | None
+) -> dict[str, Ints]:
+    """Named faces by their numbers, ascending; MeshError if one is not on the boundary."""
+    boundaries = check_mapping(boundaries, "boundaries", "faces")
+    if WHOLE in boundaries:
+        whole = _faces(WHOLE, boundaries[WHOLE], mesh, node_map)
+        check_is_whole_boundary(whole, np.flatnonzero(mesh.face_cells[:, 1] < 0))
+    rest = [name for name in boundaries if name != WHOLE]
+    return {check_name(name): _faces(name, boundaries[name], mesh, node_map) for name in rest}
+
+
+def _faces(name: str, given: Any, mesh: Faces, node_map: Ints | None) -> Ints:
+    numbers = plain(given)
+    if numbers is not None and numbers.ndim == 1 and numbers.dtype.kind in "iu" and len(numbers):
+        faces, called = numbers.astype(np.int64), [f"face {number}" for number in numbers.tolist()]
+        faces = np.where((faces >= 0) & (faces < len(mesh.face_cells)), faces, -1)
+    else:
+        rows = _rows(name, given)
+        faces, called = faces_of(rows, mesh, node_map), [f"({', '.join(map(str, row.tolist()))})" for row in rows]
+    strange = np.flatnonzero((faces < 0) | (mesh.face_cells[faces, 1] >= 0))
+    if len(strange):
+        raise MeshError(
+            f"boundary {name!r}: {called[strange[0]]} is not a face of the boundary ({len(strange)} of {len(faces)} "
+            "are not). Name only faces that belong to exactly one cell."
+        )
+    return read_only(np.unique(faces))
+
+
+def _rows(name: str, given: Any) -> list[Ints]:
+    wanted = f"boundary {name!r}: faces must be numbers (m,) or rows of the numbers of their vertices, at least one"
+    try:
+        rows = [plain(row) for row in given]
+    except Exception:  # of whatever a user hands in
+        raise MeshError(f"{wanted}; got {brief(given)}.") from None
+    if not rows or any(row is None or row.ndim != 1 or row.dtype.kind not in "iu" or not len(row) for row in rows):
+        raise MeshError(f"{wanted}; got {brief(given)}.")
+    return [row.astype(np.int64) for row in rows if row is not None]
+
+
+def faces_of(rows: Sequence[Ints], mesh: Faces, node_map: Ints | None) -> Ints:
+    """Number of the face with the given vertices (numbers before unused nodes were dropped), -1 where there is none."""
+    number = np.arange(mesh.face_vertices.max() + 1) if node_map is None else node_map
+    flat = np.concatenate(rows)
+    known = (flat >= 0) & (flat < len(number))
+    flat = np.where(known, number[np.where(known, flat, 0)], -1)
+    return matching_faces(mesh, offsets_of(np.array([len(row) for row in rows])), flat)
+
+
+def matching_faces(mesh: Faces, offsets: Ints, vertices: Ints) -> Ints:
+    """Number of the face that has the same vertices as each row, -1 where there is none."""
+    counts = np.diff(mesh.face_offsets)
+    # Only faces with as many vertices, on the boundary: sorting all faces of a mesh takes longer than reading it.
+    outer = np.flatnonzero((mesh.face_cells[:, 1] < 0) & np.isin(counts, np.diff(offsets)))
+    own = mesh.face_vertices[spans(mesh.face_offsets[outer], counts[outer])]
+    whole = offsets_of(np.concatenate([counts[outer], np.diff(offsets)]))
+    first, number = same_faces(whole, np.concatenate([own, vertices]))
+    found = first[number[len(outer) :]]
+    return np.append(outer, -1)[np.minimum(found, len(outer))]

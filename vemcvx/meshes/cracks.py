@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import check_name
+from vemcvx.meshes.box import check_name
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.local_refinement import check_marks
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner

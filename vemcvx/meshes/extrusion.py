@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, Ints, plain
 from vemcvx.errors import MeshError
-from vemcvx.meshes.box import LARGEST, SHORTEST
-from vemcvx.meshes.checks.names import WHOLE
+from vemcvx.meshes.box import LARGEST, SHORTEST, WHOLE
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     next_vertex,

@@ -9,7 +9,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import check_edges, check_mapping, check_name
+from vemcvx.meshes.box import check_edges, check_mapping, check_name
 from vemcvx.meshes.polygons.geometry import rounding
 from vemcvx.meshes.polygons.topology import smallest_linked
 

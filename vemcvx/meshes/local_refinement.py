@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, eye_array, vstack
 
-from vemcvx.arguments import flag
-from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
+from vemcvx.arrays import Bools, Floats, Ints, brief, flag, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import check_boundaries, check_cell_data
+from vemcvx.meshes.box import check_boundaries, check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons.convex import convex_pieces, left_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 from numpy.typing import ArrayLike
 
 from vemcvx.canvas import draw_cells
-from vemcvx.meshes.checks.names import plotted_points, plotted_values
+from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.cracks import cut
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.extrusion import extruded

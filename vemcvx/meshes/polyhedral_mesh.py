@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import brief
 from vemcvx.canvas import draw_faces
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import plotted_points, plotted_values
+from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons.topology import rows_in_order
 from vemcvx.meshes.space_tessellation import SpaceTessellation

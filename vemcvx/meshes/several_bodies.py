@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arguments import is_real
-from vemcvx.arrays import Floats, Ints, brief
+from vemcvx.arrays import Floats, Ints, brief, is_real
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import WHOLE, check_boundaries, check_cell_data, check_name
+from vemcvx.meshes.box import WHOLE, check_boundaries, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import NARROW_BETWEEN_BODIES, Misfit, check_cells, misfit_of, shortest_edges
 from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh

@@ -20,11 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes import polyhedra
-from vemcvx.meshes.box import SpaceBox
-from vemcvx.meshes.checks.names import box_sides, check_cell_data, check_face_boundaries
+from vemcvx.meshes.box import SpaceBox, box_sides, check_cell_data, check_face_boundaries
 from vemcvx.meshes.checks.space import checked_in_space
-from vemcvx.meshes.mesh import Mesh
 from vemcvx.meshes.polygons.geometry import diameters
+from vemcvx.meshes.tessellation import Mesh
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import number
-from vemcvx.arrays import brief
+from vemcvx.arrays import brief, number
 from vemcvx.canvas import film_writer, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arguments import choice
-from vemcvx.arrays import Floats, Ints, as_real_array, brief
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
 from vemcvx.canvas import axes_or_new, figure_of, show_image
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolyhedralMesh

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import choice
-from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.arrays import Bools, Floats, Ints, choice
 from vemcvx.canvas import axes_or_new, colour_bar, draw_arrows, draw_polygons, figure_of, legend_under, light_grid
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh

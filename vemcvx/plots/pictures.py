@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import choice
+from vemcvx.arrays import choice
 from vemcvx.canvas import figure_of, light_grid, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh

@@ -10,11 +10,12 @@ from vemcvx.program.operators import (
     QUADRATIC,
     SECOND_ORDER_CONES,
     SQUARED_POSITIVE_PARTS,
+    Limits,
+    Norms,
     Operators,
 )
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 from vemcvx.program.system import Damping, System
-from vemcvx.program.terms import Limits, Norms
 
 __all__ = [
     "ABSOLUTE_VALUES",

@@ -9,8 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arguments import called
-from vemcvx.arrays import Floats, as_real_array, brief, shape_in_words, shaped
+from vemcvx.arrays import Floats, as_real_array, brief, called, shape_in_words, shaped
 from vemcvx.errors import SceneError
 from vemcvx.linear import direct_solver
 from vemcvx.linear.factor import singular

@@ -36,7 +36,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
 from vemcvx.linear import LinearSolver
-from vemcvx.linear.superlu import minimum_degree
+from vemcvx.linear.factor import minimum_degree
 from vemcvx.program.forces import Reduced, SolvedForce, SolvedForces, combined, spread
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted

@@ -31,9 +31,8 @@ from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.linear import SAMPLES, Matrix
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Operators, transverse
 from vemcvx.program.system import System
-from vemcvx.program.terms import transverse
 from vemcvx.program.tolerances import COARSE_FACTORS
 
 CHUNK = 4096

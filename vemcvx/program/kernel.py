@@ -25,8 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import qr
 
-from vemcvx.arguments import called, function
-from vemcvx.arrays import EPS, Floats, as_real_array, brief, power_of_two
+from vemcvx.arrays import EPS, Floats, as_real_array, brief, called, function, power_of_two
 from vemcvx.errors import SceneError
 
 # The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so

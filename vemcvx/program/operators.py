@@ -1,18 +1,362 @@
-"""What all steps of a run share: K, where the norm terms act (B), and where the limits do (D)."""
+"""What all steps share: K, the rows of norm terms and limits, and how they answer to forces."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints
+from vemcvx.arrays import Floats, Ints, MatrixLike, brief, called, function, is_whole, shaped
+from vemcvx.errors import SceneError
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
+from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
 from vemcvx.program.kernel import KernelBalance
-from vemcvx.program.terms import Rows
+
+# The terms of a program: norms w_i |B_i y|, bounds D_j y <= e_j, squared positive parts, and the rows they read.
+
+
+class Rows:
+    """B (k, n), with B d and B'lam as cheap as its pattern allows."""
+
+    def __init__(self, B: sp.csr_matrix):
+        self.B = B
+        single = np.diff(B.indptr) == 1
+        self.single = single
+        """(k,) which rows have one entry"""
+        self.exact = single.copy()
+        """(k,) which rows have one entry, a power of two: reading them rounds nothing"""
+        self.exact[single] = np.abs(np.frexp(B.data[B.indptr[:-1][single]])[0]) == 0.5
+        self.columns: Ints | None = None
+        """(k,) the unknown that each row reads, if every row reads its own and no other; else None"""
+        if single.all() and len(np.unique(B.indices)) == B.shape[0]:
+            self.columns = B.indices.astype(np.int64)
+
+    @cached_property
+    def _transposed(self) -> sp.csr_matrix:
+        return sp.csr_matrix(self.B.T)
+
+    def read(self, d: Floats) -> Floats:
+        """B d, (k,)."""
+        return self.B @ d if self.columns is None else self.B.data * d[self.columns]
+
+    def force_of(self, lam: Floats) -> Floats:
+        """B'lam, (n,): the force of multipliers."""
+        if self.columns is None:
+            return self._transposed @ lam
+        force = np.zeros(self.B.shape[1])
+        force[self.columns] = self.B.data * lam
+        return force
+
+    def nearest(self, force: Floats, inverse_metric: Floats) -> Floats:
+        """The multipliers lam (k,) with B'lam nearest to the force (n,); of those the least, in the metric given."""
+        if self.columns is not None:
+            own: Floats = force[self.columns] / self.B.data
+            return own
+        (touched, A), root = self._touching, np.sqrt(inverse_metric)
+        least: Floats = root * np.linalg.lstsq(A * root, force[touched], rcond=None)[0]
+        return least
+
+    def nearest_within(self, force: Floats, low: Floats, high: Floats) -> Floats:
+        """The multipliers lam (k,) between bounds with B'lam nearest to the force (n,)."""
+        from scipy.optimize import lsq_linear
+
+        touched, A = self._touching
+        # An interval of nothing is refused there.
+        free, lam = low < high, low.copy()
+        if free.any():
+            rest = force[touched] - A[:, ~free] @ low[~free]
+            lam[free] = lsq_linear(A[:, free], rest, (low[free], high[free]), method="bvls").x
+        return lam
+
+    @cached_property
+    def _touching(self) -> tuple[Ints, Floats]:
+        """The unknowns that some row reads, and B' on these, dense."""
+        touched = np.unique(self.B.indices).astype(np.int64)
+        return touched, self.B[:, touched].toarray().T
+
+    @cached_property
+    def absolute(self) -> Rows:
+        """|B|, entry by entry, for bounds on rounding."""
+        return Rows(abs(self.B))
+
+
+# Norm terms: w_i |B_i y| of the seminorm j, with the law of their weights, their bias, and the ground they rub on.
+
+
+# Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
+BIAS_ROUNDING = 8 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, repr=False)
+class Norms(ArrayRecord):
+    """The terms w_i |B_i v|: rows i * block ... (i + 1) * block of B make the vector B_i v.
+
+    Parameters
+    ----------
+    B : (m * block, n) array or sparse matrix
+    w : (m,) array, or callable t -> (m,)
+        Weights >= 0.
+    block : int
+        Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
+    places : callable i -> str, optional
+        Where term i acts, in words, for messages.
+    law : callable (t, p) -> (m,), optional
+        Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
+        then the weights without limits acting.
+    bias : (m * block,) array, or callable t -> (m * block,), optional
+        c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
+        as a force -B'c, whose work is friction's.
+    slope : callable (t, p) -> (m, r), optional
+        The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
+        are then solved whole, and certificates are bounds instead of estimates. Of a `slip_law` that does not depend on
+        the slip of the step, it is a function of (t, p, past).
+    ground : callable t -> (m * block,), optional
+        How far what they rub on has moved: slips are those relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|,
+        and it does work.
+    slip_law : callable (t, p, past, slip) -> (m,), optional
+        Weights, in place of `law`, that also depend on the sum of |s_i| over the steps before, (m,), and on |s_i| of
+        the step: another fixed point.
+    softening : number or (m,) array, optional
+        How fast the weights of a `slip_law` that does not depend on p fall at most, as |s_i| of the step grows. Where
+        that is slow enough (:mod:`vemcvx.stepping.fixed_point`), certificates are bounds instead of estimates.
+    """
+
+    B: sp.csr_matrix
+    w: ArrayLike | Callable[[float], ArrayLike]
+    block: int = 1
+    places: Callable[[int], str] | None = None
+    law: Callable[[float, Floats], ArrayLike] | None = None
+    bias: ArrayLike | Callable[[float], ArrayLike] | None = None
+    slope: Callable[..., MatrixLike] | None = None
+    ground: Callable[[float], ArrayLike] | None = None
+    slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None
+    softening: ArrayLike | None = None
+
+    if TYPE_CHECKING:  # B is given as any matrix
+
+        def __init__(
+            self,
+            B: MatrixLike,
+            w: ArrayLike | Callable[[float], ArrayLike],
+            block: int = 1,
+            places: Callable[[int], str] | None = None,
+            law: Callable[[float, Floats], ArrayLike] | None = None,
+            bias: ArrayLike | Callable[[float], ArrayLike] | None = None,
+            slope: Callable[..., MatrixLike] | None = None,
+            ground: Callable[[float], ArrayLike] | None = None,
+            slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None,
+            softening: ArrayLike | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        B = checked_matrix(self.B, "Norms: B")
+        if not is_whole(self.block) or self.block < 1 or B.shape[0] % self.block:
+            raise SceneError(
+                f"Norms: found B with {B.shape[0]} rows and block = {brief(self.block)}; "
+                "B must have a whole number of blocks of rows."
+            )
+        object.__setattr__(self, "B", B)
+        object.__setattr__(self, "block", int(self.block))
+        function(self.places, "Norms: found places", "a function of i that says where term i acts")
+        function(self.law, "Norms: found law", "a function of (t, p) that gives weights")
+        function(self.slope, "Norms: found slope", "a function of (t, p) that gives the law's derivative")
+        function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
+        function(self.slip_law, "Norms: found slip_law", "a function of (t, p, past, slip) that gives weights")
+        if self.softening is not None:
+            object.__setattr__(self, "softening", self._checked(self.softening, "softening"))
+        if not callable(self.w):
+            object.__setattr__(self, "w", self._checked(self.w))
+        if self.bias is not None and not callable(self.bias):
+            object.__setattr__(self, "bias", self._rows(self.bias, 0.0, "Norms: bias", "forces"))
+
+    @property
+    def count(self) -> int:
+        """The number of terms m."""
+        return self.B.shape[0] // self.block
+
+    def name(self, i: int) -> str:
+        """Where term `i` acts, in words."""
+        return f"norm term {i}" if self.places is None else str(called(self.places, (i,), "Norms: places failed", SAY))
+
+    def weights(self, t: float) -> Floats:
+        """Weights (m,) at the instant `t`."""
+        w = self.w
+        # An array was checked when it was given.
+        return w if isinstance(w, np.ndarray) else self._checked(at_instant(w, t, "Norms: w"))
+
+    @property
+    def softest(self) -> Floats | None:
+        """`softening` (m,), if it is known."""
+        return None if self.softening is None else np.asarray(self.softening, dtype=float)
+
+    @property
+    def dependent(self) -> bool:
+        """Whether weights depend on the answer of the step."""
+        return self.law is not None or self.remembers
+
+    @property
+    def remembers(self) -> bool:
+        """Whether they depend on slips."""
+        return self.slip_law is not None
+
+    def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
+        """Weights (m,) at `t` under forces `p` (r,) of the limits, after slips (m,) before the step and in it."""
+        if self.slip_law is not None:
+            slips = (np.zeros(self.count) if given is None else given for given in (past, slip))
+            return self._checked(self._ask("slip_law", t, p, *slips))
+        return self.weights(t) if self.law is None else self._checked(self._ask("law", t, p))
+
+    def slope_under(self, t: float, p: Floats, past: Floats | None = None) -> sp.csr_matrix:
+        """The derivative (m, r) of the weights there; `slope` must be given."""
+        slips = () if self.slip_law is None else (np.zeros(self.count) if past is None else past,)
+        return checked_matrix(self._ask("slope", t, p, *slips), "Norms: slope", (self.count, len(p)))
+
+    def _ask(self, name: str, t: float, *answer: Floats) -> ArrayLike:
+        given = ", ".join(("t", "p", "past", "slip")[: 1 + len(answer)])
+        failed = f"Norms: {name}: its function failed when called as f({given}) with t = {t:.6g}"
+        value: ArrayLike = called(getattr(self, name), (t, *answer), failed, "return weights, or their derivative")
+        return value
+
+    def bias_at(self, t: float) -> Floats:
+        """The bias (m * block,) at the instant `t`; zero if there is none.
+
+        Raises
+        ------
+        SceneError
+            It is ill-shaped, not finite, or larger than the weights: one direction would be paid for.
+        """
+        if self.bias is None:
+            return np.zeros(self.B.shape[0])
+        c = self._rows(self.bias, t, "Norms: bias", "forces")
+        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + BIAS_ROUNDING)
+        if (over > 0).any():
+            worst = int(np.argmax(over))
+            raise SceneError(
+                f"Norms: found a bias larger than the weight of {self.name(worst)} at t = {t:.6g}; friction would be "
+                "paid for slip. Both directions need bounds >= 0."
+            )
+        return c
+
+    def moved(self, t: float) -> Floats:
+        """How far the ground has moved at the instant `t`, (m * block,); zero if it stands still."""
+        return np.zeros(self.B.shape[0]) if self.ground is None else self._rows(self.ground, t, "Norms: ground", "ways")
+
+    def _rows(self, value: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str, what: str) -> Floats:
+        rows, raw = self.B.shape[0], at_instant(value, t, subject)
+        return finite(shaped(raw, subject, f"({rows},) {what}, one a row of B", (rows,)), subject)
+
+    def _checked(self, raw: ArrayLike, name: str = "w") -> Floats:
+        what = "weight" if name == "w" else name
+        wanted = f"a {what}, or ({self.count},) of them, one a term"
+        w = finite(shaped(raw, f"Norms: {name}", wanted, (), (self.count,)), f"Norms: {name}")
+        if (w < 0).any():
+            worst = self.name(int(np.argmin(w)))
+            raise SceneError(f"Norms: found the {what} {w.min():.6g} of {worst}; it must be >= 0.")
+        return np.array(np.broadcast_to(w, (self.count,)))
+
+
+@dataclass(frozen=True)
+class DraggedTerms:
+    """Norm terms that no unknown moves, w_i |c_i(t_n) - c_i(t_{n-1})|: constants of a step's program, and losses."""
+
+    position: Callable[[float], Floats]
+    """t -> (q * block,), c: of the supports, less that of the ground"""
+    weights: Callable[[float, Floats, Floats, Floats], Floats]
+    """(t, p, past, slip) -> (q,), as of norm terms that follow the answer"""
+    count: int
+    block: int = 1
+    bias: Callable[[float], Floats] | None = None
+    """t -> (q * block,), as of norm terms"""
+    remembers: bool = False
+    """whether weights depend on slips"""
+
+
+def transverse(unit: Floats) -> Floats:
+    """(m, block, block) I - q q', the derivative of v / |v| where |v| = 1, of unit vectors q (m, block)."""
+    across: Floats = np.eye(unit.shape[1]) - np.einsum("ij,ik->ijk", unit, unit)
+    return across
+
+
+# One-sided terms: bounds D_j y <= e_j, and their soft kin (D_j y - e_j)_+^2 / (2 c_j).
+
+
+@dataclass(frozen=True, repr=False)
+class Limits(ArrayRecord):
+    """Row j of D, the limit e_j and the compliance c_j.
+
+    With z_j = D_j y - e_j: a bound z_j <= 0 where c_j = 0; the energy (z_j)_+^2 / (2 c_j) where c_j > 0. The multiplier
+    p_j >= 0 is the force with which the limit answers, z_j <= c_j p_j with equality where p_j > 0.
+
+    Parameters
+    ----------
+    D : (r, n) array or sparse matrix
+    e : (r,) array, or callable t -> (r,)
+    compliance : number or (r,) array
+        Displacement per force, >= 0.
+    places : callable j -> str, optional
+        Where limit j acts, in words, for messages.
+    """
+
+    D: sp.csr_matrix
+    e: ArrayLike | Callable[[float], ArrayLike]
+    compliance: ArrayLike = 0.0
+    places: Callable[[int], str] | None = None
+
+    if TYPE_CHECKING:  # D is given as any matrix
+
+        def __init__(
+            self,
+            D: MatrixLike,
+            e: ArrayLike | Callable[[float], ArrayLike],
+            compliance: ArrayLike = 0.0,
+            places: Callable[[int], str] | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "D", checked_matrix(self.D, "Limits: D"))
+        compliance = self.compliances
+        if (compliance < 0).any():
+            j = int(np.argmin(compliance))
+            raise SceneError(f"Limits: found the compliance {compliance[j]:.6g} of {self.name(j)}; it must be >= 0.")
+        object.__setattr__(self, "compliance", compliance)
+        function(self.places, "Limits: found places", "a function of j that says where limit j acts")
+        if not callable(self.e):
+            object.__setattr__(self, "e", self._shaped(self.e, "Limits: e"))
+
+    @property
+    def compliances(self) -> Floats:
+        """c (r,)."""
+        return self._shaped(self.compliance, "Limits: compliance")
+
+    @property
+    def count(self) -> int:
+        """The number of limits r."""
+        return self.D.shape[0]
+
+    def name(self, j: int) -> str:
+        """Where limit `j` acts, in words."""
+        return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
+
+    def remaining_gap(self, t: float) -> Floats:
+        """e (r,) at the instant `t`."""
+        e = self.e
+        # An array was checked when it was given.
+        return e if isinstance(e, np.ndarray) else self._shaped(at_instant(e, t, "Limits: e"), "Limits: e")
+
+    def _shaped(self, raw: ArrayLike, subject: str) -> Floats:
+        wanted = f"a number, or ({self.count},) of them, one a limit"
+        values = finite(shaped(raw, subject, wanted, (), (self.count,)), subject)
+        return np.array(np.broadcast_to(values, (self.count,)))
+
+
+# What all steps of a run share: K, where the norm terms act (B), and where the limits do (D).
+
 
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"

@@ -11,15 +11,13 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import is_whole
-from vemcvx.arrays import EPS, Floats, brief, read_only
+from vemcvx.arrays import EPS, Floats, brief, is_whole, read_only
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
 from vemcvx.program.checks import of_shape
 from vemcvx.program.in_place import put_in_place
-from vemcvx.program.operators import Operators
-from vemcvx.program.terms import Rows
+from vemcvx.program.operators import Operators, Rows
 
 if TYPE_CHECKING:
     import cvxpy as cp

@@ -12,8 +12,19 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import called, instance
-from vemcvx.arrays import EPS, Floats, Ints, MatrixLike, as_real_array, brief, fading, shape_in_words, shaped
+from vemcvx.arrays import (
+    EPS,
+    Floats,
+    Ints,
+    MatrixLike,
+    as_real_array,
+    brief,
+    called,
+    fading,
+    instance,
+    shape_in_words,
+    shaped,
+)
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver, choose_linear
 from vemcvx.outline import ArrayRecord
@@ -29,7 +40,7 @@ from vemcvx.program.checks import (
 )
 from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel, rank_on
-from vemcvx.program.terms import DraggedTerms, Limits, Norms
+from vemcvx.program.operators import DraggedTerms, Limits, Norms
 
 # Supports that move: what u_D adds to the energy, to the norm terms and to the limits of a system.
 

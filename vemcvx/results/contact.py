@@ -4,7 +4,7 @@ Slips are tangential parts of nodal displacements, (I - n n') u, less that of th
 of their own edges, those of contact or those with friction, and at corners both sides count, forces and edges:
 tractions are minus the multipliers; pressures are the forces p_j of one-sided contact, and where contact holds a node
 in both ways, its part of R = A u - f + B'lam + D'p, what then is left to supports and contact
-(:mod:`vemcvx.scene.freedom`); wear is friction work, the sum over all steps of w_i |s_i|: the depth worn off is in
+(:mod:`vemcvx.scene.supports`); wear is friction work, the sum over all steps of w_i |s_i|: the depth worn off is in
 proportion to it (Archard 1953).
 
 A one-sided contact is closed where p_j + c_j z_j >= 0, z_j the excess over the gap and c_j = n'An at the node: the rule
@@ -20,7 +20,7 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.outline import ArrayRecord
-from vemcvx.scene.friction import Terms
+from vemcvx.scene.contact import Terms
 from vemcvx.scene.jumps import Jumps
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory

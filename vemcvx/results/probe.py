@@ -9,8 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import is_whole
-from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, shape_in_words
+from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, is_whole, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interpolation import projected_values

@@ -17,26 +17,31 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.effects import Contribution, Friction, GivenDatum, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
-from vemcvx.linear.superlu import nested_dissection
+from vemcvx.linear.factor import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, Motion, System
-from vemcvx.scene.freedom import on_free, straightened
-from vemcvx.scene.friction import (
+from vemcvx.scene.contact import (
     FrictionLaw,
+    Obstacles,
+    Surface,
     Terms,
     acting_rows,
+    contact_surface,
     dragged_terms,
+    friction_law,
     friction_terms,
+    gathered,
+    limits,
     norm_terms,
+    out_of_reach,
     warn_of_free_normals,
 )
 from vemcvx.scene.jumps import edge_ends
-from vemcvx.scene.obstacles import Obstacles, Surface, contact_surface, friction_law, gathered, limits, out_of_reach
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import Supports, by_precedence, resolve
+from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve, straightened
 from vemcvx.vem import Space, rigid_modes
 
 # What drives a posed scene, over its free unknowns: the load, and the motion of its supports.

@@ -15,9 +15,8 @@ from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
-from vemcvx.scene.freedom import along
 from vemcvx.scene.jumps import Jumps
-from vemcvx.scene.supports import STRAIGHT
+from vemcvx.scene.supports import STRAIGHT, along
 from vemcvx.vem import MirrorPlanes, Space, elastic_matrix, stress_load, tangents_of, upper_triangle
 
 # The body put together from its materials: every cell has exactly one.

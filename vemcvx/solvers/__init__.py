@@ -1,8 +1,7 @@
 """Solvers of one step's convex program, of different kinds."""
 
-from vemcvx.solvers.adapter import Solves, as_solver
 from vemcvx.solvers.conic import OSQP, Clarabel, ThroughCvxpy
-from vemcvx.solvers.default import Direct, choose_solver
+from vemcvx.solvers.default import Direct, Solves, as_solver, choose_solver
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Prepared, Solver
 

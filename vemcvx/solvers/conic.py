@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arguments import flag, is_whole
-from vemcvx.arrays import Floats, brief
+from vemcvx.arrays import Floats, brief, flag, is_whole
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,

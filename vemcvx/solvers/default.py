@@ -1,23 +1,116 @@
-"""Solvers that need no iteration, and which solver: the one asked for, else by the program."""
+"""Solvers of users' own, the direct one, and which solver: the one asked for, else the smallest that accepts."""
 
 from __future__ import annotations
 
+import inspect
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from vemcvx.arrays import Floats
-from vemcvx.errors import NotAccepted
-from vemcvx.program.operators import QUADRATIC, SECOND_ORDER_CONES, Operators
-from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.solvers.adapter import Solves, as_solver
+from vemcvx.arrays import Floats, brief, flag
+from vemcvx.errors import NotAccepted, SceneError
+from vemcvx.program.operators import FEATURES, QUADRATIC, SECOND_ORDER_CONES, Operators
+from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Solver
 
-# No convex term left: the step is one linear system, K d = g.
+# A solver of one's own: any object with `solve(program, target)`, made a Solver.
+#
+# It inherits from nothing and is registered nowhere. Its `solve` is given one scaled step at a time, a
+# :class:`vemcvx.program.step_program.StepProgram`, with the duality gap asked for; parameters named lam and p, if it
+# has them, get multipliers to begin with, which the steps before let expect. It returns an Answer, or (d, lam, p),
+# (d, lam) or d alone.
+
+
+class Solves(Protocol):
+    """What a solver of one's own has: `solve`. Attributes `accepts`, `accuracy` and `semidefinite` are read, too."""
+
+    @property
+    def solve(self) -> Callable[..., Any]:
+        """A method of (program, target): answers one scaled step up to a duality gap of `target`."""
+
+
+def as_solver(given: Solver | Solves) -> Solver:
+    """A Solver as it is; any other object with `solve` as one.
+
+    Raises
+    ------
+    SceneError
+        It is a class, or has no `solve`, or an `accepts` that names no features.
+    """
+    if isinstance(given, Solver):
+        return given
+    if isinstance(given, type) or not callable(getattr(given, "solve", None)):
+        raise SceneError(
+            f"solver: found {brief(given)}; wanted a solver with its settings, such as Newton(accuracy=1e-8), or None "
+            "for the smallest that accepts the program; any object with solve(program, target) is a solver."
+        )
+    return AdaptedSolver(given)
+
+
+class AdaptedSolver(Solver):
+    """A solver around somebody's object with `solve`.
+
+    Parameters
+    ----------
+    own : object
+        `solve(program, target)`; without `accepts` it is taken to accept every feature, without `accuracy` 1e-6 is
+        asked of it, without `semidefinite` it is given a positive definite K only.
+    """
+
+    accepts: frozenset[str] = FEATURES
+    semidefinite: bool = False
+
+    def __init__(self, own: Solves):
+        self._own, self._asks = own, _asks_for(own)
+        self.accuracy = getattr(own, "accuracy", Solver.accuracy)
+        self.accepts = _features(getattr(own, "accepts", FEATURES), self.name)
+        self.semidefinite = flag(getattr(own, "semidefinite", False), f"solver {self.name}: semidefinite")
+
+    def __repr__(self) -> str:
+        """Its name, and those of its public attributes that are plain: they say the same in every process."""
+        public = {name: x for name, x in getattr(self._own, "__dict__", {}).items() if not name.startswith("_")}
+        plain = {name: value for name, value in public.items() if isinstance(value, (int, float, str))}
+        settings = {**plain, "accuracy": self.accuracy}
+        return f"{self.name}({', '.join(f'{name}={value!r}' for name, value in sorted(settings.items()))})"
+
+    @property
+    def name(self) -> str:
+        return type(self._own).__name__
+
+    def prepare(self, operators: Operators) -> AdaptedSolver:
+        return self
+
+    def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
+        """Answer one scaled step."""
+        begin = {"lam": lam.copy(), "p": np.zeros_like(program.e) if p is None else p.copy()}
+        given = {name: begin[name] for name in self._asks}
+        return read_answer(self._own.solve(program, target, **given), program, self.name)
+
+
+def _features(raw: Any, name: str) -> frozenset[str]:
+    known = isinstance(raw, (set, frozenset, list, tuple)) and all(isinstance(x, str) and x in FEATURES for x in raw)
+    if not known:
+        there_are = ", ".join(map(repr, sorted(FEATURES)))
+        raise SceneError(f"solver {name}: found accepts = {brief(raw)}; wanted a set of some of {there_are}.")
+    return frozenset(raw)
+
+
+def _asks_for(own: Solves) -> list[str]:
+    """Which of the expected multipliers `solve` has parameters for."""
+    try:
+        parameters = inspect.signature(own.solve).parameters
+    except (TypeError, ValueError):
+        return []
+    more = list(parameters)[2:]
+    return [name for name in ("lam", "p") if name in more]
+
+
+# Solvers that need no iteration, and which solver: the one asked for, else by the program.
 
 
 @dataclass(frozen=True)

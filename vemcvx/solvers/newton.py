@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from vemcvx.arguments import whole
-from vemcvx.arrays import EPS, Bools, Floats, Ints, directions, lengths
+from vemcvx.arrays import EPS, Bools, Floats, Ints, directions, lengths, whole
 from vemcvx.linear import Matrix, corrected
 from vemcvx.program.operators import (
     ABSOLUTE_VALUES,
@@ -21,9 +20,9 @@ from vemcvx.program.operators import (
     SQUARED_POSITIVE_PARTS,
     Operators,
     restricted,
+    transverse,
 )
 from vemcvx.program.step_program import Answer, StepProgram
-from vemcvx.program.terms import transverse
 from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
 

@@ -14,8 +14,7 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
-from vemcvx.arguments import part
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, part
 from vemcvx.errors import SolverFailed, VemcvxError
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.archives import Arrays
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
+from vemcvx.program.operators import DraggedTerms, Norms
 from vemcvx.program.system import System
-from vemcvx.program.terms import DraggedTerms, Norms
 from vemcvx.stepping.state import PreparedRun, State
 from vemcvx.version import __version__
 

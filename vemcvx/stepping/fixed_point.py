@@ -13,7 +13,7 @@ import numpy as np
 from vemcvx.arrays import Floats
 from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
-from vemcvx.program.terms import Norms
+from vemcvx.program.operators import Norms
 from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State

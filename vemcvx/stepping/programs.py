@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import flag, is_whole
-from vemcvx.arrays import Floats, brief
+from vemcvx.arrays import Floats, brief, flag, is_whole
 from vemcvx.errors import HistoryError
 from vemcvx.linear import LinearSolver
 from vemcvx.program.step_program import SolvedProgram

@@ -14,18 +14,16 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.archives import Arrays
-from vemcvx.arguments import is_whole
-from vemcvx.arrays import EPS, Bools, Floats, Ints, brief, sizes_of
+from vemcvx.arrays import EPS, Bools, Floats, Ints, brief, is_whole, sizes_of
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.certificate import limit_gaps, norm_gaps
 from vemcvx.program.iterative_refinement import full_certificate, refined, residual
 from vemcvx.program.operators import Operators
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.newton import Shifts
-from vemcvx.stepping.acceptance import require_certified, say_floor
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
 from vemcvx.stepping.ledger import advance_in_full
-from vemcvx.stepping.posed_step import PosedStep
+from vemcvx.stepping.posed_step import PosedStep, require_certified, say_floor
 from vemcvx.stepping.state import PreparedRun, State, sticking
 from vemcvx.stepping.trajectory import Storage, Trajectory
 

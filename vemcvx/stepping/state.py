@@ -16,11 +16,10 @@ from vemcvx.linear import LinearSolver
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import needs_refinement
-from vemcvx.program.operators import Operators
+from vemcvx.program.operators import Norms, Operators
 from vemcvx.program.scaling import Scaling, scaling
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System
-from vemcvx.program.terms import Norms
 from vemcvx.solvers import Prepared, Solver, Solves, choose_solver
 from vemcvx.solvers.coulomb import Response
 from vemcvx.solvers.semidefinite import ProximalPoints
@@ -295,7 +294,7 @@ class State:
         return lam, np.maximum(p, 0.0)
 
     def unit(self, accuracy: float) -> float:
-        """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.acceptance`."""
+        """The energy norm that errors are relative to: see :mod:`vemcvx.stepping.posed_step`."""
         size = max(self.size, self.noise)
         return size if self.scale <= accuracy * size else self.scale
 

@@ -10,22 +10,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arguments import check_takes, flag
-from vemcvx.arrays import Floats, as_real_array, brief, shaped
+from vemcvx.arrays import Floats, as_real_array, brief, check_takes, flag, shaped
 from vemcvx.errors import SceneError
 from vemcvx.linear import LinearSolver
 from vemcvx.linear.default import one_thread
 from vemcvx.program.operators import energy_norm
 from vemcvx.program.system import DRAG_ROUNDING, System
 from vemcvx.solvers import Solver, Solves, as_solver
-from vemcvx.stepping.acceptance import data_norms, require_certified
-from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps, refined_step, solved
+from vemcvx.stepping.backward_euler import QuasistaticSteps, Steps, ViscousSteps, refined_step, solved
 from vemcvx.stepping.ledger import Ledger, StepData, energy, energy_in_full, strain_energy
-from vemcvx.stepping.posed_step import pose_step
+from vemcvx.stepping.posed_step import data_norms, pose_step, require_certified
 from vemcvx.stepping.recorder import Recorder, certified_in_full, stored_steps
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Storage, Trajectory
-from vemcvx.stepping.viscous import ViscousSteps
 
 # Friction on what supports drag along: its slip is given, so it enters no program, and yet rubs.
 #

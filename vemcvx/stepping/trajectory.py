@@ -187,7 +187,7 @@ class Trajectory(ArrayRecord):
     worn : (S, m) array
         Work of each norm term since the initial instant, the cumulative sum of its w_i |s_i| over all steps, stored or
         not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
-        (:class:`vemcvx.program.terms.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
+        (:class:`vemcvx.program.operators.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
         `sticking` and `stuck`.
     slipped : (S, m) array
         How far each norm term has slipped since the initial instant: the cumulative sum of its |s_i|, likewise.
@@ -210,7 +210,7 @@ class Trajectory(ArrayRecord):
         hold it against (:mod:`vemcvx.stepping.fixed_point`).
     unit : (N + 1,) array
         The energy norm that errors are relative to: the largest so far, or what the data could cause where all so far
-        are zero at the accuracy asked (:mod:`vemcvx.stepping.acceptance`).
+        are zero at the accuracy asked (:mod:`vemcvx.stepping.posed_step`).
     seconds : dict
         "prepare" (factorisation, condensation, compilation) and "solve" (all steps).
     solver : str

@@ -1,10 +1,9 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds, FacePart, MirrorPlanes, SideRule
-from vemcvx.vem.cells import CellGroup
-from vemcvx.vem.faces import tangents_of
 from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
 from vemcvx.vem.points_in_solids import solid_places
+from vemcvx.vem.projection import CellGroup, tangents_of
 from vemcvx.vem.space import Part, Space
 from vemcvx.vem.stiffness_matrix import (
     anisotropic_stiffness,

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
-from vemcvx.vem.faces import FaceGroup, face_groups, tangents_of
+from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
 
 # A part of the boundary: its edges, its nodes, and what each node owns of it.
 #
@@ -131,8 +131,8 @@ class BoundaryPart:
 
 # A part of the boundary of polyhedra: its faces, its nodes, and what each node owns of it.
 #
-# A node gets the area int phi_i ds over the part, with functions on faces as in :mod:`vemcvx.vem.faces`; where faces
-# meet at an angle it has a row for each normal (`BoundaryRows`).
+# A node gets the area int phi_i ds over the part, with functions on faces as in :mod:`vemcvx.vem.projection`; where
+# faces meet at an angle it has a row for each normal (`BoundaryRows`).
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.geometry import INNER, clip_ears, cross, places, polygon_centroids, signed_areas
-from vemcvx.vem.cells import CellGroup, PolyhedronGroup
+from vemcvx.vem.projection import CellGroup, PolyhedronGroup
 from vemcvx.vem.space import Part, Space
 from vemcvx.vem.stress import COMPONENTS
 

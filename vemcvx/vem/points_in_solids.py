@@ -17,7 +17,7 @@ from vemcvx.meshes.polygons.geometry import overlapping_boxes
 from vemcvx.meshes.polygons.topology import offsets_of, spans
 from vemcvx.meshes.polyhedra import angles_seen
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
-from vemcvx.vem.faces import face_groups
+from vemcvx.vem.projection import face_groups
 from vemcvx.vem.space import Space
 
 # A point is on a face, or in the plane on a side, within this part of the size of cells, or within a few roundings of

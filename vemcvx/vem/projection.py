@@ -1,30 +1,39 @@
-"""The projection Pi_K of Section 3 in vertex values.
-
-For v in (W_K^h)^2, (3.11), the paper fixes the linear field Pi_K v by three conditions: for all linear q
-
-    (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
-
-eps(q) runs through all constant symmetric matrices, so the first says that eps(Pi v) is the mean of eps(v) over K, the
-third that the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, component by
-component, as if each were projected on its own. By Gauss, with v linear on the edges e_i = [x_i, x_{i+1}]
-of outward normal n_i (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
-
-    grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
-    G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
-
-and the second condition fixes the constant:
-
-    Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i.
-
-Nothing here divides by an edge length, so edges may be as short as round-off lets them be; all quantities are
-homogeneous in the coordinates, so that scaling these by a power of two changes no bit of G |K| / h, w and Pi.
-"""
+"""The projection Pi of functions known at vertices, on polygons, plane faces and polyhedra, and its integrals."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Self
+
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
+from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, clip_ears
+from vemcvx.meshes.polygons.topology import spans
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+
+# The projection Pi_K of Section 3 in vertex values.
+#
+# For v in (W_K^h)^2, (3.11), the paper fixes the linear field Pi_K v by three conditions: for all linear q
+#
+#     (eps(Pi v), eps(q))_K = (eps(v), eps(q))_K,   int_dK Pi v ds = int_dK v ds,   int_K rot Pi v dx = int_K rot v dx.
+#
+# eps(q) runs through all constant symmetric matrices, so the first says that eps(Pi v) is the mean of eps(v) over K,
+# the third that the rotation of Pi v is the mean rotation. Together: grad Pi v = 1/|K| int_K grad v dx, component by
+# component, as if each were projected on its own. By Gauss, with v linear on the edges e_i = [x_i, x_{i+1}] of
+# outward normal n_i (|e_i| n_i = (y_{i+1} - y_i, x_i - x_{i+1})),
+#
+#     grad Pi v = 1/|K| int_dK v (x) n ds = sum_i v_i (x) G_i,
+#     G_i = (|e_{i-1}| n_{i-1} + |e_i| n_i) / (2|K|) = (y_{i+1} - y_{i-1}, x_{i-1} - x_{i+1}) / (2|K|),
+#
+# and the second condition fixes the constant:
+#
+#     Pi v(x) = sum_i w_i v_i + grad Pi v (x - xbar),   w_i = (|e_{i-1}| + |e_i|) / (2|dK|),   xbar = sum_i w_i x_i.
+#
+# Nothing here divides by an edge length, so edges may be as short as round-off lets them be; all quantities are
+# homogeneous in the coordinates, so that scaling these by a power of two changes no bit of G |K| / h, w and Pi.
 
 
 def area_gradients(corners: Floats) -> tuple[Floats, Floats]:
@@ -59,3 +68,299 @@ def values_at_vertices(corners: Floats, measures: Floats, gradients: Floats, w: 
     arms = (corners - centre[:, None]) / measures[:, None, None]
     linear: Floats = np.matmul(arms, gradients.transpose(0, 2, 1))
     return linear + w[:, None, :]
+
+
+# Plane faces of polyhedra: functions on them given by the vertices, and orthonormal tangents.
+
+
+def tangents_of(normals: Floats) -> Floats:
+    """(k, dim - 1, dim) orthonormal vectors across each unit normal (k, dim); exact where the normal is an axis.
+
+    In the plane the normal turned by +90 degrees, so that the body lies on its left. In space the axis furthest from
+    the normal, projected, and a second one that makes (t1, t2, n) right-handed.
+    """
+    if normals.shape[1] == 2:
+        return np.stack([-normals[:, 1] + 0.0, normals[:, 0]], axis=1)[:, None, :]
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = axis - np.einsum("ki,ki->k", axis, normals)[:, None] * normals
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack([first, np.cross(normals, first)], axis=1) + 0.0
+
+
+# Functions on plane faces of polyhedra, given by the vertices: integrals that are exact for linear functions.
+#
+# A face is fanned from the mean of its outline, c = sum_i w_i x_i with w_i = (|e_{i-1}| + |e_i|) / (2 |df|), where a
+# function takes the value sum_i w_i v_i, and is linear on each triangle (c, x_i, x_{i+1}). With N_i the area vectors
+# of these and N their sum,
+#
+#     int_f v nu = sum_i b_i v_i,   b_i = (N_{i-1} + N_i) / 3 + w_i N / 3,   a_i = int_f phi_i = |b_i|,
+#
+# so that a_i is A/3 on triangles, A/4 on rectangles, and positive: contact has weights that are. Both cells of a face
+# share its triangles, so the sum of the b_i over a closed surface vanishes even if faces are warped by rounding. A
+# face that c does not see all of is cut into triangles by clipping ears, without c.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FaceGroup:
+    """Faces with equally many vertices, cut into equally many triangles."""
+
+    faces: Ints
+    """(f,) face numbers"""
+    nodes: Ints
+    """(f, n) their vertices; the right-hand rule gives the normal"""
+    origin: Floats
+    """(f, 3) the first vertex"""
+    corners: Floats
+    """(f, n + 1, 3) the vertices relative to the first, and c"""
+    weights: Floats
+    """(f, n) w_i"""
+    triangles: Ints
+    """(f, T, 3) numbers below n + 1"""
+
+    @cached_property
+    def vectors(self) -> Floats:
+        """(f, T, 3) area vectors of the triangles."""
+        return area_vectors(self._of_triangles(self.corners))
+
+    @property
+    def vector_shares(self) -> Floats:
+        """(f, n, 3) the b_i."""
+        third = self.vectors / 3.0
+        return self._to_vertices(np.repeat(third[:, :, None], 3, axis=2))
+
+    @property
+    def shares(self) -> Floats:
+        """(f, n) the a_i."""
+        third = np.linalg.norm(self.vectors, axis=2)[:, :, None] / 3.0
+        return self._to_vertices(np.repeat(third, 3, axis=2))
+
+    def quadrature(self) -> tuple[Floats, Floats]:
+        """Points (f, q, 3) of the faces, and shares (f, n, q): weights times basis functions, exact for degree 5."""
+        f, count = self.triangles.shape[:2]
+        within = np.einsum("qk,ftki->ftqi", RADON_POINTS, self._of_triangles(self.corners))
+        each = np.linalg.norm(self.vectors, axis=2)[:, :, None, None] * (RADON_WEIGHTS[:, None] * RADON_POINTS).T
+        shares = np.zeros((f, self.corners.shape[1], count, len(RADON_WEIGHTS)))
+        rows = np.arange(f)
+        for t in range(count):
+            for k in range(3):
+                shares[rows, self.triangles[:, t, k], t] += each[:, t, k]
+        n = self.nodes.shape[1]
+        spread = shares[:, :n] + self.weights[:, :, None, None] * shares[:, n:]
+        return self.origin[:, None] + within.reshape(f, -1, 3), spread.reshape(f, n, -1)
+
+    def _of_triangles(self, values: Floats) -> Floats:
+        """(f, T, 3, ...) of values (f, n + 1, ...)."""
+        return values[np.arange(len(values))[:, None, None], self.triangles]
+
+    def _to_vertices(self, values: Floats) -> Floats:
+        """Sums (f, n, ...) of what the corners of triangles have, (f, T, 3, ...)."""
+        f, count = self.triangles.shape[:2]
+        total, rows = np.zeros((f, self.corners.shape[1], *values.shape[3:])), np.arange(f)
+        for t in range(count):
+            for k in range(3):
+                total[rows, self.triangles[:, t, k]] += values[:, t, k]
+        n = self.nodes.shape[1]
+        weights = self.weights.reshape(*self.weights.shape, *[1] * (values.ndim - 3))
+        shared: Floats = total[:, :n] + weights * total[:, n:]
+        return shared
+
+
+def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:
+    """Those of some faces, face f having the vertices ``vertices[offsets[f]:offsets[f + 1]]``."""
+    counts = (offsets[1:] - offsets[:-1])[faces]
+    for n in np.unique(counts):
+        some = faces[counts == n]
+        nodes = vertices[offsets[some][:, None] + np.arange(n)]
+        corners = points[nodes] - points[nodes[:, :1]]
+        weights = boundary_weights(corners)
+        corners = np.concatenate([corners, np.einsum("fi,fia->fa", weights, corners)[:, None]], axis=1)
+        triangles = np.broadcast_to(_fan(n), (len(some), *_fan(n).shape))
+        fans = FaceGroup(
+            faces=some,
+            nodes=nodes,
+            origin=points[nodes[:, 0]],
+            corners=corners,
+            weights=weights,
+            triangles=triangles,
+        )
+        sees = np.einsum("fti,fi->ft", fans.vectors, fans.vectors.sum(axis=1)).min(axis=1) > 0.0
+        if sees.all():
+            yield fans
+            continue
+        if sees.any():
+            yield _some(fans, sees)
+        cut = _some(fans, ~sees)
+        yield replace(cut, triangles=_ears(cut.corners[:, :n]))
+
+
+def _some(group: FaceGroup, mine: Bools) -> FaceGroup:
+    return replace(group, **{field.name: getattr(group, field.name)[mine] for field in fields(group)})
+
+
+def area_vectors(triangles: Floats) -> Floats:
+    """(..., 3) of triangles (..., 3, 3) in space."""
+    a, b, c = (triangles[..., k, :] for k in range(3))
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def _fan(n: int) -> Ints:
+    """The triangles (n, 3) of a fan from point n; a triangle is its own."""
+    if n == 3:
+        return np.arange(3)[None]
+    return np.column_stack([np.full(n, n), np.arange(n), np.roll(np.arange(n), -1)])
+
+
+def _ears(corners: Floats) -> Ints:
+    """Triangles (f, n - 2, 3) of faces (f, n, 3)."""
+    vector = 0.5 * np.cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1)
+    plane = tangents_of(vector / np.linalg.norm(vector, axis=1)[:, None])
+    return clip_ears(np.einsum("fbi,fni->fnb", plane, corners))
+
+
+# Cells with equally many vertices, in the plane and in space, and the integrals that their projection is made of.
+
+
+@dataclass(frozen=True, eq=False)
+class CellGroup:
+    """Polygons with equally many vertices; polyhedra differ as `PolyhedronGroup` says."""
+
+    cells: Ints
+    """(c,) cell numbers"""
+    nodes: Ints
+    """(c, n) their vertices, of polygons counter-clockwise"""
+    points: Floats
+    """(n_nodes, dim) the points of the whole mesh"""
+
+    @cached_property
+    def corners(self) -> Floats:
+        """Vertex coordinates (c, n, dim) relative to the first vertex of each cell.
+
+        Differences of neighbouring coordinates are exact, products of coordinates near 1e6 are not: with
+        this origin a body far away from the origin loses nothing more than its points were rounded by.
+        """
+        corners = self.points[self.nodes]
+        return read_only(corners - corners[:, :1])
+
+    @property
+    def simplices(self) -> bool:
+        """Whether the cells are triangles, or tetrahedra, on which Pi v = v."""
+        return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
+
+    @property
+    def shapes(self) -> tuple[Floats, ...]:
+        """Arrays (c, ...) that local matrices depend on, beside moduli: equal to the bit for translates."""
+        return (self.corners,)
+
+    @property
+    def stabilised_size(self) -> Floats:
+        """h_K^(dim - 2), by which the stabilisation is scaled, (c,)."""
+        return np.ones(len(self.cells))
+
+    def gradients(self) -> tuple[Floats, Floats]:
+        """|K| (c,), and |K| G_i (c, n, dim): grad Pi v = sum_i v_i (x) G_i."""
+        return area_gradients(self.corners)
+
+    def boundary_means(self) -> Floats:
+        """(c, n) weights of the mean over the boundary of a cell."""
+        return boundary_weights(self.corners)
+
+    def vertex_values(self) -> Floats:
+        """Pi at the vertices, (c, n, n): entry (i, j) is Pi of the basis function of x_j at x_i."""
+        return values_at_vertices(self.corners, *self.gradients(), self.boundary_means())
+
+    def chunks(self, entries: int) -> Iterator[CellGroup]:
+        """The group in pieces whose local n x n matrices hold about `entries` numbers together."""
+        size = max(1, entries // self.nodes.shape[1] ** 2)
+        for start in range(0, len(self.cells), size):
+            yield self.part(slice(start, start + size))
+
+    def part(self, places: Ints | slice) -> Self:
+        """Some of its cells, by their places in the group."""
+        own = [field.name for field in fields(self) if field.name != "points"]
+        return replace(self, **{name: getattr(self, name)[places] for name in own})
+
+
+# Polyhedral cells: what the projection Pi is made of, from integrals over their faces.
+#
+# With b_{f,i} and a_{f,i} the shares of a node in a face (:mod:`.faces`), outward for the cell, Gauss' theorem gives
+#
+#     |K| G_i = sum_f b_{f,i},   grad Pi v = sum_i v_i (x) G_i,   |K| = sum_i x_i . |K| G_i / 3,
+#     w_i = sum_f a_{f,i} / |dK|,
+#
+# the constant of Pi by the mean over the surface, as in the plane by that over the outline (:mod:`.projection`). All
+# of it is homogeneous in the coordinates, and on a tetrahedron Pi v = v.
+
+
+@dataclass(frozen=True, eq=False)
+class PolyhedronGroup(CellGroup):
+    """Polyhedra with equally many vertices, each cell's in ascending order."""
+
+    vector_shares: Floats
+    """(c, n, 3) |K| G_i"""
+    shares: Floats
+    """(c, n) sum_f a_{f,i}"""
+    diameters: Floats
+    centroids: Floats
+
+    @property
+    def shapes(self) -> tuple[Floats, ...]:
+        """As of polygons; what is summed up over faces is rounded as these are numbered."""
+        return (*super().shapes, self.vector_shares, self.shares, self.diameters)
+
+    def gradients(self) -> tuple[Floats, Floats]:
+        """As of polygons."""
+        return np.einsum("cia,cia->c", self.corners, self.vector_shares) / 3.0, self.vector_shares
+
+    def boundary_means(self) -> Floats:
+        """As of polygons."""
+        means: Floats = self.shares / self.shares.sum(axis=1)[:, None]
+        return means
+
+    @property
+    def stabilised_size(self) -> Floats:
+        """h_K, (c,)."""
+        return self.diameters
+
+    def quadrature(self) -> tuple[Floats, Floats, Ints]:
+        """One point a cell, the centroid: exact for degree 1."""
+        return self.centroids, self.gradients()[0], np.arange(len(self.cells))
+
+
+def polyhedron_groups(mesh: PolyhedralMesh) -> tuple[PolyhedronGroup, ...]:
+    """The cells by number of vertices, ascending; cell numbers ascend within a group."""
+    offsets, nodes = mesh.cell_nodes
+    counts = np.diff(offsets)
+    vectors, areas = _shares_of_cells(mesh, offsets, nodes)
+    groups = []
+    for n in np.unique(counts):
+        cells = np.flatnonzero(counts == n)
+        at = offsets[cells][:, None] + np.arange(n)
+        groups.append(
+            PolyhedronGroup(
+                cells=read_only(cells),
+                nodes=read_only(nodes[at]),
+                points=mesh.points,
+                vector_shares=read_only(vectors[at]),
+                shares=read_only(areas[at]),
+                diameters=mesh.diameters[cells],
+                centroids=mesh.centroids[cells],
+            )
+        )
+    return tuple(groups)
+
+
+def _shares_of_cells(mesh: PolyhedralMesh, offsets: Ints, nodes: Ints) -> tuple[Floats, Floats]:
+    """|K| G_i (k, 3) and sum_f a_{f,i} (k,) of all pairs of a cell and its node."""
+    b, a = np.empty((len(mesh.face_vertices), 3)), np.empty(len(mesh.face_vertices))
+    for group in face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, np.arange(mesh.n_faces)):
+        at = mesh.face_offsets[group.faces][:, None] + np.arange(group.nodes.shape[1])
+        b[at], a[at] = group.vector_shares, group.shares
+    sizes = np.diff(mesh.face_offsets)[mesh.cell_faces]
+    corner = spans(mesh.face_offsets[mesh.cell_faces], sizes)
+    every = np.arange(mesh.n_cells)
+    cell = np.repeat(np.repeat(every, np.diff(mesh.cell_offsets)), sizes)
+    pairs = np.repeat(every, np.diff(offsets)) * mesh.n_nodes + nodes
+    pair = np.searchsorted(pairs, cell * mesh.n_nodes + mesh.face_vertices[corner])
+    outward = b[corner] * np.repeat(mesh.face_signs, sizes)[:, None]
+    vectors = np.column_stack([totals(pair, outward[:, axis], len(pairs)) for axis in range(3)])
+    return vectors, totals(pair, a[corner], len(pairs))

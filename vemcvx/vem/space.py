@@ -1,8 +1,8 @@
 """The virtual element space V^h of (3.11): the components of displacement at every node of a mesh.
 
 On a polygon a component is harmonic with continuous, edgewise linear boundary values, so the vertex values
-determine it and traces on edges are linear; on polyhedra traces are those of :mod:`vemcvx.vem.faces`. Component a of
-node i is the unknown dim i + a. Whoever asks for cells and parts of the boundary here need not know the dimension.
+determine it and traces on edges are linear; on polyhedra traces are those of :mod:`vemcvx.vem.projection`. Component a
+of node i is the unknown dim i + a. Whoever asks for cells and parts of the boundary here need not know the dimension.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vemcvx.arrays import Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
 from vemcvx.vem.boundary import BoundaryPart, FacePart, MirrorPlanes
-from vemcvx.vem.cells import CellGroup, polyhedron_groups
+from vemcvx.vem.projection import CellGroup, polyhedron_groups
 
 Part = BoundaryPart | FacePart
 """A closed set of sides: edges in the plane, faces in space."""

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import SceneError
-from vemcvx.vem.cells import CellGroup
+from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
 
 # Sums of local matrices into one sparse matrix, by counting sorts instead of a sort of all triples.

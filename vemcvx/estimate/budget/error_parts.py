@@ -16,7 +16,7 @@ from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.geometry import right_of
 from vemcvx.outline import Outline, Outlined
-from vemcvx.results.from_march import displacement
+from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.stepping.state import prepare

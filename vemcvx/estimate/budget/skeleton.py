@@ -13,12 +13,11 @@ from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import cross, right_of
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, positions
-from vemcvx.scene.freedom import normal_rows, on_free
-from vemcvx.scene.friction import Terms
+from vemcvx.scene.contact import Obstacles, Terms
 from vemcvx.scene.jumps import Jumps
-from vemcvx.scene.obstacles import Obstacles
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
+from vemcvx.scene.supports import normal_rows, on_free
 from vemcvx.vem import elastic_matrix, mean_shear
 
 # Boundary edges at which two bodies meet.

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arguments import choice, flag, number
-from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, totals
+from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, flag, number, totals
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.estimate.measures.overlap import CommonRule, check_covered, common_rule
 from vemcvx.meshes import PolygonMesh, plane_mesh

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import WHOLE
+from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.polygons.topology import cell_of_corner, edge_keys, positions
 from vemcvx.meshes.polyhedra import Listed

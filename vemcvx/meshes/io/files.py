@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.checks.names import WHOLE
+from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.io.blocks import PHYSICAL, Blocks, add_boundaries, cell_blocks
 from vemcvx.meshes.io.meshio_mesh import blocks_of, finished, mesh_of, meshio_mesh, named, translated
 from vemcvx.meshes.io.readers import opened

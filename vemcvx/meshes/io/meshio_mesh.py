@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.checks.names import WHOLE, extreme_faces, straight_sides
+from vemcvx.meshes.box import WHOLE, extreme_faces, straight_sides
 from vemcvx.meshes.io.blocks import (
     MARK,
     POLYGONS,

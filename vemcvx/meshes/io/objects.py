@@ -10,7 +10,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief
 from vemcvx.errors import MeshError, MeshWarning, VemcvxError
-from vemcvx.meshes.checks.names import WHOLE, matching_faces
+from vemcvx.meshes.box import WHOLE, matching_faces
 from vemcvx.meshes.io.blocks import (
     MARK,
     SOLIDS,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import WHOLE, matching_faces
+from vemcvx.meshes.box import WHOLE, matching_faces
 from vemcvx.meshes.io.blocks import (
     CELL,
     PASSED_OVER,

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.names import WHOLE
+from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.io.blocks import MARK, cell_blocks, vtk_types
 from vemcvx.meshes.io.meshio_mesh import Arrays, meshio_mesh, translated, xml_name
 from vemcvx.meshes.io.solids import POLYHEDRON

@@ -100,7 +100,7 @@ def plain(raw: Any) -> NDArray[Any] | None:
 
 
 def _masked(raw: Any) -> bool:
-    """Whether something in it is masked, at any depth of lists."""
+    """Return True if a value has masked entries, at any depth of lists."""
     if isinstance(raw, (list, tuple)):
         return any(map(_masked, raw))
     return isinstance(raw, np.ma.MaskedArray)
@@ -147,7 +147,7 @@ def shaped(raw: Any, subject: str, wanted: str, *shapes: tuple[int, ...]) -> Flo
 
 
 def shape_in_words(array: Floats) -> str:
-    """What was found where the shape is wrong."""
+    """The words for what was found where a shape is wrong."""
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"
 
 
@@ -188,12 +188,12 @@ def whole(raw: Any, subject: str, name: str, of: str, least: int = 1) -> int:
 
 
 def is_whole(raw: object) -> TypeGuard[int]:
-    """Whether it is a whole number; neither a flag nor a time span, which numpy counts among them."""
+    """Return True if a value is a whole number; flags and time spans, which numpy counts among them, are none."""
     return isinstance(raw, numbers.Integral) and not isinstance(raw, (bool, np.timedelta64))
 
 
 def is_real(raw: object) -> TypeGuard[float]:
-    """Whether it is a real number, finite or not; neither a flag nor a time span."""
+    """Return True if a value is a real number, finite or not; flags and time spans are none."""
     return isinstance(raw, numbers.Real) and not isinstance(raw, (bool, np.timedelta64))
 
 

@@ -174,7 +174,7 @@ class History(Results, Outlined):
         return animate(self, path, seconds=seconds, magnify=magnify, limits=limits, units=units)
 
     def outline(self) -> Outline:
-        """What prompts and notebooks show: the summary."""
+        """The outline for prompts and notebooks: the summary."""
         return in_words(self)
 
     def summary(self) -> str:

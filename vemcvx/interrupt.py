@@ -25,7 +25,7 @@ def _end(*_: object) -> None:
 
 
 def _starts() -> bool:
-    """Whether this process is the command line, `vemcvx` or `python -m vemcvx`."""
+    """Return True if this process is the command line, `vemcvx` or `python -m vemcvx`."""
     words = sys.orig_argv[1:]
     module = "-m" in words and words[words.index("-m") + 1 :][:1] == ["vemcvx"]
     script = os.path.splitext(os.path.basename(sys.argv[0] if sys.argv else ""))[0] == "vemcvx"

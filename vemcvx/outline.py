@@ -51,7 +51,7 @@ class Outlined(ABC):
 
     @abstractmethod
     def outline(self) -> Outline:
-        """What to show."""
+        """The title and lines to show."""
 
     def __repr__(self) -> str:
         return self.outline().text()

@@ -177,7 +177,7 @@ def path_of(raw: object, subject: str) -> Path:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether it is a regular file, and no link to one."""
+    """Return True if it is a regular file, and no link to one."""
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)
     except OSError:

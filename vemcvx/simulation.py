@@ -167,7 +167,7 @@ def _reported(progress: bool | Callable[[int, int], None] | None) -> Callable[[i
 
 
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:
-    """Where rows go; a folder that is held already stays so."""
+    """The storage of rows; a folder that is held already stays so."""
     resume = flag(resume, "resume")
     if stream is None:
         if resume:

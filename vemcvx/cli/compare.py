@@ -54,7 +54,7 @@ CERTIFIED, MISSED, REFUSED, FAILED, STOPPED = "certified", "missed", "refused", 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """What one solver, with some settings, made of the problem: a trajectory, or why not."""
+    """The attempt of one solver, with some settings, at the problem: a trajectory, or the reason why there is none."""
 
     solver: str
     settings: str
@@ -73,7 +73,7 @@ class Attempt:
 
     @property
     def in_words(self) -> str:
-        """What came of it, before it is held against others."""
+        """The outcome in words, before it is held against others."""
         if self.trajectory is None or self.seconds is None:
             return f"{self.label}: {self.outcome}"
         certified, seconds = self.trajectory.certificate.max(), sum(self.seconds.values())
@@ -91,7 +91,7 @@ class Apart:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What is told of an attempt; errors are relative to the largest energy norm of the states so far."""
+    """A row of the comparison; errors are relative to the largest energy norm of the states so far."""
 
     solver: str
     settings: str
@@ -129,7 +129,7 @@ class Judged:
 
     @property
     def trustworthy(self) -> bool:
-        """Whether some answer is certified as asked, and no certificate was contradicted."""
+        """True if some answer is certified as asked, and no certificate was contradicted."""
         return any(row.good for row in self.rows) and not self.liars
 
 
@@ -144,7 +144,7 @@ def judged(system: System, attempts: Sequence[Attempt]) -> Judged:
 
 
 def _bounded(trajectory: Trajectory) -> bool:
-    """Whether it is an answer at all: numbers, with certificates that are no infinities."""
+    """Return True if a trajectory is an answer: its states are numbers and its certificates are finite."""
     return bool(np.isfinite(trajectory.state).all() and np.isfinite(allowed(trajectory)).all())
 
 
@@ -155,7 +155,7 @@ def allowed(trajectory: Trajectory) -> Floats:
 
 
 def distance(system: System, one: Trajectory, other: Trajectory) -> Apart:
-    """How far two answers are apart: where the certificates allow less, else where it is largest."""
+    """Measure two answers' distance where the certificates allow less, else where it is largest."""
     apart = one.state - other.state
     length = np.sqrt(np.maximum(np.einsum("ni,in->n", apart, system.K @ apart.T), 0.0))
     limit, unit = allowed(one) + allowed(other), np.where(one.scale > 0, one.scale, 1.0)
@@ -165,7 +165,7 @@ def distance(system: System, one: Trajectory, other: Trajectory) -> Apart:
 
 
 def bounds_distance(system: System) -> bool:
-    """Whether the certificates of all steps, added up, bound the distance of two answers."""
+    """Return True if the certificates of all steps, added up, bound the distance of two answers."""
     if system.limits is None:
         return not system.follows_answer
     # Without norm terms and rates a step knows nothing of the one before, and only its own certificate counts.
@@ -290,7 +290,7 @@ def _answers(rows: list[Row], wide: bool) -> Table:
 
 
 def _words(found: Compared) -> Table:
-    """What became of those that are not in the table above, and of those that miss."""
+    """A table of the attempts without an answer, and of those that miss their accuracy, with the reasons."""
     table = _table("solver", "settings", "outcome")
     table.add_column("what happened", overflow="fold")
     for row in found.judged.rows:
@@ -328,7 +328,7 @@ def settings_used(found: Compared) -> Iterator[tuple[str, str, str]]:
 
 
 def remarks(found: Compared) -> list[str]:
-    """How to read the columns, and what is wrong."""
+    """The lines below the tables: how to read the columns, and which certificates were contradicted."""
     judged = found.judged
     if judged.most_certain is None:
         return []
@@ -424,7 +424,7 @@ SETTINGS = {"both": ("tuned", "default"), "tuned": ("tuned",), "default": ("defa
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """What the command line asks for."""
+    """The options of the command."""
 
     family: str | None
     n: int
@@ -452,7 +452,7 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Compared:
-    """What was compared, with what settings, and how it came out."""
+    """A comparison: the problem, the solvers with their settings, and the judged rows."""
 
     title: str
     size: str
@@ -540,7 +540,7 @@ def attempted_alone(path: Path, asked: Comparison, i: int) -> Attempt:
 def attempted(
     problem: Problem, asked: Comparison, entrant: Entrant, progress: Callable[[int, int], None] | None
 ) -> Attempt:
-    """What a solver makes of the problem."""
+    """Solve the problem by one solver, whatever comes of it."""
     scene, mesh = problem.scene(asked.settings), problem.mesh(asked.n, asked.family)
     times, solver = problem.times(asked.steps), entrant.solver
     advance = False if progress is None else progress

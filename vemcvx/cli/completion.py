@@ -1,4 +1,4 @@
-"""What the shell completes: problems, families of meshes, solvers, lessons; `vemcvx --install-completion` turns it on.
+"""Completion in the shell of problems, families, solvers and lessons; `vemcvx --install-completion` turns it on.
 
 Packages are imported when a name is asked for; where nothing fits, shells go on with the names of files.
 """

@@ -36,7 +36,7 @@ class FromFile:
 
     @property
     def mark(self) -> str:
-        """Of what the file says; those that it imports are not looked at."""
+        """A hash of the problem file's contents; files that it imports are not read."""
         words = [__version__.encode(), Path(self.path).read_bytes(), *map(os.fsencode, self.settings)]
         return hashlib.sha256(b"\0".join(words)).hexdigest()[:16]
 
@@ -89,7 +89,7 @@ def cost_of_accuracy(
 
 
 def _refuse_early(folder: Path) -> None:
-    """What could not be written is not worth sweeping for."""
+    """Refuse a folder whose files could not be written before the sweep begins."""
     with Owned(folder) as own:
         for name in (TABLE, PICTURE, JOURNAL):
             own.take(name)
@@ -106,7 +106,7 @@ def grid_typed(
     targets: str | None,
     adaptive: bool,
 ) -> Grid:
-    """What is swept, as the command line says it; None where it says nothing."""
+    """The grid that the command line asks for; an option that is None has its usual values."""
     # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
     if ns is None and targets is None:
         targets = USUAL_TARGETS

@@ -64,7 +64,7 @@ def here() -> str:
 
 
 def version_of(package: str) -> str | None:
-    """What is installed of a package, None if it is not."""
+    """The installed version of a package, None if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

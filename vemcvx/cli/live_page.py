@@ -90,7 +90,7 @@ def serve(port: int | None, browser: bool) -> None:
 
 
 class Door:
-    """What stands before the page: browsers of this machine come in, pages of other sites do not.
+    """The door of the page: browsers of this machine come in, pages of other sites do not.
 
     A request must name this machine and port as its host, so that no name of another site leads here, and no other
     origin than the page itself. (The token in the page's address is marimo's to check.) Every open page is a session

@@ -62,7 +62,7 @@ def own_errors(path: Path, what: str, action: Callable[[], Any]) -> Any:
 
 
 def literal(text: str) -> Any:
-    """What Python reads in the words of an option; the words themselves where it reads nothing."""
+    """The Python literal that an option's words spell, or the words themselves."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
@@ -90,7 +90,7 @@ PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "t
 
 @dataclass(frozen=True)
 class Problem:
-    """What a problem file defines."""
+    """A problem file: its scene, mesh, times and initial state."""
 
     path: Path
     module: ModuleType
@@ -107,7 +107,7 @@ class Problem:
 
     @property
     def text(self) -> str:
-        """What its docstring says below that line."""
+        """Its docstring below that line."""
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
@@ -158,7 +158,7 @@ class Problem:
 
     @property
     def initial(self) -> Any:
-        """Where the problem begins, if it says so: "settled", "equilibrium" or a displacement."""
+        """The initial state, if the file names one: "settled", "equilibrium" or a displacement."""
         return getattr(self.module, "initial", None)
 
     def _parameter(self, setting: str) -> tuple[str, Any]:
@@ -198,7 +198,7 @@ def read_problem(file: str | Path) -> Problem:
 
 
 def is_file(family: str) -> bool:
-    """Whether what --mesh names is a file, not a family."""
+    """Return True if what --mesh names is a file, not a family."""
     return bool(Path(family).suffix)
 
 

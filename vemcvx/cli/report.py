@@ -168,7 +168,7 @@ def _place(point: Floats) -> str:
 
 
 def certificates(history: History) -> str:
-    """What certificates are, the largest, and some steps."""
+    """The section on certificates: their meaning, the largest, and those of some steps."""
     run = history.trajectory
     bound = (
         "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
@@ -195,7 +195,7 @@ def certificates(history: History) -> str:
 
 
 def budget(history: History) -> str:
-    """Where the error comes from, or why nobody says."""
+    """The section on the error budget, or the reason why there is none."""
     try:
         parts = history.errors or error_budget(history, int(history.stored[-1])).largest
     except VemcvxError as error:
@@ -277,7 +277,7 @@ def _prose(text: str) -> str:
 
 
 def _scene(problem: Problem, asked: RunOptions, history: History) -> str:
-    """What `vemcvx show` says, of the mesh that was used, and where it is."""
+    """The scene as `vemcvx show` describes it, on the mesh that was used, with the body's extent."""
     mesh, name = history.mesh, mesh_name(problem, asked.family, asked.n) + ", adapted" * (asked.target is not None)
     rows = scene_in_words(problem.scene(asked.settings), mesh, history.trajectory.times, name)
     ends = zip(mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
@@ -296,7 +296,7 @@ def _pictures(history: History) -> Iterator[str]:
 
 
 def _run(history: History) -> str:
-    """What was run, where, and what it cost."""
+    """The section on the run: mesh, solver, seconds, versions."""
     run, mesh = history.trajectory, history.mesh
     kept = int((history.stored > 0).sum())
     lines = [

@@ -119,7 +119,7 @@ def _mesh(problem: Problem, asked: RunOptions) -> AnyMesh:
 
 
 def _refuse_early(asked: RunOptions, drawings: Path) -> None:
-    """What could not be gone on with, written or drawn is not worth simulating for."""
+    """Refuse a run that could not be resumed, written or drawn before it begins."""
     if asked.resume and not (asked.out and os.path.isfile(asked.out / ROWS / CHECKPOINT)):
         raise ProblemError(f"--resume: {asked.out} holds no interrupted run; begin one with --out {asked.out}.")
     if asked.points is not None and asked.out is None and not asked.report:

@@ -1,4 +1,4 @@
-"""What the command line asks of a run, and the words that ask for it again."""
+"""The options of a run, and the command that repeats it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vemcvx.solvers import Solver
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What the command line asks for."""
+    """The options of the command."""
 
     family: str | None
     n: int
@@ -58,7 +58,7 @@ class RunOptions:
         return self.out or Path("results") / problem.name
 
     def command(self, problem: Problem) -> str:
-        """What to type to run it again."""
+        """The command that repeats the run."""
         family = self.family or problem.family
         sized = [] if family is not None and is_file(family) else [("--n", str(self.n))]
         given = [

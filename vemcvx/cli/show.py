@@ -35,7 +35,7 @@ def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[st
 
 
 def mesh_name(problem: Problem, family: str | None, n: int) -> str:
-    """What a mesh is called: its file, or its family and number of cells."""
+    """The name of a mesh: its file, or its family and number of cells."""
     name = family or problem.family or "its own"
     return name if is_file(name) else f"{name}, n = {n}"
 
@@ -85,7 +85,7 @@ def _program(operators: Operators, viscous: bool) -> str:
 
 
 def _terms(operators: Operators) -> str:
-    """How many of which kind, and the cones of the largest solver that they need."""
+    """The numbers of convex terms by kind, and the second-order cones that they need."""
     bounds, soft = int((operators.compliance == 0).sum()), int((operators.compliance > 0).sum())
     kind = (
         "absolute values"
@@ -97,7 +97,7 @@ def _terms(operators: Operators) -> str:
 
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
-    """What the certificate of a step is: see :mod:`vemcvx.stepping.fixed_point`."""
+    """The kind of a step's certificate: see :mod:`vemcvx.stepping.fixed_point`."""
     if norms is None or not norms.dependent:
         return "a bound"
     if norms.slip_law is not None and norms.slope is None:

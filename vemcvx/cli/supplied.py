@@ -36,13 +36,13 @@ class Supplied:
 
     @property
     def is_problem(self) -> bool:
-        """Whether it is a problem file: it defines a scene, a mesh and times."""
+        """True if it is a problem file: it defines a scene, a mesh and times."""
         defined = {node.name for node in self._tree.body if isinstance(node, ast.FunctionDef)}
         return defined.issuperset(PARTS)
 
 
 def problems_folder() -> Path:
-    """Where they are.
+    """The folder of the problem files.
 
     Raises
     ------

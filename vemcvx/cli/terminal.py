@@ -1,4 +1,4 @@
-"""What commands say on a terminal: lines, progress, how a command ends."""
+"""Output of commands: lines, a progress bar, and exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What accuracy costs: many settings of one problem, their true errors, seconds, unknowns and memory."""
+"""The cost of accuracy: true errors, seconds, unknowns and memory of many settings of one problem."""
 
 from vemcvx.cost.settings import Ingredients, Point
 from vemcvx.cost.sweeping import Sweep, sweep

@@ -145,7 +145,7 @@ SAME_AREA = 1e-9
 
 @dataclass(frozen=True)
 class Reference:
-    """What is known of a reference besides its fields.
+    """A reference without its fields: how it was made, and how fine it is.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Reference:
     digest: str = ""
 
     def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
-        """Whether it is fine enough for this sweep of this problem."""
+        """Return True if the reference is fine enough for this sweep of this problem."""
         same = self.problem == problem and self.instants == tuple(instants)
         if not self.adapted or self.common:
             return same and self.n >= finest.n and self.steps >= (finest.steps or 0) and self.goal <= goal
@@ -192,12 +192,12 @@ class Reference:
 
     @property
     def mark(self) -> str:
-        """What errors measured against it depend on."""
+        """The settings that errors measured against the reference depend on, as a word."""
         return json.dumps(asdict(replace(self, seconds=0.0, digest="")))
 
 
 def read_reference(folder: Path) -> Reference | None:
-    """What a folder holds of an earlier reference, if it is whole."""
+    """The reference that a folder holds, if it is whole."""
     try:
         told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
         found = Reference(**{**told, "instants": tuple(told["instants"])})
@@ -212,7 +212,7 @@ def _digest(path: Path) -> str:
 
 
 def estimated_error(recipe: Recipe, finest: Point) -> float:
-    """Of the finest uniform run, in two digits; 1 where there is no estimate, and no reference is adapted."""
+    """The estimated error of the finest uniform run, in two digits; 1 where scenes have no estimate."""
     fine = recipe(finest)
     history = simulate(fine.scene, fine.mesh, fine.times, solver=fine.solver, initial=fine.initial)
     try:

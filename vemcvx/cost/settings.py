@@ -1,4 +1,4 @@
-"""What is swept: settings of one run, and the grid of all of them."""
+"""Points and grids of a sweep: settings of one run, and all their combinations."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Point:
     target: float | None = None
 
     def key(self, mark: str) -> str:
-        """What identifies it among all runs of all problems; `mark` says what else the answer depends on."""
+        """A key that identifies the point among all runs; `mark` adds whatever else the answer depends on."""
         words = json.dumps([asdict(self), mark], sort_keys=True)
         return hashlib.sha256(words.encode()).hexdigest()[:16]
 
@@ -66,7 +66,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Ingredients:
-    """What `simulate` takes, for one point."""
+    """The arguments of `simulate` for one point."""
 
     scene: Scene
     mesh: PolygonMesh
@@ -76,11 +76,11 @@ class Ingredients:
 
 
 class Recipe(Protocol):
-    """How a problem makes the ingredients of a point; it is sent to other processes by pickle."""
+    """A recipe makes the ingredients of a point; it is sent to other processes by pickle."""
 
     @property
     def mark(self) -> str:
-        """What identifies the problem: two recipes with one mark make the same ingredients."""
+        """A mark that identifies the problem: two recipes with one mark make the same ingredients."""
 
     def __call__(self, point: Point) -> Ingredients:
         """The ingredients of a point, of two steps if it has none."""
@@ -95,7 +95,7 @@ SAME_INSTANT = 1e-9
 
 @dataclass(frozen=True)
 class Grid:
-    """What is swept.
+    """The grid of a sweep.
 
     Attributes
     ----------
@@ -136,12 +136,12 @@ class Grid:
 
     @property
     def coarsest(self) -> Point:
-        """What the reference is refined from."""
+        """The point whose mesh the reference is refined from."""
         return Point(self.families[0], min(self.ns), max(self.steps), "newton", 1e-8)
 
     @property
     def finest(self) -> Point:
-        """What the reference has to beat where it cannot be adapted."""
+        """The point that the reference has to beat where it cannot be adapted."""
         return Point(self.families[0], max(self.ns), max(self.steps), "newton", 1e-8)
 
 

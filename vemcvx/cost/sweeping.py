@@ -35,7 +35,7 @@ Told = Callable[[str, int, int, float | None], None]
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep found.
+    """The result of a sweep.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def _computed(run: Pool, function: Callable[..., Answer], given: tuple[Any, ...]
 
 
 def answered(function: Callable[..., Answer], *given: Any) -> tuple[Answer | None, str]:
-    """What a function gives in a process of its own, or why there is nothing."""
+    """Call a function in a process of its own; return its result, or the reason why there is none."""
     try:
         return alone(function, *given), ""
     except (Refused, Crashed) as error:

@@ -80,12 +80,12 @@ class Row:
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer."""
+        """True if there is an answer."""
         return self.status == DONE
 
     @property
     def whole(self) -> bool:
-        """Whether it says what a row must, in values of their kinds."""
+        """True if all columns of the row have values of their kinds."""
         needed = self.done and None in (self.error, self.seconds, self.unknowns, self.steps)
         return of_its_kinds(self) and self.status in (DONE, REFUSED, CRASHED) and not needed
 
@@ -100,7 +100,7 @@ class Row:
 
 
 def of_its_kinds(record: Any) -> bool:
-    """Whether every field of a record that was read has a value of its kind, and every number is finite."""
+    """Return True if every field of a record that was read has a value of its kind, and every number is finite."""
     hints = get_type_hints(type(record))
     return all(_of_kind(getattr(record, field.name), hints[field.name]) for field in fields(record))
 
@@ -168,7 +168,7 @@ SAME = 0.01
 
 
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
-    """Which pairs of cost and error are better than all that cost no more, by growing cost; of equal ones the first."""
+    """Pareto front: the pairs of cost and error better than all that cost no more, by growing cost; first of equals."""
     best, kept = float("inf"), []
     for k in sorted(range(len(costs)), key=lambda k: (costs[k], errors[k])):
         if errors[k] < (1.0 - SAME) * best:

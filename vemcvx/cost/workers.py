@@ -1,4 +1,4 @@
-"""Who runs the points of a sweep: processes of their own, threads here, or the workers of a cluster; with a journal."""
+"""Workers of a sweep: processes, threads here, or a cluster; and the journal of finished points."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ Tasks = list[tuple[Any, ...]]
 
 @dataclass(frozen=True)
 class Pool:
-    """Who calls a function for many arguments at once."""
+    """Workers that call a function for many arguments at once."""
 
     workers: int
     results: Callable[[Callable[..., Any], Tasks], Iterator[Any]]

@@ -1,4 +1,4 @@
-"""What one effect adds to the assembled problem: plain arrays, data still to be evaluated at t_n, laws of friction."""
+"""The contribution of an effect to the assembled problem: arrays, data to be evaluated at t_n, laws of friction."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class SlipLaw:
         return _of_rows(raw, f"{subject}: slope", nodes, "derivatives of weights")
 
     def rate(self, subject: str, nodes: Ints) -> Floats:
-        """How fast weights (m,) fall at most.
+        """The largest rate (m,) at which weights fall with slip.
 
         Raises
         ------
@@ -250,18 +250,18 @@ class Friction:
 
     @property
     def dependent(self) -> bool:
-        """Whether weights depend on the forces of contact, or on the slip."""
+        """True if weights depend on the forces of contact, or on the slip."""
         return self.law is not None or self.slip_law is not None
 
     @property
     def has_slope(self) -> bool:
-        """Whether the derivatives of all its laws by these forces are known."""
+        """True if the derivatives of all its laws by these forces are known."""
         law = self.slip_law
         return (self.law is None or self.slope is not None) and (law is None or law.slope is not None)
 
     @property
     def reads_forces(self) -> bool:
-        """Whether they depend on the forces of contact."""
+        """True if weights depend on the forces of contact."""
         return self.law is not None or bool(self.slip_law and self.slip_law.pressed)
 
     @classmethod
@@ -292,7 +292,7 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Where outputs of contact are asked for: one row a node and distinct normal."""
+    """The surface on which contact is reported: one row a node and distinct normal."""
 
     nodes: Ints
     normals: Floats

@@ -65,7 +65,7 @@ class Tabulated:
 
     @property
     def __name__(self) -> str:
-        """What words on a scene call it."""
+        """The name of the function in descriptions of a scene."""
         return repr(self)
 
     def __repr__(self) -> str:
@@ -151,7 +151,7 @@ def modulus(value: Constant, mesh: AnyMesh, subject: str, x: Floats | None = Non
 
 
 def varies(*values: Datum | Constant | None) -> bool:
-    """Whether one of the data is a function, of place or of time."""
+    """Return True if one of the data is a function, of place or of time."""
     return any(callable(value) for value in values)
 
 

@@ -1,4 +1,4 @@
-"""What every effect is: settings of a piece of physics, and one pure method that turns them into arrays."""
+"""The base of effects: settings of a piece of physics, and one pure method that turns them into arrays."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Effect(ABC):
 
     @abstractmethod
     def contribute(self, space: Space) -> Contribution:
-        """What this effect adds on the mesh of `space`.
+        """The contribution of this effect on the mesh of `space`.
 
         Pure: equal calls give equal arrays. Nothing is evaluated in time here; data f(x, t) are carried
         along and evaluated at t_n. Effects of contact are asked again with the planes of symmetry that the supports

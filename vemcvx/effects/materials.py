@@ -151,7 +151,7 @@ class Elasticity(MaterialLaw):
             )
 
     def _blocked(self, lam: Floats, mu: Floats, dim: int) -> tuple[Floats, Floats]:
-        """What a blocked unit eigenstrain costs, and the stresses (k, components) of it."""
+        """The energy of a blocked unit eigenstrain, and its stresses (k, components)."""
         volume = 3 * lam + 2 * mu if self._plane == "strain" else 2 * (lam + mu)
         return volume, isotropic_stress(volume, dim)
 

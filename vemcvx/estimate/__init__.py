@@ -1,1 +1,1 @@
-"""How far a run is from the truth: distances, estimates part by part, meshes and instants that meet a target."""
+"""Errors of a run: distances, estimates part by part, meshes and instants that meet a target."""

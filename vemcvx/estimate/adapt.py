@@ -127,7 +127,7 @@ class Pass:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Adapted(Outlined):
-    """What :func:`adapt` returns.
+    """The result of :func:`adapt`.
 
     Attributes
     ----------
@@ -148,11 +148,11 @@ class Adapted(Outlined):
 
     @property
     def met(self) -> bool:
-        """Whether the estimated error is within the target."""
+        """True if the estimated error is within the target."""
         return self.passes[-1].total <= self.target
 
     def outline(self) -> Outline:
-        """What prompts and notebooks show: whether the target is met, and the last pass."""
+        """The outline for prompts and notebooks: whether the target is met, and the last pass."""
         last, met = self.passes[-1], "met" if self.met else "not met"
         parts = ", ".join(f"{name} {getattr(last, name):.1e}" for name in ("algebra", "space", "time"))
         lines = [
@@ -283,7 +283,7 @@ def _judged(
 
 
 def _for_space(budget: ErrorBudget, target: float) -> float:
-    """What the error of the mesh may be."""
+    """The tolerance of the error of the mesh."""
     worst = budget.largest
     return max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
 

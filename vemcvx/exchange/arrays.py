@@ -96,7 +96,7 @@ def compressed_rows(name: str, data: Any, indices: Any, indptr: Any, shape: Any)
 
 
 def null_motions(K: Matrix, k: int) -> Parts:
-    """Of a K with so many motions in its kernel: these, and the stiffness of as many anchors."""
+    """The motions in a kernel of this dimension, and the stiffness of as many anchors."""
     if k == 0:
         return {}
     if not 0 < k <= len(K.diagonal()):

@@ -116,7 +116,7 @@ def from_cbf(path: Path) -> StepProgram:
 
 
 def _sizes(lines: list[str]) -> tuple[int, ...]:
-    """What the first line says, where there is room for it."""
+    """The sizes on the first line of a section."""
     words, most = lines[0].removeprefix(CBF_HEAD).split(), sum(map(len, lines))
     sizes = tuple(int(word) if word.isdecimal() and len(word) < 19 else -1 for word in words[1::2])
     if tuple(words[::2]) != SIZES or len(sizes) != len(SIZES) or not 0 <= min(sizes) <= max(sizes) <= most:

@@ -74,7 +74,7 @@ def _optimum(program: SolvedProgram) -> dict[str, float]:
 
 
 def degenerate(program: SolvedProgram) -> dict[str, int]:
-    """How many norm terms neither slip nor stick with force to spare, and how many limits touch without force.
+    """The numbers of norm terms at rest and at their bound at once, and of limits that touch without force.
 
     That is, |s_i| and w_i - |lam_i|, or |z_j| and p_j, are zero but for what the certificate leaves open:
     |s_i - s_i*| <= (B_i K^{-1} B_i')^{1/2} |d - d*|_K, and forces likewise, with B_i K B_i' / |B_i|^4.

@@ -1,4 +1,4 @@
-"""Which linear solver: the one asked for, else by size, dimension and what is installed; threads of small matrices."""
+"""Choice of the linear solver by size, dimension and installed packages; threads of small matrices."""
 
 from __future__ import annotations
 

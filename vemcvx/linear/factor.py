@@ -66,7 +66,7 @@ class Factor(Protocol):
 
     @property
     def exact(self) -> bool:
-        """Whether it solves to rounding; an iterative one takes less time for less sharp answers."""
+        """True if it solves to rounding; an iterative one takes less time for less sharp answers."""
         return True
 
     def cycle(self, S: sp.csr_matrix, free: Bools) -> Cycle | None:

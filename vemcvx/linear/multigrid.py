@@ -272,7 +272,7 @@ class MultigridFactor(Factor):
 
 
 class WholeFactor(MultigridFactor):
-    """That of all of K, whose hierarchy can be one of K + S on some of the unknowns."""
+    """The multigrid factor of all of K; its hierarchy also serves K + S, with S on some of the unknowns."""
 
     def __init__(self, settings: Multigrid, K: sp.csr_matrix, hierarchy: Hierarchy, lowest: float):
         super().__init__(settings, K, hierarchy.cycle, lowest)

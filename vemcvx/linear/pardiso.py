@@ -50,7 +50,7 @@ class Pardiso(LinearSolver):
 
     @staticmethod
     def installed() -> bool:
-        """Whether the package that has it is there, and has what is used of it."""
+        """Return True if the package that has it is there, and has what is used of it."""
         return _solver_class() is not None
 
     def memory_in_space(self, unknowns: int) -> float:

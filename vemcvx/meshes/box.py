@@ -152,7 +152,7 @@ def space_counts(n: SpaceCount | None, box: SpaceBox, size: float | None = None,
 
 
 def listed(n: object) -> bool:
-    """Whether numbers of cells are given one an axis."""
+    """Return True if n lists the numbers of cells axis by axis."""
     return isinstance(n, (tuple, list)) or (isinstance(n, np.ndarray) and n.ndim > 0)
 
 
@@ -165,7 +165,7 @@ def _given_counts(n: Any, dimension: int) -> list[int]:
 
 
 def _cells_along(n: Any, lengths: tuple[float, ...], size: float | None) -> list[float]:
-    """How many equal cells, no whole numbers, fit along each axis: n across the shortest side, or of the given size."""
+    """The number of equal cells along each axis, not rounded: n across the shortest side, or of the given size."""
     if (n is None) == (size is None):
         both = "neither" if n is None else f"n = {brief(n)} and size = {brief(size)}"
         raise MeshError(f"n must be given (cells across the shortest side) or size= (the width of a cell); got {both}.")
@@ -250,7 +250,7 @@ def check_is_whole_boundary(given: Ints, boundary: Ints) -> None:
 
 
 def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
-    """Which parts of the boundary the predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
+    """A mask of the parts that a predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
     name = check_name(name)
     m, dimension = places.shape
     middles = {"edges": "midpoints", "faces": "centroids"}[parts]
@@ -277,7 +277,7 @@ def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Flo
 
 
 def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapping[str, T]:
-    """What is given by name, nothing for None; or MeshError."""
+    """The mapping given, empty for None; or MeshError."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
@@ -387,7 +387,7 @@ SIDES = (("left", "right"), ("front", "back"), ("bottom", "top"))
 
 
 def box_sides(corners: Floats, offsets: Ints, box: SpaceBox, tolerance: float = 0.0) -> dict[str, Bools]:
-    """Which faces lie on each side of the box; families put points on its sides to the bit."""
+    """The faces on each side of the box; families put points on its sides to the bit."""
     on = {}
     for axis, names in enumerate(SIDES):
         for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):

@@ -1,4 +1,4 @@
-"""What meshes of the plane and of space are to files, and to other libraries."""
+"""Writing and converting meshes: methods that those of plane and space share."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """Where cells are split."""
+    """The points and edges at which cells are split."""
 
     start: Ints
     """(n_sides,) corner of the mesh at which each side begins, the sides in the order of the cells"""
@@ -197,7 +197,7 @@ def _sides(mesh: Tessellation, outline: Outline, corner: Bools) -> Sides:
 
 
 def _runs(sides: Sides) -> tuple[Bools, Ints, Floats]:
-    """Which sides begin a run (of long, or of short sides of a cell), the run of each side, and lengths of runs."""
+    """The sides that begin a run of long or of short sides, the run of each side, and the lengths of runs."""
     new = np.append(True, (np.diff(sides.cell) != 0) | (sides.long[1:] != sides.long[:-1]))
     return new, np.cumsum(new) - 1, np.add.reduceat(sides.lengths, np.flatnonzero(new))
 
@@ -341,7 +341,7 @@ Ranges = tuple[Ints, Ints, Ints]  # new cell, where in the pool its range begins
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """What becomes of each cell, (n_cells,) bool each."""
+    """The fate of each cell, as masks (n_cells,)."""
 
     parted: Bools
     """at the middles of its sides"""
@@ -558,7 +558,7 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
 
 
 def check_marks(cells: ArrayLike | None, n_cells: int, subject: str = "cells to refine") -> Bools:
-    """Which cells are meant, (n_cells,) bool, or MeshError."""
+    """A mask (n_cells,) of the marked cells, or MeshError."""
     if cells is None:
         return np.ones(n_cells, dtype=bool)
     what = f"{subject} must be numbers of cells (0 to {n_cells - 1}), or one bool for each of the {n_cells} cells"

@@ -34,7 +34,7 @@ class Listed(NamedTuple):
     """(n_cells + 1,) which faces are each cell's"""
 
     def in_order(self, cells: Ints) -> Listed:
-        """Those of the cells with the given numbers, in this order."""
+        """The faces of the cells with the given numbers, in this order."""
         cell_offsets, faces = rows_in_order(self.cell_offsets, np.arange(len(self.offsets) - 1), cells)
         return Listed(*rows_in_order(self.offsets, self.vertices, faces), cell_offsets)
 
@@ -67,7 +67,7 @@ def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
 
 
 def same_faces(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """Of each face the listing that names its vertices first, in order; and of each listing the face that it is."""
+    """The first listing of each face, in order, and the face of each listing."""
     counts = np.diff(offsets)
     leader = np.arange(len(counts))
     for count in np.unique(counts):
@@ -220,7 +220,7 @@ def _from_origin(a: Floats, b: Floats) -> Floats:
 
 
 def crossing_distance(points: Floats, first: Ints, second: Ints) -> Floats:
-    """How far edges (m, 2) pass by others (m, 2) where both are nearest in inner points; elsewhere infinite."""
+    """The distances of edges (m, 2) from others (m, 2) that are nearest in inner points; elsewhere infinite."""
     a, c = points[first[:, 0]], points[second[:, 0]]
     one, other, apart = points[first[:, 1]] - a, points[second[:, 1]] - c, a - c
     aa, bb, ab = (np.einsum("ij,ij->i", x, y) for x, y in ((one, one), (other, other), (one, other)))
@@ -234,7 +234,7 @@ def crossing_distance(points: Floats, first: Ints, second: Ints) -> Floats:
 
 
 def piercing(start: Floats, end: Floats, height_start: Floats, height_end: Floats) -> tuple[Bools, Floats]:
-    """Whether edges (m, 3) leave a plane on both sides beyond rounding, and where they cross it, (m, 3)."""
+    """Return True if edges (m, 3) leave a plane on both sides beyond rounding, and where they cross it, (m, 3)."""
     slack = TOLERANCE * np.maximum(np.abs(start).max(axis=1), np.abs(end).max(axis=1))
     low, high = np.minimum(height_start, height_end), np.maximum(height_start, height_end)
     through = (low < -slack) & (high > slack)

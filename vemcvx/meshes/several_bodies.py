@@ -406,7 +406,7 @@ def _sides(
     origin: Ints,
     interfaces: Mapping[str, Interface],
 ) -> dict[str, Ints]:
-    """What is left of the named boundaries without the interfaces; `origin`: of which edge before each edge is part."""
+    """The named boundaries without the interfaces; `origin` (e,): the former edge that each edge is part of."""
     joints = [side for found in interfaces.values() for side in (found.edges, found.partners)]
     free = np.ones(len(whole.ends), dtype=bool)
     if joints:

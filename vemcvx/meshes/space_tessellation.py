@@ -1,4 +1,4 @@
-"""What a polyhedral mesh is: points, faces, cells, named parts of the boundary, data on cells; immutable.
+"""A polyhedral mesh: points, faces, cells, named parts of the boundary, data on cells; immutable.
 
 Cells are polyhedra with plane faces; two cells meet in whole faces of both, so that where a large cell meets four small
 ones it has four coplanar faces. Neither cells nor faces need be convex.
@@ -94,7 +94,7 @@ class SpaceTessellation(Mesh):
 
     @property
     def faces(self) -> polyhedra.Faces:
-        """Who has which faces, and what vertices these have: the arrays of the mesh but its points."""
+        """The topology: the faces of cells, and the vertices of faces."""
         return polyhedra.Faces(
             self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
         )

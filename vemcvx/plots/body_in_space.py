@@ -33,7 +33,7 @@ LOOK = {"show_edges": True, "edge_color": "#505050", "line_width": 1.0, "lightin
 
 
 def has_pyvista() -> bool:
-    """Whether there is something to draw with."""
+    """Return True if there is something to draw with."""
     try:
         import pyvista  # noqa: F401
     except ImportError:

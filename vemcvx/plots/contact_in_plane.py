@@ -64,7 +64,7 @@ class ContactLine:
 
     @property
     def label(self) -> str:
-        """What the line measures, in words."""
+        """The axis label: the quantity along the line."""
         return "arc length $s$" if self.symbol == ARC else self.symbol
 
     def along(self, vectors: Floats) -> Floats:

@@ -84,7 +84,7 @@ def apart(history: Results) -> Bools:
 
 
 def seen(contact: Contact) -> bool:
-    """Whether contact is on one side of the body, so that one view shows it."""
+    """Return True if contact is on one side of the body, so that one view shows it."""
     return bool(np.linalg.norm(contact.normals.mean(axis=0)) >= SEEN)
 
 

@@ -102,7 +102,7 @@ def rounded_down(wanted: float, largest: float) -> float:
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
-    """How far to magnify the displacements of all stored steps: as asked, or so that `nodes` stay in the picture."""
+    """The magnification of the displacements of all stored steps: as asked, or so that `nodes` stay in the picture."""
     if magnify is not None:
         return _positive(magnify)
     kept = slice(None) if nodes is None else nodes
@@ -120,7 +120,7 @@ def _positive(raw: object) -> float:
 
 
 def _stretch(history: Results) -> float:
-    """How far ends of edges move apart, or around each other, as a part of the edge's length."""
+    """The stretch and turn of edges, relative to their lengths."""
     mesh = history.mesh
     # Edges are those of polygons: cells of the plane, faces in space.
     polygons = (

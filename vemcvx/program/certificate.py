@@ -103,7 +103,7 @@ class Certificate(ArrayRecord):
 
     @property
     def at_floor(self) -> bool:
-        """Whether round-off accounts for all of the error, so that no less can be asked for."""
+        """True if round-off accounts for all of the error, so that no less can be asked for."""
         return self.gap <= self.floor
 
 

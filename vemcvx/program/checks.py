@@ -1,4 +1,4 @@
-"""What data of a system must be: matrices of finite real numbers, functions of t that work, a symmetric stiffness."""
+"""Checks of a system's data: finite real matrices, functions of t that work, a symmetric stiffness."""
 
 from __future__ import annotations
 

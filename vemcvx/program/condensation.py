@@ -106,7 +106,7 @@ class Condensation:
 
     @property
     def refinable(self) -> bool:
-        """Whether steps can be refined against K: rows read unknowns of their own, and no soft limit holds a kernel.
+        """True if steps can be refined against K: rows read unknowns of their own, and no soft limit holds a kernel.
 
         Forces on a kernel are taken by what sticks or is stopped; soft limits would share them with the anchors.
         """
@@ -120,7 +120,7 @@ class Condensation:
         return minimum_degree(self.regular) if order is None else order
 
     def reduce(self, phi: Floats, remembered: bool = True, rows: Ints | None = None) -> Reduced:
-        """What a force does, (n,) or on the unknowns `rows` alone.
+        """The reduced form of a force (n,), or of one on the unknowns `rows` alone.
 
         If they are remembered, a combination of forces seen before costs no solve.
         """
@@ -177,7 +177,7 @@ class Condensation:
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
     def _done(self, phi: Floats, number: int | None) -> SolvedForce:
-        """What a force phi (n,) does; RELEASED and SHARP say when one solve is enough where there are no halves.
+        """The response to a force phi (n,); RELEASED and SHARP tell when one solve is enough without halves.
 
         Forces that are not remembered are others in a run that is gone on with, and digits must be the same there: only
         those that are may be solved for beside the samples.

@@ -149,7 +149,7 @@ class Reduced:
         return float(sum(a * (b * one.products(two)[1]) for one, a, two, b in pairs))
 
     def same(self, other: Reduced) -> bool:
-        """Whether the forces are equal; most that are not differ in what they do."""
+        """Return True if the forces are equal; most that are not differ in what they do."""
         apart = np.abs(self.retained - other.retained).max(initial=0.0)
         near = apart <= NEAR * np.abs(self.retained).max(initial=0.0)
         return bool(near) and np.array_equal(self.phi, other.phi)
@@ -225,7 +225,7 @@ class SolvedForces:
         return {**found, new: unit}
 
     def _sizes(self, entries: Floats) -> Floats:
-        """How large a force with these entries is, and how large what it does to single unknowns."""
+        """The norms of a force with these entries, and of the motions of single unknowns under it."""
         done = self._ease[self._loaded] * entries
         sizes: Floats = np.sqrt(np.array([entries @ entries, done @ done]))
         return sizes

@@ -75,7 +75,7 @@ def _in_parts(
 
 
 def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
-    """Whether one solve with the factors, or with S, errs by more than COARSE_FACTORS of `accuracy`.
+    """Return True if one solve with the factors, or with S, errs by more than COARSE_FACTORS of `accuracy`.
 
     Residuals in double precision are good enough to tell. Tried on the response x to a force of one on every unknown,
     which the softest motions answer, and on the response w to S x_c: what K w is on the retained unknowns, S w_c is.

@@ -80,7 +80,7 @@ class Kernel:
 
 
 def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
-    """How many of the motions modes (n, k) are felt by rows, by more than rounding."""
+    """The number of motions `modes` (n, k) that rows feel by more than rounding."""
     read, size = np.asarray(abs(rows).sum(axis=1)).ravel(), np.abs(modes).max(axis=0, initial=0.0)
     seen = (rows @ modes)[read > 0] / read[read > 0, None] / np.where(size > 0, size, 1.0)
     return int(np.linalg.matrix_rank(seen, tol=8 * EPS * max(len(seen), 1)))
@@ -101,7 +101,7 @@ MOST_CUTS = 20
 
 @dataclass(frozen=True)
 class KernelBalance:
-    """What norm terms and limits feel of the motions N of a kernel, and how they hold a load there.
+    """The balance on a kernel: how norm terms and limits feel its motions N and hold a load there.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class KernelBalance:
         return here.lam, here.p, here.left
 
     def is_mechanism(self, c: Floats, w: Floats, push: Floats) -> bool:
-        """Whether c is a collapse mechanism: it runs into no limit, and the load does more work than friction takes."""
+        """True if c is a collapse mechanism: it runs into no limit, and the load does more work than friction takes."""
         into = self.contact_modes @ c
         # A motion along all obstacles may be the sum of two that run into them, known to their rounding.
         rounding = 1e-12 * (np.abs(self.contact_modes) @ np.abs(c)).max(initial=0.0)
@@ -260,7 +260,7 @@ class _Point:
 
     @property
     def balanced(self) -> bool:
-        """Whether nothing is left but rounding."""
+        """True if nothing is left but rounding."""
         return bool((np.abs(self.left) <= EPS * self.size).all())
 
     def better(self, before: _Point, descent: float, spread: float) -> bool:
@@ -269,5 +269,5 @@ class _Point:
         return bool(self.value <= before.value - 1e-4 * descent or (self.level(before, spread) and nearer))
 
     def level(self, before: _Point, spread: float) -> bool:
-        """Whether the values differ by no more than their rounding."""
+        """Return True if the values differ by no more than their rounding."""
         return abs(self.value - before.value) <= 64 * EPS * spread

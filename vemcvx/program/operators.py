@@ -1,4 +1,4 @@
-"""What all steps share: K, the rows of norm terms and limits, and how they answer to forces."""
+"""The operators that all steps share: K, the rows of norm terms and limits, and their responses to forces."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ class Norms(ArrayRecord):
         return self.B.shape[0] // self.block
 
     def name(self, i: int) -> str:
-        """Where term `i` acts, in words."""
+        """The place of term `i`, in words."""
         return f"norm term {i}" if self.places is None else str(called(self.places, (i,), "Norms: places failed", SAY))
 
     def weights(self, t: float) -> Floats:
@@ -197,12 +197,12 @@ class Norms(ArrayRecord):
 
     @property
     def dependent(self) -> bool:
-        """Whether weights depend on the answer of the step."""
+        """True if weights depend on the answer of the step."""
         return self.law is not None or self.remembers
 
     @property
     def remembers(self) -> bool:
-        """Whether they depend on slips."""
+        """True if weights depend on slips."""
         return self.slip_law is not None
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
@@ -244,7 +244,7 @@ class Norms(ArrayRecord):
         return c
 
     def moved(self, t: float) -> Floats:
-        """How far the ground has moved at the instant `t`, (m * block,); zero if it stands still."""
+        """The motion of the ground up to the instant `t`, (m * block,); zero if it stands still."""
         return np.zeros(self.B.shape[0]) if self.ground is None else self._rows(self.ground, t, "Norms: ground", "ways")
 
     def _rows(self, value: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str, what: str) -> Floats:
@@ -340,7 +340,7 @@ class Limits(ArrayRecord):
         return self.D.shape[0]
 
     def name(self, j: int) -> str:
-        """Where limit `j` acts, in words."""
+        """The place of limit `j`, in words."""
         return f"limit {j}" if self.places is None else str(called(self.places, (j,), "Limits: places failed", SAY))
 
     def remaining_gap(self, t: float) -> Floats:
@@ -428,7 +428,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def kernel_balance(self) -> KernelBalance:
-        """What norm terms and limits feel of the kernel."""
+        """The balance of norm terms and limits on the kernel."""
         kernel = np.zeros((len(self.K.diagonal()), 0)) if self.kernel is None else self.kernel
         stop = self.D @ kernel
         # A motion along an obstacle does not run into it because of the rounding of its largest entries.
@@ -487,7 +487,7 @@ class Operators(ArrayRecord):
 
     @cached_property
     def features(self) -> frozenset[str]:
-        """What a solver must accept: a subset test matches the two."""
+        """The features that a solver must accept: a subset test matches the two."""
         found = {QUADRATIC}
         if self.count:
             found.add(ABSOLUTE_VALUES if self.block == 1 else SECOND_ORDER_CONES)
@@ -524,7 +524,7 @@ class Operators(ArrayRecord):
         return self.factor.energies(rows) if self.factor.exact else self._sampled(rows)
 
     def _sampled(self, rows: sp.csr_matrix) -> Floats:
-        """What single unknowns would answer, times the most that some rows answer more than that."""
+        """An estimate of rows' responses: that of single unknowns, times the largest ratio found on sampled rows."""
         alone: Floats = rows.multiply(rows) @ (1.0 / self.K.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         return alone * max((self.factor.energy(rows[i].toarray()[0]) / alone[i] for i in some), default=1.0)

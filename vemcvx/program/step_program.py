@@ -197,7 +197,7 @@ class StepProgram(ArrayRecord):
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Those of the increments d and of the multipliers lam and p."""
+        """The shapes of the increments d and of the multipliers lam and p."""
         return {"d": self.g.shape, "lam": (self.operators.count, self.operators.block), "p": self.e.shape}
 
     def slip(self, d: Floats) -> Floats:
@@ -359,7 +359,7 @@ class StepProgram(ArrayRecord):
         return self.operators.kernel_balance.imbalance(lam, p, N.T @ self.g, blur)
 
     def rounding_floor(self, d: Floats, lam: Floats, p: Floats) -> float:
-        """What round-off alone may hide in, or add to, the gap at (d, lam, p), which follows that of its parts.
+        """The floor: the part of the gap at (d, lam, p) that round-off alone may hide or add.
 
         r is known to eps (|g| + |B'||lam| + |D'|p + |K||d|), measured in the norm of K^{-1}; s_i to eps (|B_i||d| +
         |b_i|), except where a row of B has one entry and b_i = 0: there a sticking s_i = 0 is exact; z_j to eps
@@ -483,7 +483,7 @@ class Answer(ArrayRecord):
 
 
 def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
-    """What a solver answered, if it is an answer to this program.
+    """The answer of a solver, checked to fit this program.
 
     Raises
     ------
@@ -505,7 +505,7 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
 
 
 def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
-    """What somebody's `solve` returned, as an Answer; multipliers that are missing are recovered.
+    """The returned value of a user's `solve` as an Answer; missing multipliers are recovered.
 
     Raises
     ------
@@ -533,7 +533,7 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 
 
 def _there(raw: Any) -> bool:
-    """Whether multipliers were given; an Answer's are empty by default."""
+    """Return True if multipliers were given; an Answer's are empty by default."""
     return raw is not None and not (isinstance(raw, np.ndarray) and raw.size == 0)
 
 

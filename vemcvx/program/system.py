@@ -51,7 +51,7 @@ DRAG_ROUNDING = 16 * EPS
 
 @dataclass(frozen=True)
 class Motion:
-    """What moving supports add when u = P y + u_D(t), with A the matrix of a over all of u.
+    """The terms of moving supports: u = P y + u_D(t), with A the matrix of a over all of u.
 
     a(u, u) = y'Ky + 2 y'dirichlet_force + stored, and the norm terms measure B (y - y_prev) plus the prescribed slip,
     less that of the step before. Where the supports move far, and strain little, these sums cancel; `frame` and `pair`
@@ -246,19 +246,19 @@ class System(ArrayRecord):
             )
 
     def remaining_gap(self, t: float) -> Floats:
-        """What the limits (r,) leave free at the instant `t`, moving supports accounted for."""
+        """The gaps e (r,) of the limits at the instant `t`, moving supports accounted for."""
         if self.limits is None:
             return np.zeros(0)
         e = self.limits.remaining_gap(t)
         return e if self.motion is None or self.motion.remaining_gap is None else e - self.motion.remaining_gap(t)
 
     def prescribed_slip(self, t: float) -> Floats:
-        """What of the norm terms' argument (m * block,) no unknown brings: of the supports, less that of the ground."""
+        """The part of the norm terms' arguments (m * block,) that supports bring, less that of the ground."""
         given = np.zeros(self.B.shape[0]) if self.motion is None else self.motion.prescribed_slip(t)
         return given if (ground := self.ground(t)) is None else given - ground
 
     def ground(self, t: float) -> Floats | None:
-        """How far what norm terms rub on has moved at the instant `t`, (m * block,); None if it stands still."""
+        """The motion (m * block,) up to the instant `t` of the ground that norm terms rub on; None if still."""
         return None if self.norms is None or self.norms.ground is None else self.norms.moved(t)
 
     def bias(self, t: float) -> Floats:
@@ -277,7 +277,7 @@ class System(ArrayRecord):
 
     @property
     def follows_answer(self) -> bool:
-        """Whether weights of norm terms depend on the answer of the step."""
+        """True if weights of norm terms depend on the answer of the step."""
         return self.norms is not None and self.norms.dependent
 
     @property

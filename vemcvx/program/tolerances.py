@@ -1,4 +1,4 @@
-"""What is solved more sharply than asked, or less: one table.
+"""Tolerances relative to the accuracy asked for: one table.
 
 Asked is `accuracy`, a solver's setting: the certified energy error of a step, relative to the energy norm of the
 states. A gap is half the square of an error: a hundredth of the accuracy is a ten-thousandth of the gap asked for.

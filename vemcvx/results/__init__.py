@@ -1,1 +1,1 @@
-"""What a simulation leaves, in the words of contact: fields, probes, files."""
+"""Results of a simulation: fields, contact, probes, tables, files."""

@@ -175,7 +175,7 @@ def _largest(values: Floats, at: Ints, m: int) -> Floats:
 
 
 def _jump(u: Floats, jumps: Jumps) -> Floats:
-    """What rows of contact read of displacements (S, n_nodes, dim), component by component: (S, m, dim)."""
+    """The jumps of displacements (S, n_nodes, dim) that rows of contact read, (S, m, dim)."""
     read: Floats = u[:, jumps.nodes]
     joined = np.flatnonzero(jumps.partners >= 0)
     read[:, joined] -= u[:, jumps.partners[joined]]
@@ -183,7 +183,7 @@ def _jump(u: Floats, jumps: Jumps) -> Floats:
 
 
 def _ground(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats) -> Floats | float:
-    """How far the ground has moved along the boundary (S, m, dim), the mean by length where parts meet."""
+    """The motion of the ground along the boundary (S, m, dim), the mean by length where parts meet."""
     terms = posed.terms
     if terms.ground is None:
         return 0.0
@@ -226,7 +226,7 @@ def _bounds(posed: PosedScene, trajectory: Trajectory, at: Ints, length: Floats)
 
 
 def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
-    """Whether each node kept its place in the step that led to a row, (S, m).
+    """Return True if each node kept its place in the step that led to a row, (S, m).
 
     With friction, as the certificate tells; without, where both ends of the step are stored, by comparing them;
     else a node without friction counts as sliding, unless the step had nothing to solve.
@@ -246,7 +246,7 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
 
 
 def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
-    """Whether each node touches its obstacle, (S, m); true where nothing can open."""
+    """Return True if each node touches its obstacle, (S, m); true where nothing can open."""
     closed = np.ones((len(u), len(posed.surface.nodes)), dtype=bool)
     met = [] if posed.obstacles is None else [(posed.obstacles, trajectory.pressures)]
     if posed.obstacles is not None and posed.obstacles.prescribed is not None:

@@ -32,7 +32,7 @@ CHUNK = 2**14
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """Where p points lie.
+    """The cells and weights of p points.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Location:
 
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
-    """Where the finite points (p, 2) lie; those outside the mesh are in no cell."""
+    """Locate finite points (p, 2); those outside the mesh are in no cell."""
     low, high = (f.reduceat(mesh.points[mesh.vertices], mesh.offsets[:-1]) for f in (np.minimum, np.maximum))
     rounding = POINT_ROUNDING * np.abs(mesh.points).max()
     reach = CLOSE * mesh.h + rounding
@@ -95,12 +95,12 @@ class _Sides:
 
     @property
     def holds(self) -> Bools:
-        """Whether each candidate's closed cell holds its point."""
+        """True if each candidate's closed cell holds its point."""
         odd: Bools = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
         return odd | np.logical_or.reduceat(self._on, self._begin)
 
     def _of_second_bodies(self, mesh: PolygonMesh, i: Ints) -> Bools:
-        """Whether a candidate's point lies on a side of its cell that is the second body's of an interface.
+        """Return True if a candidate's point lies on a side of its cell that is the second body's of an interface.
 
         Not where that is so of all candidates of a point.
         """

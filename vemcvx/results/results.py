@@ -87,7 +87,7 @@ class Results:
 
     @property
     def certificate_kind(self) -> str:
-        """What `certificate` is: "bound", or "estimate" if it is no more than that in some step.
+        """The kind of `certificate`: "bound", or "estimate" if it is one in some step.
 
         Estimates are for friction that depends on pressure (Coulomb), in steps where what sticks, slips and touches
         does not settle or, in space, is too close to something else. A bound is then on the distance to *a* solution
@@ -296,7 +296,7 @@ def _friction_of_dragged(posed: PosedScene, trajectory: Trajectory) -> dict[str,
 
 
 def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | float:
-    """What dashpots exert on the nodes (n_u,), at the rates of the step that led to a row; 0 where there are none."""
+    """The forces of dashpots on the nodes (n_u,), at the rates of the step that led to a row."""
     n = int(trajectory.stored[row])
     if posed.viscosity is None or trajectory.velocity is None or n == 0:
         return 0.0
@@ -328,7 +328,7 @@ def _prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> F
 
 
 def _out_of_plane_prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> Floats | None:
-    """What eigenstrains add to the stress across the plane at the stored instants, (S, n_cells), if they do."""
+    """The stress across the plane of eigenstrains at the stored instants, (S, n_cells), if there is any."""
     out_of_plane = posed.material.out_of_plane
     if posed.prestress is None or not posed.prestress.eigenstrains or out_of_plane is None or not out_of_plane.any():
         return None

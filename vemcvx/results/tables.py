@@ -121,7 +121,7 @@ def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> li
 
 
 def in_words(history: Results) -> Outline:
-    """What was simulated and left out, how certain it is, what it cost."""
+    """The summary in words: effects, certificates, cost."""
     run, touch = history.trajectory, history.contact
     sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
     gone = f", {opened} are open" if opened else ""
@@ -157,7 +157,7 @@ WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
 
 
 def _kind(history: Results) -> Lines:
-    """Where the certificates are no bounds."""
+    """A remark on the steps whose certificates are no bounds."""
     estimated = history.trajectory.estimated
     if not estimated.any():
         return []

@@ -33,7 +33,7 @@ from vemcvx.vem import tangents_of
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """How the weights of all terms follow the forces p (r,) of the limits, and slips (m,)."""
+    """The law of the weights of all terms, given the forces p (r,) of the limits and slips (m,)."""
 
     frictions: Sequence[Friction]
     gather: sp.csr_matrix
@@ -58,11 +58,11 @@ class FrictionLaw:
 
     @property
     def has_slope(self) -> bool:
-        """Whether weights are piecewise affine in the forces, with a derivative that is known."""
+        """True if weights are piecewise affine in the forces, with a derivative that is known."""
         return all(f.has_slope for f in self.frictions if f.dependent)
 
     def slope(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-        """That derivative (m, r)."""
+        """The derivative (m, r) of the weights with respect to the forces."""
         press, of_rows = self.press, zip(self._of_rows(self.press @ p), self._slips(past), strict=True)
         steep = np.concatenate([_slope_under(f, t, *under) for f, under in zip(self.frictions, of_rows, strict=True)])
         entries = np.repeat(steep, np.diff(press.indptr)) * press.data
@@ -70,12 +70,12 @@ class FrictionLaw:
 
     @property
     def remembers(self) -> bool:
-        """Whether some depend on slip."""
+        """True if some weights depend on slip."""
         return any(f.slip_law is not None for f in self.frictions)
 
     @property
     def softening(self) -> Floats | None:
-        """How fast weights (m,) fall with the slip of the step at most; None where forces count, or nobody knows."""
+        """The largest rate (m,) at which weights fall with slip; None where forces count, or it is unknown."""
         laws = [f.slip_law for f in self.frictions]
         if any(f.law is not None for f in self.frictions) or any(law and law.softening is None for law in laws):
             return None
@@ -166,7 +166,7 @@ class Terms:
 
     @property
     def one_way(self) -> bool:
-        """Whether some cost more one way than the other."""
+        """True if some cost more one way than the other."""
         return any(f.bias is not None for f in self.frictions)
 
     def bias(self, t: float) -> Floats:
@@ -215,7 +215,7 @@ def friction_terms(
 
 
 def _grounds(frictions: Sequence[Friction]) -> Ints:
-    """Which ground each row of all frictions is on: the first friction that rubs on it."""
+    """The ground of each row of all frictions: that of the first friction that rubs on it."""
     grounds = [None if f.ground is None else f.ground.value for f in frictions]
     return _of_rows(frictions, [next(k for k, other in enumerate(grounds) if other is ground) for ground in grounds])
 
@@ -226,7 +226,7 @@ def _of_rows(frictions: Sequence[Friction], numbers: Sequence[int]) -> Ints:
 
 
 def _moved(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
-    """How far the ground of these rows, of all frictions one after the other, has moved, (k, dim)."""
+    """The motion of the ground of these rows, of all frictions one after the other, (k, dim)."""
     each = [np.zeros(f.normals.shape) if f.ground is None else f.ground.vector(t) for f in frictions]
     moved: Floats = np.concatenate(each)[rows]
     return moved
@@ -488,7 +488,7 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
 
 
 def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:
-    """How weights follow the forces of the limits, or the slip, if some do."""
+    """The law by which weights follow the forces of the limits or the slip, if some do."""
     if not any(f.dependent for f in terms.frictions) or len(terms.nodes) == 0:
         return None
     starts = np.cumsum([len(f.nodes) for f in terms.frictions])[:-1]

@@ -1,4 +1,4 @@
-"""What rows of contact read: the displacement of a node or its jump to another body, and their edges."""
+"""Jumps: the displacements that rows of contact read, of a node or relative to another body."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
 
 
 def edge_ends(parts: Sequence[Friction | Obstacle | ContactSurface]) -> tuple[sp.csr_matrix, Ints]:
-    """What the rows of all parts own, one after the other: (rows, e) half the length of each end of an edge.
+    """The half lengths (rows, e) of the ends of edges that rows own, part after part.
 
     The names (e, 2) are each end's own node, and the other node of its edge; -1 for all that a part without `ends` has
     at a node.
@@ -80,7 +80,7 @@ class Jumps:
 
     @classmethod
     def of(cls, parts: Sequence[Friction | Obstacle | ContactSurface | Support]) -> Jumps:
-        """Those of all rows, one part after the other."""
+        """The jumps of all rows, one part after the other."""
         none = np.zeros(0, dtype=np.int64)
         alone = [np.full(len(part.nodes), -1) if part.partners is None else part.partners for part in parts]
         return cls(np.concatenate([none, *(part.nodes for part in parts)]), np.concatenate([none, *alone]))
@@ -167,7 +167,7 @@ class Sites:
 
     @property
     def count(self) -> int:
-        """How many sites there are."""
+        """The number of sites."""
         return sum(map(len, self.sizes))
 
     @property

@@ -82,7 +82,7 @@ def _moving(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
 
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
-    """Which rows of a matrix have entries, and these rows."""
+    """The indices of a matrix's rows that have entries, and these rows."""
     by_rows = sp.csr_matrix(matrix)
     rows = np.flatnonzero(np.diff(by_rows.indptr)).astype(np.int64)
     return rows, by_rows[rows]
@@ -95,7 +95,7 @@ def motion_of(
     normal: sp.csr_matrix,
     seen: Callable[[Floats], Floats],
 ) -> Motion:
-    """What supports that move add to a System with the stiffness A, whose norm terms and limits have these rows."""
+    """The Motion of moving supports for a System with the stiffness A, whose norm terms and limits have these rows."""
     rows, matrix = _rows_of(_moving(A, supports))
     return Motion(
         dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t)),
@@ -239,7 +239,7 @@ def _system(
 
 @dataclass(frozen=True)
 class _Contact:
-    """What a System has of the friction and the obstacles of a scene."""
+    """The norm terms and limits of a System, from the friction and the obstacles of a scene."""
 
     terms: Terms
     obstacles: Obstacles

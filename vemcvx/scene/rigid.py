@@ -47,7 +47,7 @@ class Part:
     """nodes at which pieces are joined"""
 
     def moved(self, mode: Floats) -> dict[str, Floats] | None:
-        """What each body does that moves, by name; None if one has none."""
+        """The motions of bodies by their names; None if one has no name."""
         each = mode.reshape(len(self.bodies), -1)
         large = np.flatnonzero(np.abs(each).max(axis=1) > SMALL * np.abs(mode).max())
         names = [self.bodies[one] for one in large]
@@ -82,7 +82,7 @@ def combined(motions: Sequence[tuple[Part, Floats]], c: Floats) -> str:
 
 
 def floating(part: Part, modes: Floats, points: Floats) -> str:
-    """That motions (n, q) of a part meet nothing."""
+    """The message that motions (n, q) of a part meet no resistance."""
     count, hinges = modes.shape[1], part.hinges
     if hinges:
         return (
@@ -288,7 +288,7 @@ def _without_energy(springs: sp.csr_matrix, fields: Floats) -> Floats:
 
 
 def _connected(piece: Ints, node: Ints, sites: Ints, springs: sp.csr_matrix | None) -> tuple[int, Ints]:
-    """How many connected parts there are of the pieces, pairs of piece and node, and the part of each piece.
+    """The number of connected parts of the pieces, given as pairs of piece and node, and the part of each piece.
 
     They are connected at sites (n_nodes,) that they share, or that springs join.
     """

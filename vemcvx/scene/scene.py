@@ -99,7 +99,7 @@ class InitialStresses:
         return total
 
     def out_of_plane(self, t: float) -> Floats | None:
-        """What eigenstrains add to the stress zz across the plane, (n_cells,); None where the material does not say."""
+        """The stress zz of eigenstrains across the plane, (n_cells,); None where the material does not say."""
         if self.material.out_of_plane is None:
             return None
         total = np.zeros(len(self.material.thermal_stress_moduli))
@@ -116,7 +116,7 @@ class InitialStresses:
 
 
 def initial_stresses(parts: Sequence[Contribution], material: Material, space: Space) -> InitialStresses | None:
-    """What the contributions say of sigma_0; None if nothing."""
+    """The initial stresses of all contributions; None without any."""
     eigenstrains = tuple(s for part in parts for s in part.eigenstrains)
     stresses = tuple(s for part in parts for s in part.initial_stresses)
     return InitialStresses(material, eigenstrains, stresses, stress_load(space)) if eigenstrains or stresses else None
@@ -141,7 +141,7 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
 
 
 def _contact(part: Contribution) -> Jumps:
-    """Where what an effect contributes is contact."""
+    """The parts of the boundary where an effect contributes contact."""
     bilateral = [support for support in part.supports if support.contact]
     return Jumps.of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral])
 
@@ -183,7 +183,7 @@ def _sides_held_across(space: Space, held: MirrorPlanes) -> list[tuple[Ints, Flo
 
 
 def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
-    """Of each node the projection on its directions."""
+    """The projection of each node's vectors on its directions."""
     each, place = np.unique(nodes, return_inverse=True)
     squares = np.zeros((len(each), directions.shape[1], directions.shape[1]))
     np.add.at(squares, place, np.einsum("ki,kj->kij", directions, directions))
@@ -208,13 +208,13 @@ PRESSED = 1e100
 def active_parts(
     effects: Iterable[Effect], space: Space, times: Sequence[float]
 ) -> tuple[list[Contribution], list[str]]:
-    """What the effects contribute, without what is zero at all of `times`; a sentence for each thing dropped."""
+    """Contributions of effects without parts that vanish at all of `times`, and a sentence for each dropped."""
     said: list[str] = []
     return [_without_inactive(effect, part, times, said) for effect, part in contributions(effects, space)], said
 
 
 def _without_inactive(effect: Effect, part: Contribution, times: Sequence[float], said: list[str]) -> Contribution:
-    """What an effect contributes without what is zero at all of `times`; a sentence is added for each thing dropped.
+    """A contribution without parts that vanish at all of `times`; a sentence is added for each part dropped.
 
     Data are evaluated until the first instant at which they are not zero; without instants they are all kept.
     """

@@ -53,7 +53,7 @@ class Supports:
 
     @property
     def still(self) -> bool:
-        """Whether every held value is zero at all times."""
+        """True if every held value is zero at all times."""
         return all(slot.still for slot in self.rows)
 
     @cached_property
@@ -70,7 +70,7 @@ class Supports:
         return self.motion(t)[self.moved]
 
     def holding(self, nodes: Ints) -> Holding:
-        """What holds the sites of k nodes."""
+        """The directions that hold the sites of k nodes."""
         sites, dim = self.sites.of_node[nodes], self.points.shape[1]
         members = self.sites.members(sites)
         size = members.shape[1] * dim
@@ -90,7 +90,7 @@ class Supports:
         return Holding(members, held[place], contact[place])
 
     def places(self, nodes: Ints) -> Callable[[int], str]:
-        """Where the i-th of these nodes is, in words."""
+        """The place of the i-th of these nodes, in words."""
         return lambda i: f"node {nodes[i]} at {tuple(float(x) for x in np.round(self.points[nodes[i]], 12))}"
 
     def gather(self, f: Forces) -> Forces:
@@ -119,7 +119,7 @@ class Supports:
 
 @dataclass(frozen=True)
 class Holding:
-    """What holds k sites, whose largest has D / dim nodes; what smaller ones have less is zero."""
+    """The directions that hold k sites of up to D / dim nodes; smaller sites are padded with zeros."""
 
     members: Ints
     """(k, D / dim) the nodes of the site; -1 where it has none left"""
@@ -383,7 +383,7 @@ Moving = Callable[[float], Floats]
 
 @dataclass(frozen=True)
 class Freedom:
-    """How the rows of contact are held, (k,) each."""
+    """The freedom that supports leave to rows of contact, as arrays (k,)."""
 
     slides: Bools
     """whether some free unknown moves the node along the boundary"""
@@ -405,7 +405,7 @@ class Freedom:
 def freedom(
     jumps: Jumps, normals: Floats, supports: Supports, times: Sequence[float], ground: Moving | None = None
 ) -> Freedom:
-    """How these rows are held; whether supports drag them is looked up at all of `times`, if there are any.
+    """The freedom of these rows; whether supports drag them is decided at all of `times`, if there are any.
 
     Where there is a `ground`, t -> (k, dim), it is their motion relative to it that counts.
     """
@@ -422,13 +422,13 @@ def freedom(
 
 
 def normal_is_free(jumps: Jumps, normals: Floats, supports: Supports) -> Bools:
-    """Whether some free unknown moves the node along the normal, (k,)."""
+    """Return True if some free unknown moves the node along the normal, (k,)."""
     free: Bools = np.diff(on_free(normal_rows(jumps, normals, supports.points), supports).indptr) > 0
     return free
 
 
 def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
-    """Whether the free unknowns move a row along fewer than `block` directions, (k,)."""
+    """Return True if the free unknowns move a row along fewer than `block` directions, (k,)."""
     rows = [B[axis::block] for axis in range(block)]
     products = np.array([[np.asarray(one.multiply(other).sum(axis=1)).ravel() for other in rows] for one in rows])
     each = np.linalg.eigvalsh(products.transpose(2, 0, 1))
@@ -439,7 +439,7 @@ def _rank_deficient(B: sp.csr_matrix, block: int) -> Bools:
 def _dragged(
     tangents: sp.csr_matrix, jumps: Jumps, supports: Supports, times: Sequence[float], ground: Moving | None
 ) -> Bools:
-    """Whether supports move each of these rows along its tangents between any two instants, (k,)."""
+    """Return True if supports move each of these rows along its tangents between any two instants, (k,)."""
     dragged = np.zeros(len(jumps), dtype=bool)
     if len(jumps) == 0 or (supports.still and ground is None):
         return dragged
@@ -464,7 +464,7 @@ def _dragged(
 
 
 def _normal_reactions(jumps: Jumps, normals: Floats, supports: Supports) -> tuple[Bools, sp.csr_matrix]:
-    """Of each row, whether contact alone holds its normal, and g."""
+    """For each row, True where contact alone holds its normal, and g."""
     holding, points = supports.holding(jumps.nodes), supports.points
     held, contact, count = holding.rows, holding.contact, holding.rows.any(axis=2).sum(axis=1)
     row = jumps.over(holding.members, normals)

@@ -148,7 +148,7 @@ def settings_for(solver: str, gap: float, *, semidefinite: bool = False, again: 
 
 
 def worth_asking_again(solver: str) -> bool:
-    """Whether there are settings for an answer that misses."""
+    """Return True if there are settings for an answer that misses."""
     return any(setting.when is When.AGAIN for setting in TUNED.get(solver, ()))
 
 
@@ -188,7 +188,7 @@ def keep_matrices(solvers: dict[str, Any]) -> None:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether both are sparse matrices with the same entries at the same places."""
+    """Return True if both are sparse matrices with the same entries at the same places."""
     both = sp.issparse(one) and sp.issparse(other)
     return (
         both
@@ -225,7 +225,7 @@ def known() -> frozenset[str]:
 
 
 def _interfaces() -> tuple[Mapping[str, object], Mapping[str, object]]:
-    """Those of cvxpy to solvers of conic and of quadratic programs, by name."""
+    """Interfaces by which cvxpy calls solvers of conic and of quadratic programs, by name."""
     from cvxpy.reductions.solvers.defines import SOLVER_MAP_CONIC, SOLVER_MAP_QP
 
     return SOLVER_MAP_CONIC, SOLVER_MAP_QP
@@ -287,7 +287,7 @@ class ThroughCvxpy(Solver):
 
     @property
     def cones(self) -> bool:
-        """Whether the solver takes second-order cones."""
+        """True if the solver takes second-order cones."""
         import cvxpy as cp
 
         return cp.SOC in getattr(_interfaces()[0].get(self.solver), "SUPPORTED_CONSTRAINTS", ())

@@ -59,7 +59,7 @@ ROUNDINGS = 64.0
 
 @dataclass(frozen=True)
 class WeightLaw:
-    """How weights (m,) follow the forces p (r,) of the limits, piecewise affinely, and the derivative (m, r)."""
+    """A law of weights (m,), piecewise affine in the forces p (r,) of the limits, with the derivative (m, r)."""
 
     weights: Callable[[Floats], Floats]
     slope: Callable[[Floats], sp.csr_matrix]
@@ -99,7 +99,7 @@ class Found:
     """of the system's matrix, on the rows of terms that slip: (N, k) -> (N, k)"""
 
     def holds(self, program: StepProgram, law: WeightLaw, sets: Sets) -> bool:
-        """Whether the inequalities that the sets stand for hold, to rounding."""
+        """Return True if the inequalities that the sets stand for hold, to rounding."""
         point, operators = self.point, program.operators
         if not np.isfinite(self.error):
             return False
@@ -133,7 +133,7 @@ class Found:
 
 
 def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
-    """Whether forces balance, to SOLVED of the loads, on motions that K does not feel.
+    """Return True if forces balance, to SOLVED of the loads, on motions that K does not feel.
 
     Where sets leave such a motion free, their system is singular but for rounding, and what solves it is so far away
     that nothing measured against it would tell.
@@ -275,7 +275,7 @@ TRIALS = 8
 
 @dataclass(frozen=True)
 class _Answers:
-    """How slips, multipliers and energy answer psi on the k terms that slip: norms of blocks."""
+    """Bounds, as norms of blocks, on how slips, multipliers and energy respond to psi on the k terms that slip."""
 
     slips: Floats
     """(m, k)"""
@@ -355,7 +355,7 @@ def distance_to_a_solution(
 
 
 def _hold(program: StepProgram, law: WeightLaw, sets: Sets, found: Found, ball: tuple[_Answers, Floats]) -> bool:
-    """Whether the sets' inequalities hold, to rounding, wherever psi is at most t, and the law is affine there."""
+    """True if the sets' inequalities hold, to rounding, wherever psi is at most t, and the law is affine there."""
     answers, t = ball
     act, pressure, pi = found.sets.act, found.point.p, answers.forces @ t
     pi[~act] = 0.0

@@ -27,7 +27,7 @@ from vemcvx.solvers.solver import Solver
 
 
 class Solves(Protocol):
-    """What a solver of one's own has: `solve`. Attributes `accepts`, `accuracy` and `semidefinite` are read, too."""
+    """The protocol of a user's solver: `solve`; attributes `accepts`, `accuracy` and `semidefinite` are read, too."""
 
     @property
     def solve(self) -> Callable[..., Any]:
@@ -101,7 +101,7 @@ def _features(raw: Any, name: str) -> frozenset[str]:
 
 
 def _asks_for(own: Solves) -> list[str]:
-    """Which of the expected multipliers `solve` has parameters for."""
+    """The expected multipliers that `solve` has parameters for."""
     try:
         parameters = inspect.signature(own.solve).parameters
     except (TypeError, ValueError):

@@ -65,7 +65,7 @@ class Sets:
     """(k, m * block): how those share what they carry, shares @ lam = shares @ (what they carried before)"""
 
     def same(self, other: Sets) -> bool:
-        """Whether the other sets lead to the same answer."""
+        """Return True if the other sets lead to the same answer."""
         return (
             bool((self.stick == other.stick).all())
             and bool((self.act == other.act).all())
@@ -84,7 +84,7 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Shifts:
-    """How strongly slips (m,) and excesses (r,) count against multipliers; units of stiffness."""
+    """The weights of slips (m,) and excesses (r,) against multipliers; units of stiffness."""
 
     norms: Floats
     limits: Floats
@@ -155,7 +155,7 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
 
 @dataclass(frozen=True)
 class _Near:
-    """Where an iterative linear solver begins, and the stiffness that is added to K."""
+    """The initial guess of an iterative linear solver, and the stiffness that is added to K."""
 
     d: Floats
     S: sp.csr_matrix
@@ -271,7 +271,7 @@ def _shares(rows: sp.csr_matrix, free: Bools, some: Ints, own: Ints, w: Floats) 
 
 
 def independent(rows: Floats) -> Bools:
-    """Which rows (k, n) do not follow from those before them, (k,)."""
+    """A mask (k,) of the rows (k, n) that do not depend linearly on those before them."""
     basis, found = np.zeros_like(rows), np.zeros(len(rows), dtype=bool)
     for i, row in enumerate(rows):
         rest = row - basis.T @ (basis @ row)
@@ -367,7 +367,7 @@ def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts
 
 
 def _moved(point: Iterate, centre: Iterate, shift: Shifts) -> float:
-    """How far a centre would move, sum |dlam_i|^2 / a_i + sum dp_j^2 / a_j."""
+    """The squared move of a centre, sum |dlam_i|^2 / a_i + sum dp_j^2 / a_j."""
     lam, p = point.lam - centre.lam, point.p - centre.p
     return float(np.einsum("ij,ij->i", lam, lam) @ (1 / shift.norms) + p * p @ (1 / shift.limits))
 
@@ -530,7 +530,7 @@ class _Search:
 
     @property
     def exact(self) -> bool:
-        """Whether linear systems are solved to rounding: the same sets then have the same answer."""
+        """True if linear systems are solved to rounding: the same sets then have the same answer."""
         return self.program.operators.factor.exact
 
     @property

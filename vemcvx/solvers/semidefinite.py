@@ -1,4 +1,4 @@
-"""How a solver of positive definite programs solves semidefinite ones: by the proximal point method on the anchors.
+"""The proximal point method on anchors, by which solvers of definite programs solve semidefinite ones.
 
 The theory stands in :mod:`vemcvx.program.kernel`. Each proximal point is judged by the gap of the program that was
 posed, in the seminorm of K.
@@ -101,13 +101,13 @@ def _motion_nearest_to_b(program: StepProgram) -> Floats:
 
 
 def _without_energy(program: StepProgram, move: Floats) -> Floats:
-    """What K does not feel of a move (n,)."""
+    """The part of a move (n,) that K does not feel."""
     N = program.operators.kernel
     return move if N is None else N @ (N.T @ move)
 
 
 def _presses(program: StepProgram, v: Floats) -> bool:
-    """Whether a motion v changes how far limits with compliance are exceeded, and so the force that moves it."""
+    """Return True if a motion v changes how far limits with compliance are exceeded, and so the force that moves it."""
     operators = program.operators
     read = np.abs(operators.limits.read(v)) > UNFELT * np.abs(v).max(initial=0.0)
     return bool((read & (operators.compliance > 0)).any())
@@ -137,7 +137,7 @@ def _moves_to_least_energy(program: StepProgram, d: Floats, v: Floats) -> float:
 
 
 class _Centres:
-    """Where to put the next centre: Anderson's acceleration of the proximal points, in as many unknowns as anchors.
+    """Anderson's acceleration of the proximal points' centres, in as many unknowns as anchors.
 
     The map from centre to proximal point is piecewise affine, so that secants through its last k + 1 values find its
     fixed point as soon as nothing changes sides any more. A centre that does worse than the one before starts anew.

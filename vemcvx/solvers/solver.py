@@ -1,4 +1,4 @@
-"""What every solver is: settings, prepared once for the operators of a run, then asked step by step.
+"""The base of solvers: settings, prepared once for the operators of a run, then asked step by step.
 
 A solver sees scaled programs only (:mod:`vemcvx.program.scaling`), knows nothing of what they are about, and is
 believed in nothing: the caller certifies every answer.
@@ -84,17 +84,17 @@ class Solver(ABC):
 
     @property
     def semidefinite(self) -> bool:
-        """Whether it takes a K with a kernel; an attribute of subclasses that do."""
+        """True if the solver takes a K with a kernel; an attribute of subclasses that do."""
         return False
 
     @property
     def solves_on_sets(self) -> bool:
-        """Whether answers are those of the linear system of some active sets; another such answer may replace them."""
+        """True if answers are those of the linear system of some active sets; another such answer may replace them."""
         return False
 
     @property
     def advice(self) -> str:
-        """What to do where it misses, beside asking for less."""
+        """Advice where the solver misses, beside asking for less."""
         return "use vx.Newton()"
 
     @abstractmethod

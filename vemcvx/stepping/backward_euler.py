@@ -218,7 +218,7 @@ class ViscousSteps:
         return float(np.sqrt(roots).sum() ** 2)
 
     def _drive(self, run: PreparedRun, y: Floats, s: float, t: float, k: float) -> StepData:
-        """What drives the increment from the instant s to t."""
+        """The data of the increment from the instant s to t."""
         system = self._run.system
         moved = self._damping.motion
         phi = residual(system.load_at(t), system.K, y, np.zeros(len(y)))

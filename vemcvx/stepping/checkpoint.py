@@ -1,4 +1,4 @@
-"""What a run needs to go on after it was interrupted: its state, field by field, and marks of what it was made from.
+"""Checkpoints: the state of an interrupted run, field by field, and marks of the data it was made from.
 
 The state is one record, gone through by its fields, so that none can be forgotten; what drives the system is evaluated
 anew. Two marks tell whether a run may go on where another stopped: of all that is fixed in time, the system gone

@@ -112,7 +112,7 @@ class DependentStep:
 
     @property
     def run(self) -> PreparedRun:
-        """What all steps share."""
+        """The prepared run: data that all steps share."""
         return self.attempt.run
 
     @property
@@ -129,7 +129,7 @@ class DependentStep:
 
     @property
     def replaces(self) -> bool:
-        """Whether a solution of the step may stand in for the solver's answer."""
+        """True if a solution of the step may stand in for the solver's answer."""
         return self.run.solver.solves_on_sets
 
     def solve(self, w: Floats, near: State | None, spent: int) -> State:
@@ -198,7 +198,7 @@ class DependentStep:
 
     @property
     def convex(self) -> bool:
-        """Whether weights follow the slip in a way that leaves the step convex."""
+        """True if weights follow the slip in a way that leaves the step convex."""
         stability = self.run.stability if self.norms.slip_law is not None else None
         return stability is not None and stability.margin > 0
 
@@ -226,11 +226,11 @@ class DependentStep:
 
     @property
     def subject(self) -> str:
-        """What contracts."""
+        """The subject of messages: the quantity that contracts."""
         return f"the fixed point of friction that {'follows contact' if self.norms.slip_law is None else 'sees slip'}"
 
     def still_changing(self, last: State, own: State) -> str:
-        """What still changes, in words: of a program's answer, and of that answer under its own weights."""
+        """The quantities that still change, in words: a program's answer, and that answer under its own weights."""
         if self.norms.slip_law is None:
             return "what sticks, slips and touches has not settled"
         change = (own.weights - last.weights) * np.sqrt(self.run.operators.norm_flexibility)
@@ -241,7 +241,7 @@ class DependentStep:
 
     @property
     def advice(self) -> str:
-        """What may help."""
+        """Advice where the fixed point does not contract."""
         if self.norms.slip_law is None:
             return (
                 "Take a smaller coefficient or bound, a cap, NormalCompliance in place of UnilateralContact, smaller "
@@ -328,14 +328,14 @@ def _rate(increments: list[float], window: int) -> float:
 
 
 def _stagnates(increments: list[float]) -> bool:
-    """Whether increments shrink too slowly."""
+    """Return True if increments shrink too slowly."""
     slow = len(increments) > 10 and all(b >= SLOWEST * a for a, b in pairwise(increments[-11:]))
     idle = len(increments) > IDLE and min(increments[-IDLE:]) >= 0.5 * min(increments[:-IDLE])
     return slow or idle
 
 
 def _estimated(own: Certificate, increments: list[float], quiet: float) -> Certificate:
-    """What further programs may still move an answer, from the certificate of its own program."""
+    """An estimate of how far further programs would move an answer, from the certificate of its own program."""
     rate, last = _rate(increments, WINDOW), increments[-WINDOW - 1 :]
     error = CAUTION * (rate * increments[-1] + own.error) / (1.0 - rate) if rate < SLOWEST else np.inf
     if len(last) > WINDOW and max(last) <= quiet:

@@ -39,7 +39,7 @@ from vemcvx.program.system import System
 
 @dataclass(frozen=True)
 class Carried:
-    """What supports that move bring about at an instant."""
+    """The terms that moving supports contribute at an instant."""
 
     dirichlet_force: Reduced
     field: Floats
@@ -50,7 +50,7 @@ class Carried:
 
 @dataclass(frozen=True, kw_only=True)
 class StepData:
-    """What drives the system at an instant: its force, and the motion of its supports."""
+    """The data of the system at an instant: its force, and the motion of its supports."""
 
     t: float
     force: Reduced
@@ -68,7 +68,7 @@ class StepData:
     """None if no supports move"""
 
     def still_as(self, other: StepData) -> bool:
-        """Whether nothing differs between the two instants."""
+        """Return True if nothing differs between the two instants."""
         one, two = self.carried, other.carried
         return (
             self.force.same(other.force)

@@ -66,7 +66,7 @@ def data_norm(condensation: Condensation, force: Reduced) -> float:
 def data_norms(
     condensation: Condensation, now: StepData, norm: float, floor: float, accuracy: float
 ) -> tuple[float, float]:
-    """What the data can cause, and what friction's own forces can, if the state is at the rounding floor `floor`.
+    """The energy norms that the data, and friction's own forces, can cause, if the state is at the floor `floor`.
 
     Zero, unseen, where states of energy norm `norm` are not zero beside it.
     """
@@ -159,7 +159,7 @@ def say_floor(floors: Floats, accuracy: float) -> None:
 
 
 def _uncondensed(run: PreparedRun) -> str:
-    """What helps where condensing has lost digits that refinement would bring back, were it possible."""
+    """Advice where condensation lost digits that refinement could not bring back."""
     condensation = run.condensation
     lost = condensation.operators.kernel is None and not (condensation.whole or run.refines)
     if not lost or not needs_refinement(condensation, run.solver.accuracy):
@@ -282,7 +282,7 @@ class PosedStep:
 
     @property
     def ordinary(self) -> bool:
-        """Whether contact has pressed before, and what drives the step has an energy that numbers can hold."""
+        """True if contact has pressed before, and what drives the step has an energy that numbers can hold."""
         norm = float(np.sqrt(self.run.scaling.kappa)) * self.run.scaling.size(self.program)
         return bool(self.before.p.any()) and SMALLEST <= norm <= LARGEST
 

@@ -117,7 +117,7 @@ def _check_stored(trajectory: Trajectory, n: int) -> None:
 
 
 def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
-    """What is stored of the state after step `n`."""
+    """The stored arrays of the state after step `n`."""
     now = run.driven(float(trajectory.times[n]))
     if n == 0 and trajectory.initial is not None:
         return state_given(run, now, trajectory.initial)

@@ -162,7 +162,7 @@ EVERY_STEP = ("scalars", "data", "initial")
 
 
 def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
-    """What a trajectory has of every step, stored or not; `sticks` (terms,) tells which increments are zero."""
+    """The scalars that a trajectory has of every step; `sticks` (terms,) marks zero increments."""
     certificate, ledger = state.certificate, state.ledger
     return {
         "energy": ledger.energy,
@@ -181,7 +181,7 @@ def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
 
 
 def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
-    """What it has of a stored step; terms that are dragged come last."""
+    """The arrays of a stored step; terms that are dragged come last."""
     ledger, dragged = state.ledger, state.dragged
     return {
         "state": state.unknowns,

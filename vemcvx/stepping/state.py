@@ -112,7 +112,7 @@ def stability(operators: Operators, softening: Floats | None) -> Stability | Non
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedRun:
-    """What all steps share."""
+    """The prepared run: data that all steps share."""
 
     system: System
     condensation: Condensation
@@ -143,7 +143,7 @@ class PreparedRun:
         return self.solver.max_iterations
 
     def driven(self, t: float) -> StepData:
-        """What drives the system at an instant."""
+        """The data of the system at an instant."""
         known = (data for data in self.begin if data.t == t)
         return next(known, None) or step_data(self.system, self.condensation, t)
 
@@ -158,12 +158,12 @@ class PreparedRun:
 
     @cached_property
     def response(self) -> Response:
-        """How norm terms and limits of the scaled operators move under each other's forces."""
+        """The response of norm terms and limits of the scaled operators to each other's forces."""
         return Response(self.scaling.operators)
 
     @cached_property
     def stability(self) -> Stability | None:
-        """Of weights that fall with slip; None where it is not known how fast they do."""
+        """The stability of weights that fall with slip; None where their rate is unknown."""
         norms = self.system.norms
         return None if norms is None else stability_of(self.operators, norms)
 
@@ -175,7 +175,7 @@ class PreparedRun:
 
 @dataclass(frozen=True)
 class Dragged:
-    """What supports drag along against friction, after a step: see :mod:`vemcvx.stepping.time_loop`."""
+    """The friction of nodes that supports drag along, after a step: see :mod:`vemcvx.stepping.time_loop`."""
 
     weights: Floats
     """(q,)"""
@@ -299,7 +299,7 @@ class State:
         return size if self.scale <= accuracy * size else self.scale
 
     def accepted(self, accuracy: float) -> bool:
-        """Whether the certified error is within the accuracy."""
+        """Return True if the certified error is within the accuracy."""
         return self.certificate.error <= accuracy * self.unit(accuracy)
 
 

@@ -191,7 +191,7 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
 
 
 def _overlap(run: PreparedRun, state: State) -> str | None:
-    """Where a state is beyond a bound, in words; None if it is nowhere."""
+    """The place where a state violates a bound, in words; None if it is nowhere."""
     operators, limits = run.operators, run.system.limits
     over = operators.limits.read(state.y) - state.data.remaining_gap
     inside = np.where(operators.compliance > 0, 0.0, over)

@@ -263,7 +263,7 @@ class Trajectory(ArrayRecord):
 
     @property
     def certificate_kind(self) -> str:
-        """What `certificate` is: "bound", or "estimate" if in some step it is no more than that."""
+        """The kind of `certificate`: "bound", or "estimate" if it is one in some step."""
         return "estimate" if self.estimated.any() else "bound"
 
     @property

@@ -188,7 +188,7 @@ def contributes_the_same_arrays_when_asked_twice(sample: EffectSample) -> None:
 
 
 def remembers_no_mesh(sample: EffectSample) -> None:
-    """What it contributes on one mesh does not depend on those before."""
+    """The contribution on one mesh does not depend on meshes seen before."""
     fine, coarse = Space(mesh("voronoi", 4)), Space(mesh())
     alone = content(sample.changed().contribute(coarse))
     assert content(sample.effect.contribute(fine)) != alone
@@ -303,7 +303,7 @@ def refuses_numbers_that_are_not_finite(sample: EffectSample) -> None:
 
 
 def leaves_the_arrays_of_the_user_alone(sample: EffectSample) -> None:
-    """What functions of the user return is not written to."""
+    """Arrays that functions of the user return are not written to."""
     for name, components in sample.data.items():
         handed: dict[int, Floats] = {}
 

@@ -55,7 +55,7 @@ class Instance:
 
     @cached_property
     def features(self) -> frozenset[str]:
-        """What its programs have."""
+        """The features of the instance's programs."""
         return Condensation(self.system).operators.features
 
 
@@ -201,7 +201,7 @@ def steps_asked(instance: Instance) -> tuple[Asked, ...]:
 
 
 def refuses_an_accuracy_that_means_nothing(solver: Solver) -> None:
-    """It is between 0 and 1."""
+    """An accuracy outside (0, 1) is refused."""
     for wrong in (0, 1, -1e-6, 2, np.nan, np.inf, "x", None):
         with pytest.raises(SceneError, match=f"^{solver.name}: found accuracy"):
             solver.asked(wrong).check_accuracy()  # type: ignore[arg-type]

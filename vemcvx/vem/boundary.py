@@ -95,7 +95,7 @@ class BoundaryPart:
 
     @property
     def sides(self) -> Ints:
-        """What the part is made of: its edges, (m, 2)."""
+        """The edges (m, 2) of the part."""
         return self.edges
 
     @property
@@ -282,7 +282,7 @@ class MirrorPlanes:
     """(k, dim, dim) on these directions of each node, symmetric"""
 
     def across(self, vectors: Floats, nodes: Ints, partners: Ints) -> Floats:
-        """Of vectors (m, dim) at nodes, the component across the planes that these share with their partners."""
+        """The component of vectors (m, dim) across the planes that nodes share with their partners."""
         found, partners = np.zeros_like(vectors), np.where(partners < 0, nodes, partners)
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
@@ -316,7 +316,7 @@ class BoundaryRows:
 
     @property
     def curved(self) -> bool:
-        """Whether sides turn somewhere by more than a degree and a half."""
+        """True if sides turn somewhere by more than a degree and a half."""
         return bool((self.cosines < CURVED).any())
 
     @property

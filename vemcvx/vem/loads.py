@@ -74,7 +74,7 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 
 
 def _sees(points: Floats, corners: Floats, areas: Floats) -> Bools:
-    """Whether all points (c, p, 2) of a cell lie clearly left of all its edges: (c,)."""
+    """Return True if all points (c, p, 2) of a cell lie clearly left of all its edges: (c,)."""
     edge = np.roll(corners, -1, axis=1) - corners
     reach = MARGIN * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])

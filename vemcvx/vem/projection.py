@@ -166,7 +166,7 @@ class FaceGroup:
 
 
 def face_groups(points: Floats, offsets: Ints, vertices: Ints, faces: Ints) -> Iterator[FaceGroup]:
-    """Those of some faces, face f having the vertices ``vertices[offsets[f]:offsets[f + 1]]``."""
+    """Groups of faces with equally many vertices; face f has ``vertices[offsets[f]:offsets[f + 1]]``."""
     counts = (offsets[1:] - offsets[:-1])[faces]
     for n in np.unique(counts):
         some = faces[counts == n]
@@ -243,7 +243,7 @@ class CellGroup:
 
     @property
     def simplices(self) -> bool:
-        """Whether the cells are triangles, or tetrahedra, on which Pi v = v."""
+        """True if the cells are triangles, or tetrahedra, on which Pi v = v."""
         return bool(self.nodes.shape[1] == self.points.shape[1] + 1)
 
     @property

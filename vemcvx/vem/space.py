@@ -43,7 +43,7 @@ class Space:
 
     @property
     def in_plane(self) -> bool:
-        """Whether stresses have a component across the plane that is no result of the displacements alone."""
+        """True if stresses have a component across the plane that is no result of the displacements alone."""
         return self.dim == 2
 
     @cached_property
@@ -62,7 +62,7 @@ class Space:
 
     @property
     def simplices(self) -> tuple[tuple[str, str], float]:
-        """What cells on which Pi v = v are called, what others are, and which part of the cells they are."""
+        """The names of cells on which Pi v = v and of others, and the share of the former."""
         count = sum(len(group.cells) for group in self.groups if group.simplices)
         plane = "triangles", "polygons (squares, voronoi, hexagons)"
         return plane if self.in_plane else ("tetrahedra", "polyhedra (cubes, voronoi3)"), count / self.mesh.n_cells
@@ -133,7 +133,7 @@ class Space:
         return BoundaryPart(read_only(edges), mesh.points, across, self.mirrors)
 
     def _across(self, edges: Ints) -> Ints | None:
-        """Of each edge (m, 2), as its first body runs along it, the nodes of the other body; -1 where it is alone."""
+        """The nodes of the other body beside each edge (m, 2) of the first one; -1 where there is none."""
         joints = self.mesh.interfaces.values()
         if not joints:
             return None

@@ -72,7 +72,7 @@ COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 
 
 def component_names(dim: int) -> tuple[str, ...]:
-    """Those names: xx, yy, xy ..."""
+    """The names of components: xx, yy, xy ..."""
     return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
 
 

@@ -1,4 +1,4 @@
-"""What meshes lack of data: loads, bounds, gaps and supports, sampled between nodes."""
+"""Data oscillation: the parts of loads, bounds, gaps and supports that nodes do not represent."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class ErrorBudget(Outlined):
     scale: float
 
     def outline(self) -> Outline:
-        """What prompts and notebooks show: the parts where their sum is largest."""
+        """The outline for prompts and notebooks: the parts where their sum is largest."""
         worst = self.steps[np.argmax(self.total)]
         parts = [(name, f"{value:.1e}") for name, value in self.largest.items()]
         return Outline(

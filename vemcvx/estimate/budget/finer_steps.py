@@ -50,7 +50,7 @@ MOST = 200
 
 @dataclass(frozen=True)
 class Course:
-    """What is known of the data in time."""
+    """The data in time: samples, bends, turns and jumps."""
 
     times: Floats
     """(q,) instants at which data were sampled"""
@@ -160,7 +160,7 @@ def _turns(times: Floats, values: Floats, value: Callable[[float], Floats], bend
 
 
 def _vertex(t: Floats, d: Floats) -> float:
-    """Where the parabola through three points is level; the middle one, if they lie on a line."""
+    """The vertex of the parabola through three points; the middle one, if they lie on a line."""
     left, right = (d[1] - d[0]) / (t[1] - t[0]), (d[2] - d[1]) / (t[2] - t[1])
     if left == right:
         return float(t[1])
@@ -168,7 +168,7 @@ def _vertex(t: Floats, d: Floats) -> float:
 
 
 def _meeting(a: float, b: float, values: Floats, times: Floats, value: Callable[[float], Floats]) -> float | None:
-    """Where the line through the first two points and that through the last two meet, looked at twice from nearby."""
+    """The bend where the line through the first two points meets that through the last two, refined twice."""
     meet = _crossing(times, values)
     step = NEARBY * (b - a)
     for _ in range(2):

@@ -45,7 +45,7 @@ class Joints:
     """(k,) whether normals are held together"""
 
     def reaction(self, force: Floats) -> Floats:
-        """What contact that exerts forces (b, 2) on first bodies exerts on second ones."""
+        """The reaction on second bodies of contact that exerts forces (b, 2) on first ones."""
         back = np.zeros_like(force)
         back[self.second] = -force[self.first]
         return back

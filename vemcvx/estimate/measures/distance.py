@@ -74,7 +74,7 @@ def virtual_strain(field: Field, subject: str) -> InnerStrain:
 
 
 def _rectangles(corners: Floats) -> Bools:
-    """Which quadrilaterals (c, 4, 2) are rectangles."""
+    """A mask of the quadrilaterals (c, 4, 2) that are rectangles."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
     lengths = np.hypot(*first.T), np.hypot(*second.T)
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)

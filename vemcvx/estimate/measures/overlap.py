@@ -65,7 +65,7 @@ def _of_group(group: CellGroup) -> Iterator[tuple[Floats, Ints]]:
 
 
 def inside(points: Floats, corners: Floats) -> Bools:
-    """Whether all points (c, p, 2) lie left of all edges of the polygons (c, n, 2), up to CONVEX of their size."""
+    """True if all points (c, p, 2) lie left of all edges of the polygons (c, n, 2), up to CONVEX of their size."""
     edge = np.roll(corners, -1, axis=1) - corners
     size = np.ptp(corners, axis=1).max(axis=1)
     reach = CONVEX * size[:, None] * np.hypot(edge[..., 0], edge[..., 1])
@@ -163,7 +163,7 @@ def _boxes(pieces: Pieces) -> tuple[Floats, Floats]:
 
 
 def _contained(small: Pieces, large: Pieces, i: Ints, j: Ints) -> Bools:
-    """Whether piece i of the one set lies in piece j of the other, pair by pair."""
+    """Return True if piece i of the one set lies in piece j of the other, pair by pair."""
     within = np.zeros(len(i), dtype=bool)
     low, high = _boxes(large)
     reach = 1e-9 * (high - low).max(axis=1)[:, None]

@@ -112,7 +112,7 @@ def _one_by_one(faces: Sequence[Any], cell_offsets: Ints) -> tuple[Ints, Ints]:
 
 
 def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: int) -> Bools:
-    """Which listed faces (m,) must be turned for those of a cell to run along together, or MeshError.
+    """A mask (m,) of listed faces to turn so that those of a cell are oriented alike, or MeshError.
 
     The first face of each cell stays as it is; whether all then point outwards or inwards, volumes tell.
     """
@@ -284,7 +284,7 @@ def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> Sh
 
 
 def _run_along(offsets: Ints, vertices: Ints, one: Ints, other: Ints, *, n_nodes: int, owner: Ints) -> Bools:
-    """Whether two listings of the same vertices run the same way around; MeshError if they make other outlines."""
+    """True if two listings of the same vertices run the same way around; MeshError if they make other outlines."""
     rows, keys, way = [], [], []
     for listed in (one, other):
         at, nodes = rows_in_order(offsets, vertices, listed)

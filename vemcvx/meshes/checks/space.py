@@ -209,7 +209,7 @@ class Surfaces:
         return corners[number], face
 
     def _common_nodes(self, ends: Ints, faces: Ints) -> Ints:
-        """How many ends of edges (m, 2) are vertices of faces (m,)."""
+        """The number of ends of edges (m, 2) that are vertices of faces (m,)."""
         return self._is_vertex(ends[:, 0], faces).astype(np.int64) + self._is_vertex(ends[:, 1], faces)
 
     def _piercing(self) -> Intersection | None:
@@ -379,7 +379,7 @@ def _check_winding(points: Floats, faces: Faces, shapes: FaceShapes, boundary: I
 
 
 def _pieces(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
-    """Of each face the smallest number of a face that it is linked to over edges that two faces have."""
+    """The smallest number of a face linked to each one over edges that two faces share."""
     keys = edge_keys(directed_edges(offsets, vertices), n_nodes)
     order = np.argsort(keys, kind="stable")
     starts = np.flatnonzero(np.concatenate([[True], np.diff(keys[order]) != 0]))

@@ -246,7 +246,7 @@ def _blocks(nx: int, ny: int) -> Ints:
 
 
 def _present(cut: Bools, blocks: Ints, n_points: int) -> Bools:
-    """Which nodes of the fine grid exist: corners of large cells, and all of a cell that is cut."""
+    """A mask of the fine grid's nodes in use: corners of large cells, and all of a cell that is cut."""
     present = np.zeros(n_points, dtype=bool)
     present[blocks[:, [0, 2, 6, 8]]] = True
     present[blocks[cut]] = True
@@ -312,7 +312,7 @@ def _thirds(points: Floats, nx: int, ny: int, zigzag: float, box: Box) -> Floats
 
 
 def _inner(nx: int, ny: int) -> Ints:
-    """Which edges (level ones first) are inside the box; the others stay straight."""
+    """A mask of the edges (level ones first) inside the box; the others stay straight."""
     level, upright = np.ones((ny + 1, nx), dtype=bool), np.ones((ny, nx + 1), dtype=bool)
     level[[0, -1]] = upright[:, [0, -1]] = False
     return np.concatenate([level.ravel(), upright.ravel()])

@@ -85,7 +85,7 @@ def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, 
 
 
 def _on_sides(points: Floats, size: Floats) -> Bools:
-    """Which coordinates are those of a side of [0, size], bool like points."""
+    """A mask, shaped like points, of the coordinates on a side of [0, size]."""
     on_low: Bools = points == 0.0
     on_high: Bools = points == size
     return on_low | on_high
@@ -122,7 +122,7 @@ def _far_apart(points: Floats, offsets: Ints, vertices: Ints, edges: Ints) -> tu
 
 
 def _meeting_points(ends: Floats, size: Floats) -> Floats:
-    """Where the two ends (m, 2, 2) of each edge become one: a side or corner keeps its coordinates."""
+    """The points where the two ends (m, 2, 2) of each edge become one: a side or corner keeps its coordinates."""
     on = _on_sides(ends, size)
     middle: Floats = ends.mean(axis=1)
     for end in (0, 1):
@@ -222,7 +222,7 @@ def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
 
 
 def _fill_the_box(points: Floats, offsets: Ints, vertices: Ints, size: Floats) -> bool:
-    """Whether the seeds near the sides were mirrored: else cells leave the box, or are open to one side."""
+    """Return True if cells fill the box: without mirrored seeds near its sides they leave it, or are open."""
     if np.max(np.abs(points - 0.5 * size) - 0.5 * size) > 1e-6:
         return False
     return bool(abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < 1e-6)

@@ -183,7 +183,7 @@ def marked_edges(data: Mapping[str, Any], *, solid: bool = False) -> dict[str, I
 
 
 def named_edges(mesh: Tessellation) -> dict[str, Ints]:
-    """What a file names: boundaries but the whole, and partners at interfaces."""
+    """The names that a file has: boundaries but the whole, and partners at interfaces."""
     named = {name: edges for name, edges in mesh.boundaries.items() if name != WHOLE}
     for name, found in mesh.interfaces.items():
         first, second = (quote(body, safe="") for body in found.bodies)

@@ -124,7 +124,7 @@ def _save(path: Path, put: Callable[[Path], None]) -> None:
 
 
 def _lost(mesh: Tessellation | SpaceTessellation, suffix: str) -> str:
-    """What a format has no place for."""
+    """The parts of a mesh that a format cannot hold."""
     if suffix in ANY_POLYGON:
         return ""
     names = set(mesh.cell_data) - {PHYSICAL} if suffix == ".msh" else set(mesh.cell_data) | set(mesh.boundaries)

@@ -102,7 +102,7 @@ IN_MEMORY = ""
 
 
 def meshio_mesh(points: Floats, blocks: Blocks, suffix: str = IN_MEMORY) -> meshio.Mesh:
-    """What meshio is to write into a file with that suffix; without one, the mesh for whoever asks for it."""
+    """The meshio mesh to be written into a file with that suffix, or to be handed out."""
     import meshio
 
     spellings: dict[str, Callable[[str], str]] = {".vtu": xml_name, ".vtk": quote}

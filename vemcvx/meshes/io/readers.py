@@ -59,7 +59,7 @@ def check_gmsh(data: bytes) -> None:
 
 
 def _check_blocks(name: str, data: bytes, at: int, *, newest: bool) -> None:
-    """Of a binary file of version 4: blocks of one entity each, which say how many entries they have."""
+    """Check the counts of entity blocks in a binary file of version 4."""
     blocks, count = np.frombuffer(data, "<u8", 2, at).tolist()
     _check_room(name, max(blocks, count), len(data), "entries")
     at += 32 if newest else 16
@@ -259,7 +259,7 @@ class _Impatient(io.FileIO):
 
 @contextmanager
 def opened(path: Path, file_format: str) -> Iterator[Path | io.IOBase]:
-    """What to hand to meshio: the path, or an open file; what it would read for ever, or out of memory, is refused.
+    """Open a file for meshio, after refusing those it would read for ever or out of memory.
 
     Files of VTK's are rewritten as what it reads.
 

@@ -90,7 +90,7 @@ def write_polyhedra(path: Path, mesh: SpaceTessellation, point_data: Arrays, cel
 
 
 def face_stream(listed: Listed) -> tuple[Ints, Ints]:
-    """What VTK calls faces: of each cell their number, and of each the number of its nodes and these; and the ends."""
+    """VTK's face stream: of each cell the number of faces, of each face its number of nodes and these; and offsets."""
     sizes = np.diff(listed.offsets)
     stream = np.insert(listed.vertices, listed.offsets[:-1], sizes)
     starts = (listed.offsets + np.arange(len(listed.offsets)))[listed.cell_offsets]

@@ -118,5 +118,5 @@ def _height(ear: list[int], edge: Edge, x: list[complex]) -> float:
 
 
 def _left(a: complex, b: complex, c: complex) -> bool:
-    """Whether the way from a over b to c turns left or goes straight on."""
+    """Return True if the way from a over b to c turns left or goes straight on."""
     return ((b - a).conjugate() * (c - b)).imag >= -STRAIGHT * abs(b - a) * abs(c - b)

@@ -51,7 +51,7 @@ def beside(point: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
 
 
 def crossing(points: Floats, first: Ints, second: Ints) -> Bools:
-    """Whether edges (m, 2) and edges (m, 2), as node numbers, cross in inner points of both, beyond rounding."""
+    """Return True if edges (m, 2) and edges (m, 2), as node numbers, cross in inner points of both, beyond rounding."""
     a, b, c, d = (points[nodes] for nodes in (first[:, 0], first[:, 1], second[:, 0], second[:, 1]))
     slack = rounding(a, b, c, d)
 
@@ -260,7 +260,7 @@ def clip_ears(corners: Floats) -> Ints:
 
 
 def _intrusion(x: Floats) -> Floats:
-    """How deep other vertices reach into the triangle at each vertex, (c, m): below zero for ears only."""
+    """The depth to which other vertices reach into the triangle at each vertex, (c, m): below zero for ears only."""
     before, after = np.roll(x, 1, axis=1), np.roll(x, -1, axis=1)
     depth = np.minimum(np.minimum(_side(before, x, x), _side(x, after, x)), _side(after, before, x))
     m = x.shape[1]

@@ -23,7 +23,7 @@ def spans(starts: Ints, counts: Ints) -> Ints:
 
 
 def offsets_of(counts: Ints) -> Ints:
-    """Where rows of these lengths begin, and where the last ends."""
+    """The offsets at which rows of these lengths begin, and the last one's end."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
@@ -96,7 +96,7 @@ def edge_keys(edges: Ints, n_nodes: int) -> Ints:
 
 
 def positions(wanted: Ints, edges: Ints, n_nodes: int) -> Ints:
-    """Where each wanted edge (k, 2) stands among the edges (m, 2), in either direction; all must be there."""
+    """The positions of wanted edges (k, 2) among the edges (m, 2), in either direction; all must be there."""
     keys = edge_keys(edges, n_nodes)
     order = np.argsort(keys)
     return order[np.searchsorted(keys, edge_keys(wanted, n_nodes), sorter=order)]
@@ -137,7 +137,7 @@ def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:
-    """Of each number below `count` the smallest that pairs (m, 2) link it to, directly or over others; (count,)."""
+    """Connected components: for each number below `count` the smallest that pairs (m, 2) link it to, (count,)."""
     links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     label = connected_components(links, directed=False)[1]
     first: Ints = np.unique(label, return_index=True)[1]

@@ -52,7 +52,7 @@ def write_archive(history: Results, path: Path) -> None:
 
 
 def is_archive(path: Path) -> bool:
-    """Whether that file is the archive of a history, of whatever version, as far as its list of contents says."""
+    """True if that file is the archive of a history, of whatever version, as far as its list of contents says."""
     try:
         with zipfile.ZipFile(path) as file:
             return "about.npy" in file.namelist()

@@ -33,7 +33,7 @@ from vemcvx.version import __version__
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a history comes from."""
+    """The origin of a history: problem, parameters and options."""
 
     problem: str = "unnamed"
     family: str | None = None
@@ -49,7 +49,7 @@ def write_summary(history: Results, origin: Origin, tables: Sequence[str], *, wr
 
 
 def is_summary(path: Path) -> bool:
-    """Whether that file is the summary of a history."""
+    """Return True if that file is the summary of a history."""
     try:
         return str(json.loads(path.read_text(encoding="utf-8"))["format"]).startswith(NAME)
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
@@ -95,7 +95,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
 
 
 def _contact(history: Results) -> dict[str, int]:
-    """How many contact nodes there are, and do what, in the last step."""
+    """The numbers of contact nodes that stick, slip and are open in the last step."""
     touch = history.contact
     counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
     return {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()}
@@ -220,7 +220,7 @@ def write_results(
 
 
 def _scratch(folder: Path) -> Owned:
-    """Where a history is made, inside its folder."""
+    """The folder, inside that of the history, in which it is prepared."""
     if (folder / WRITING).is_symlink():
         raise HistoryError(f"{folder / WRITING}: a link, and a history is made in its folder itself. Remove the link.")
     return Owned(folder / WRITING, f"{DRAFTS}|{COMPLETE}")

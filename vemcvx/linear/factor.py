@@ -86,7 +86,7 @@ class Factor(Protocol):
         return self.solve(b)
 
     def solve_beside_samples(self, b: Floats) -> Floats:
-        """K^{-1} b (n,); samples that `lost` rests on are solved for in the same go, where there are."""
+        """K^{-1} b (n,), together with the random samples from which `lost` is estimated, where there are any."""
         return self.solve(b)
 
     def energy(self, b: Floats) -> float:

@@ -16,12 +16,12 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints, power_of_two
 
 SAME_FIELD = 8 * float(np.finfo(float).eps)
-"""Rounding of forces: what is left of a load without fields already solved for, and is no more, is nothing."""
+"""Residuals of a load on the fields solved for below this times the load are rounding, and are dropped."""
 MOST_ROUNDING = 8.0
-"""Fields that were small parts of loads have the rounding of these, and large shares of them bring it back: no more
-than so many times that of a load is taken for rounding. A load that turns in space left 1.4 times."""
+"""A field that was solved for as a small part of a load carries that load's rounding, and a combination with large
+shares amplifies it. At most so many times a load's own rounding is dropped; a load that turns in space left 1.4."""
 NEAR = 1e-6
-"""Far more than rounding does to the force that a load makes on the retained unknowns."""
+"""Relative difference of forces on the retained unknowns, far above their rounding."""
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 

@@ -95,7 +95,7 @@ def anchors(modes: Floats, diagonal: Floats) -> Floats:
 
 
 SHARP = 1e5
-"""The largest force in a linear program whose solver takes gains below 1e-7 for none."""
+"""The largest force in the linear program: its solver ignores gains below 1e-7, so that forces are scaled up to it."""
 MOST_CUTS = 20
 
 

@@ -408,7 +408,7 @@ class Obstacles:
     subjects: tuple[str, ...] = ()
     """whose they are, in words"""
     prescribed: Obstacles | None = None
-    """those that supports alone move nodes towards or away from: no limits, but whether they are met is known"""
+    """the obstacles whose gaps supports alone decide: they are no limits of the program, but are checked"""
 
     @property
     def nodes(self) -> Ints:

@@ -407,7 +407,7 @@ def _hold(program: StepProgram, law: WeightLaw, sets: Sets, found: Found, ball: 
 
 
 SHIFT_SHARE = 0.1
-"""Newton's shifts times this: less of what is nearly at its bound changes sides."""
+"""Newton's shifts are multiplied by this, so that fewer terms nearly at their bounds change sets in a round."""
 MOST_ROUNDS, MOST_TURNS = 25, 40
 """Sets in a row before another start is wanted; of absolute values those that settle do so in fewer than ten, while
 directions of discs turn for longer."""

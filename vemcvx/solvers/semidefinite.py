@@ -24,7 +24,7 @@ PATIENCE = 6
 IMPATIENCE = 2
 """The same of solvers that do not count their iterations."""
 FARTHEST = 4.0
-"""Lengths of its last move that a centre may move: of points that go on for ever, secants are rounding."""
+"""A centre moves at most so many lengths of its last move: where points diverge, secants of them are rounding."""
 STEADY = 0.01
 """Change of a proximal point's move, in parts of it, below which a constant force makes it: all terms are far from
 where they bend, and the centre goes where that ends."""
@@ -140,7 +140,7 @@ class _Centres:
     """Anderson's acceleration of the proximal points' centres, in as many unknowns as anchors.
 
     The map from centre to proximal point is piecewise affine, so that secants through its last k + 1 values find its
-    fixed point as soon as nothing changes sides any more. A centre that does worse than the one before starts anew.
+    fixed point as soon as no term changes sets any more. A centre that does worse than the one before starts anew.
     """
 
     def __init__(self, anchored: Ints):

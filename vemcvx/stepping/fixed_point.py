@@ -94,8 +94,8 @@ FEW_SETS = 10
 AT_BOUND = 1e-9
 """Part of a weight that its multiplier may lack and be at its bound, and of what weights may fall by beyond a law."""
 QUIET = 0.5 * (1.0 - SLOWEST)
-"""Part of the accuracy: increments below it tell what programs are answered to, and nothing of contraction; what they
-may still add up to is half the accuracy."""
+"""Iteration stops when the increment is below this times the requested accuracy: smaller increments measure the
+solver's tolerance, not the contraction. All further increments add up to at most half the accuracy."""
 PATIENCE = 3
 """Programs of a step before the log is told of each."""
 

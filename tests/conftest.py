@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from pathlib import Path
 
 # Two test processes with two threads each would only get in each other's way on two cores.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -16,6 +17,55 @@ if sys.platform != "win32":
 
 import pytest
 from scenes import FAMILIES
+
+LONGER = {
+    "cli": "cli cli_app cli_compare cli_completion cli_ends cli_report cli_said cli_space cli_supplied",
+    "cost": "cost cost_interrupted",
+    "effects": "absence conformance_effects space_effects",
+    "estimate": (
+        "adapt budget_of_bodies error_budget measures_distance measures_orders stretched_cells time_estimate "
+        "unseen_data waves_of_data"
+    ),
+    "exchange": "damaged_programs",
+    "linear": "linear",
+    "meshes": "bodies mesh_families mesh_hostile mesh_objects mesh_refine polyhedral_families polyhedral_validity",
+    "plots": "animation plots plots_in_space",
+    "problems": (
+        "hard_cases hysteresis_patch lessons membrane_with_friction paper_figures problem_gallery "
+        "problem_pictures problems_in_space reference_problems spring_slider_chain two_body_problems"
+    ),
+    "program": "in_place limits scales seminorm",
+    "results": "files foreign_files marks_and_moves outputs_wear",
+    "scene": (
+        "curved_and_rounded_sides dragged_contact ends_of_curves interfaces meeting_parts mistakes "
+        "space_contact supports"
+    ),
+    "solvers": "conformance_found_solvers conformance_solvers discs solver_accuracy solvers_agree",
+    "stepping": (
+        "coulomb_certificate friction_one_way ledger moving_ground programs pulses random_contact resume "
+        "resume_exactly slip_laws soft_limits_refined threads_and_processes viscosity"
+    ),
+    "vem": "space_stiffness stabilisation_spectrum",
+    "whole": "any_scene contributing independent_bodies independent_programs properties structure wrong_kinds",
+}
+"""Files of tests, by folder, that take longer than a few seconds in all: the rest is the tier for people who edit."""
+
+
+def longer(path: Path) -> bool:
+    """True if a file of tests is one of the longer ones."""
+    return path.stem.removeprefix("test_") in LONGER.get(path.parent.name, "").split()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave longer files unread where only quick tests are asked for: reading all takes a quarter of their time."""
+    return True if config.getoption("markexpr") == "quick" and longer(collection_path) else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests `quick` that are neither slow nor in one of the longer files."""
+    for item in items:
+        if item.get_closest_marker("slow") is None and not longer(item.path):
+            item.add_marker("quick")
 
 
 @pytest.fixture(params=FAMILIES)

@@ -1,7 +1,6 @@
 """What every solver must satisfy: the suite of vemcvx.testing, run over every solver that the package exports.
 
-Of the solvers that cvxpy finds on a machine, those without a class of their own come through ThroughCvxpy; they may
-miss (cvxpy calls some of their wrong answers optimal), but by name, and never return what is not certified.
+Solvers that cvxpy finds on a machine besides are asked the same in tests/solvers/test_conformance_found_solvers.py.
 """
 
 from __future__ import annotations
@@ -46,13 +45,6 @@ def scene():
 
 
 test_every_solver = solver_suite(OWN)
-VARYING = {"PROXQP"}
-"""Whose last digits vary from time to time."""
-test_every_solver_that_cvxpy_finds = solver_suite(
-    {name: solver for name, solver in FOUND.items() if name not in VARYING}, must_answer=False
-)
-if found := {name: solver for name, solver in FOUND.items() if name in VARYING}:
-    test_those_whose_last_digits_vary = solver_suite(found, must_answer=False, repeatable=False)
 
 
 @pytest.mark.parametrize("solver", OWN.values(), ids=OWN)

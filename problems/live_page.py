@@ -23,7 +23,7 @@ with app.setup:
     from vemcvx.canvas import light_grid, new_figure
     from vemcvx.cli.problem_file import read_problem
     from vemcvx.plots import deformed_mesh, friction_traction, stick_slip_map
-    from vemcvx.plots.contact_in_plane import contact_line
+    from vemcvx.plots.contact import contact_line
     from vemcvx.plots.style import SLIP, STORED
 
     SCENES = {

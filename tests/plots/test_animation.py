@@ -10,7 +10,7 @@ from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from vemcvx.canvas import new_figure
-from vemcvx.plots.animation import _frames
+from vemcvx.plots.pictures import _frames
 
 pytest.importorskip("matplotlib")
 Image = pytest.importorskip("PIL.Image")

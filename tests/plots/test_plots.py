@@ -18,7 +18,7 @@ from vemcvx.plots import (
     wear,
     write_plots,
 )
-from vemcvx.plots.contact_in_plane import contact_line, directions
+from vemcvx.plots.contact import contact_line, directions
 from vemcvx.plots.style import rounded_down
 
 matplotlib = pytest.importorskip("matplotlib")

@@ -13,7 +13,7 @@ import block_in_space as block
 import vemcvx as vx
 from vemcvx.canvas import new_figure
 from vemcvx.plots import contact_face, deformed_body, friction_disc, write_plots
-from vemcvx.plots.contact_in_space import face_layout
+from vemcvx.plots.contact import face_layout
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.plots.style import SLIP_AREA, STICK_AREA
 

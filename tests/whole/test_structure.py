@@ -46,7 +46,7 @@ HEAVY = {
     "matplotlib": {"canvas.py"},
     "meshio": {"meshes/io/files.py", "meshes/io/meshio_mesh.py"},
     "skfem": {"meshes/io/objects.py"},
-    "pyvista": {"meshes/io/objects.py", "plots/body_in_space.py"},
+    "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},
     "pandas": {"results/tables.py"},
     "marimo": {"cli/live_page.py"},

@@ -1,37 +1,33 @@
-"""Pictures of a history, and its energies in time."""
+"""Energies in time, and all pictures of a history as files or frames of a film.
+
+    work - (stored - stored at the start) - dissipated = numerical dissipation = sum over steps of 1/2 a(du, du) >= 0
+
+is what backward Euler loses beside friction; it goes to zero with the step.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import choice
-from vemcvx.canvas import figure_of, light_grid, new_figure
+from vemcvx.arrays import brief, choice, number
+from vemcvx.canvas import figure_of, film_writer, light_grid, new_figure
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.owned_files import path_of
-from vemcvx.plots.body_in_plane import deformed_mesh
-from vemcvx.plots.body_in_space import MISSING, deformed_body, has_pyvista
-from vemcvx.plots.contact_in_plane import friction_traction, stick_slip_map, wear
-from vemcvx.plots.contact_in_space import contact_face, friction_disc, hidden, seen
-from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, unit, value_range
+from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page
+from vemcvx.plots.contact import contact_face, friction_disc, friction_traction, hidden, seen, stick_slip_map, wear
+from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, label, unit, value_range
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-# Where the work goes, and how certain the numbers are, over time.
-#
-#     work - (stored - stored at the start) - dissipated = numerical dissipation = sum over steps of 1/2 a(du, du) >= 0,
-#
-# what backward Euler loses beside friction; it goes to zero with the step.
 
 
 def energy_ledger(
@@ -66,7 +62,7 @@ def energy_ledger(
     for second in panels[1:]:
         _certificates(second, history)
     for panel in panels:
-        panel.set_xlabel(f"t ({unit(units, 'time')})")
+        panel.set_xlabel(label("t", "time", units))
         light_grid(panel)
         panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, frameon=False, fontsize="small")
     return figure_of(panels[0])
@@ -81,8 +77,8 @@ def _energies(ax: Axes, history: Results, energy: str) -> None:
         (run.dissipated, DISSIPATED, "-.", "dissipated by friction"),
         (run.work - stored - run.dissipated, NUMERICAL, ":", "lost by time stepping"),
     )
-    for values, colour, style, label in lines:
-        ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=label)
+    for values, colour, style, words in lines:
+        ax.plot(run.times, values, style, color=colour, linewidth=1.6, label=words)
     ax.set(ylabel="energy" if energy == "energy" else f"energy ({energy})", title="Energy ledger")
 
 
@@ -94,12 +90,9 @@ def _certificates(ax: Axes, history: Results) -> None:
         (run.certificate_floor, WORK, ":", "rounding floor"),
     )
     ax.set(ylabel="relative energy error, at most", title="Certificate", yscale="log")
-    for values, colour, style, label in lines:
+    for values, colour, style, words in lines:
         shown = np.isfinite(values) & (values > 0)
-        ax.plot(run.times[shown], values[shown], style, color=colour, markersize=2.5, linewidth=1.4, label=label)
-
-
-# All pictures of a history, as files.
+        ax.plot(run.times[shown], values[shown], style, color=colour, markersize=2.5, linewidth=1.4, label=words)
 
 
 PICTURES: dict[str, Callable[[Results], Figure]] = {
@@ -112,17 +105,38 @@ PICTURES: dict[str, Callable[[Results], Figure]] = {
     "friction_disc": friction_disc,
     "energy_ledger": energy_ledger,
 }
-IN_PLANE, IN_SPACE = {"deformed_mesh", "friction_traction", "stick_slip_map", "wear"}, {"deformed_body"}
-ON_FACE = {"contact_face", "friction_disc"}
-OF_CONTACT = {"friction_traction", "stick_slip_map", *ON_FACE}
-OF_STEPS = {"stick_slip_map", "energy_ledger"}
-DPI = 200
 MARKS = {
     ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
     ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
     ".pdf": ({"Creator": "vemcvx"}, b"/Creator (vemcvx)"),
 }
 """Our mark, in the file: what is said to matplotlib, and what it writes."""
+
+
+def _shows(history: Results) -> dict[str, bool]:
+    """Which pictures a history has something to show for."""
+    contact, solid = history.contact, isinstance(history.mesh, PolyhedralMesh)
+    touches, moves = len(contact.nodes) > 0, bool((history.stored > 0).any())
+    face = solid and touches and seen(contact)
+    return {
+        "deformed_mesh": not solid,
+        "friction_traction": not solid and touches,
+        "stick_slip_map": not solid and touches and moves,
+        "wear": not solid and moves and bool(contact.wear.any()),
+        "deformed_body": solid and has_pyvista(),
+        "contact_face": face,
+        "friction_disc": face and bool((contact.bound[-1] > 0).any()),
+        "energy_ledger": moves,
+    }
+
+
+def left_out(history: Results) -> dict[str, str]:
+    """Pictures that there would be, by name, and why there are not."""
+    if not isinstance(history.mesh, PolyhedralMesh):
+        return {}
+    around = len(history.contact.nodes) > 0 and not seen(history.contact)
+    faces = {name: hidden(name) for name in ("contact_face", "friction_disc") if around}
+    return ({} if has_pyvista() else {"deformed_body": MISSING}) | faces
 
 
 def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> list[Path]:
@@ -157,7 +171,7 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
         for name in PICTURES:
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
         for name, figure in drawn.items():
-            figure.savefig(folder / f"{name}{suffix}", dpi=DPI, metadata=MARKS[suffix][0])
+            figure.savefig(folder / f"{name}{suffix}", dpi=200, metadata=MARKS[suffix][0])
     except OSError as error:
         raise HistoryError(f"{folder}: cannot write pictures there: {error}.") from error
     return [folder / f"{name}{suffix}" for name in drawn]
@@ -165,7 +179,8 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
 
 def draw_pictures(history: Results) -> dict[str, Figure]:
     """The pictures that a history has something to show for, by name."""
-    return {name: draw(history) for name, draw in PICTURES.items() if _has(history, name)}
+    shows = _shows(history)
+    return {name: draw(history) for name, draw in PICTURES.items() if shows[name]}
 
 
 def check_pictures(folder: Path, suffix: str = ".png") -> None:
@@ -184,23 +199,74 @@ def _ours(path: Path) -> bool:
         return False
 
 
-def left_out(history: Results) -> dict[str, str]:
-    """Pictures that there would be, by name, and why there are not."""
-    body = {} if has_pyvista() else {"deformed_body": MISSING}
-    faces = {name: hidden(name) for name in ON_FACE if len(history.contact.nodes) and not seen(history.contact)}
-    return body | faces if _in_space(history) else {}
+def animate(
+    history: Results,
+    path: str | Path,
+    *,
+    seconds: float = 5.0,
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Path:
+    """Write a film of the deformed mesh through all stored steps.
+
+    Magnification, colours, arrows and view are those of `deformed_mesh`, in space of `deformed_body`, the same in all
+    frames.
+
+    Parameters
+    ----------
+    history : History
+    path : str or Path
+        ``.gif`` (written by pillow, which comes with matplotlib) or ``.mp4`` (where ffmpeg is installed). A file of
+        that name is replaced.
+    seconds : float
+        How long the film takes, with 1 to 50 frames a second, a whole number of them.
+    magnify, limits, units
+        See `deformed_mesh`, or `deformed_body`.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    HistoryError
+        The suffix is another, or the file cannot be written.
+    VemcvxError
+        matplotlib, or what writes such a film, is not installed.
+    """
+    path = path_of(path, "animate")
+    kinds = {".gif": "pillow", ".mp4": "ffmpeg"}
+    if path.suffix not in kinds:
+        raise HistoryError(f"animate: found {brief(str(path))}; films end in .gif or .mp4.")
+    length = number(seconds, "animate: found seconds", "a positive number")
+    if length <= 0:
+        raise HistoryError(f"animate: found seconds = {brief(seconds)}; wanted a positive number.")
+    rate = round(min(max(len(history.stored) / length, 1.0), 50.0))
+    figure = new_figure(*size_of_page(history))
+    writer = film_writer(kinds[path.suffix], rate)
+    frames = _frames(history, figure, (magnify, limits, units))
+    # The first frame tells whether all is as it should be before a file of that name is replaced.
+    next(frames)
+    try:
+        with writer.saving(figure, path, 110):
+            writer.grab_frame()
+            for _ in frames:
+                writer.grab_frame()
+    except OSError as error:
+        raise HistoryError(f"{path}: cannot write a film there: {error}.") from error
+    return path
 
 
-def _in_space(history: Results) -> bool:
-    return isinstance(history.mesh, PolyhedralMesh)
-
-
-def _has(history: Results, name: str) -> bool:
-    contact, steps = len(history.contact.nodes) > 0, bool((history.stored > 0).any())
-    if name in (IN_PLANE if _in_space(history) else IN_SPACE | ON_FACE) or name in left_out(history):
-        return False
-    if name == "friction_disc":
-        return bool((history.contact.bound[-1] > 0).any())
-    if name == "wear":
-        return steps and bool(history.contact.wear.any())
-    return (contact or name not in OF_CONTACT) and (steps or name not in OF_STEPS)
+def _frames(
+    history: Results, figure: Figure, how: tuple[float | None, ArrayLike | None, Units | None]
+) -> Iterator[None]:
+    """Draw one stored step after another on the figure."""
+    magnify, limits, units = how
+    draw = deformed_body if isinstance(history.mesh, PolyhedralMesh) else deformed_mesh
+    for step in history.stored:
+        figure.clear()
+        ax = figure.add_subplot()
+        draw(history, int(step), ax=ax, magnify=magnify, limits=limits, units=units)
+        yield

@@ -1,44 +1,48 @@
-"""Colours, units and scales that pictures share."""
+"""What pictures share: colours by their meaning, names of axes and units, and one scale for all stored steps.
+
+Colours are apart for colour-blind eyes (after Okabe and Ito) and, as areas, in grey print. Labels name the unit of a
+quantity where the reader has given one, and else the quantity itself. Magnifications, colour scales and frames do not
+depend on the step, so that pictures of several steps can be laid side by side, or be the frames of a film.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, brief
+from vemcvx.canvas import figure_of
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.meshes.polygons.topology import directed_edges
 from vemcvx.results.results import Results
 
-# Colours by what they mean, apart for colour-blind eyes (after Okabe and Ito) and, as areas, in grey print.
-
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 STICK, SLIP = "#0072B2", "#D55E00"
 STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
 """Areas: light, middle, dark; slip towards larger and towards smaller positions."""
 SLIP_AREA, OPEN_AREA = "#F6CDB0", "#EDEDED"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
-OUTLINE = "0.45"
+OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, EXACT = "#0072B2", "#000000"
 SECOND, THIRD = "#D55E00", "#009E73"
 """Marks of what was computed, the line of a closed form, and further curves beside these."""
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
 MARKERS = "osD^vPX*"
 """Many series: colours, and marks for print without them."""
-PUSH = "0.2"
 SIGNED, TENSION, COMPRESSION, SIZE = "RdBu_r", "Reds", "Blues_r", "viridis"
 """Colour maps: tension red and compression blue, both or one; and of what has no sign."""
 EARLY_TO_LATE = ("#D8D8D8", "#9FC9E2", "#0072B2", "#3B1C6B")
 """Curves of ever later instants: ever darker."""
 
-
-# Names of units in the labels of pictures; what has none given is named by what it is.
-
-
 Units = Mapping[str, str]
+Window = tuple[tuple[float, float], tuple[float, float]]
 DERIVED = {
     "force per length": "{force}/{length}",
     "force per area": "{force}/{length}$^2$",
@@ -50,23 +54,25 @@ QUANTITIES = ("length", "force", "time", *DERIVED)
 
 
 def unit(units: Units | None, quantity: str) -> str:
-    """The name of the unit of a quantity: as given, put together from force and length, or the quantity itself."""
+    """Return the name of the unit of a quantity: as given, made of force and length, or the quantity itself."""
     given = checked_units(units)
-    if quantity in given:
-        return given[quantity]
-    if quantity in DERIVED and {"force", "length"} <= set(given):
+    if quantity not in given and quantity in DERIVED and {"force", "length"} <= set(given):
         return DERIVED[quantity].format(**given)
-    return quantity
+    return given.get(quantity, quantity)
+
+
+def label(words: str, quantity: str, units: Units | None) -> str:
+    """Return words, which may end a line, and in brackets the unit of what they name."""
+    return f"{words}{'' if words.endswith(chr(10)) else ' '}({unit(units, quantity)})"
 
 
 def instant(t: float, units: Units | None) -> str:
-    """An instant in words, with the name of its unit if it has one."""
-    given = checked_units(units)
-    return f"t = {t:.4g} {given['time']}" if "time" in given else f"t = {t:.4g}"
+    """Return an instant in words, with the name of its unit if it has one."""
+    return f"t = {t:.4g} {checked_units(units).get('time', '')}".rstrip()
 
 
 def checked_units(units: Units | None) -> Units:
-    """Units as given, none for None, or HistoryError if they are no mapping from known quantities to words."""
+    """Return units as given, none for None; HistoryError if they are no mapping from known quantities to words."""
     if units is None:
         return {}
     known = ", ".join(map(repr, QUANTITIES))
@@ -78,21 +84,33 @@ def checked_units(units: Units | None) -> Units:
     return units
 
 
-# One scale for all stored steps of a history: how far displacements are magnified, and what values and places span.
-#
-# Pictures of different steps can so be laid side by side, or be the frames of a film.
+def named(
+    ax: Axes, x: str, y: str, title: str, *, size: str = "large", window: Window | None = None, **more: Any
+) -> Figure:
+    """Return the figure of axes that now have labels and a title; a window is the part of the plane that they show."""
+    ax.set(xlabel=x, ylabel=y, **more)
+    ax.set_title(title, fontsize=size)
+    if window is not None:
+        ax.set(xlim=window[0], ylim=window[1])
+    return figure_of(ax)
 
 
-SHOWN = 0.15
-"""Displacements are magnified to about this part of the body's size at most."""
-MOST_STRAIN, STRAINED_EDGES = 0.5, 99.0
-"""Edges may move by this part of their length, all but one in a hundred: more turns cells inside out."""
+def within(points: Floats, window: Window | None) -> Bools:
+    """(k,) bool, true of the points (k, 2) that a window shows."""
+    low, high = np.transpose(window if window is not None else [[-np.inf, np.inf]] * 2)
+    inside: Bools = np.all((points >= low) & (points <= high), axis=1)
+    return inside
 
-Range = tuple[float, float]
+
+def idle(history: Results) -> Bools:
+    """(S, m) bool, true where contact is open and nothing rubs but for rounding: nothing sticks or slips there."""
+    contact = history.contact
+    friction = np.linalg.norm(contact.traction, axis=2)
+    return np.asarray(~contact.closed & (friction <= 1e-12 * friction.max(initial=0.0)))
 
 
 def rounded_down(wanted: float, largest: float) -> float:
-    """The largest 1, 2 or 5 times a power of ten that keeps `largest` times it within `wanted`; 1 of nothing."""
+    """Return the largest 1, 2 or 5 times a power of ten that keeps `largest` times it within `wanted`; 1 of nothing."""
     if not largest > 0.0 or not np.isfinite(wanted / largest):
         return 1.0
     factor = wanted / largest
@@ -102,36 +120,29 @@ def rounded_down(wanted: float, largest: float) -> float:
 
 
 def common_magnification(history: Results, size: float, magnify: float | None, nodes: Bools | None = None) -> float:
-    """The magnification of the displacements of all stored steps: as asked, or so that `nodes` stay in the picture."""
+    """Return how far to magnify the displacements of all stored steps: as asked, or by a round number.
+
+    By that number `nodes` move by about 0.15 of the size of the body at most, and the ends of all edges but one in a
+    hundred by at most half the edge's length, beyond which cells turn inside out.
+    """
     if magnify is not None:
-        return _positive(magnify)
-    kept = slice(None) if nodes is None else nodes
-    largest = max(float(np.linalg.norm(u[kept], axis=1).max(initial=0.0)) for u in history.displacement)
-    whole = rounded_down(SHOWN * size, largest)
-    return min(whole, rounded_down(MOST_STRAIN, _stretch(history))) if largest > 0.0 else 1.0
-
-
-def _positive(raw: object) -> float:
-    if not isinstance(raw, (int, float, np.number)) or isinstance(raw, bool) or not 0 < float(raw) < np.inf:
-        raise HistoryError(
-            f"magnify: found {brief(raw)}; wanted a positive number, or None for one that suits all steps."
-        )
-    return float(raw)
-
-
-def _stretch(history: Results) -> float:
-    """The stretch and turn of edges, relative to their lengths."""
+        number = isinstance(magnify, (int, float, np.number)) and not isinstance(magnify, bool)
+        if not number or not 0 < float(magnify) < np.inf:
+            words = "wanted a positive number, or None for one that suits all steps"
+            raise HistoryError(f"magnify: found {brief(magnify)}; {words}.")
+        return float(magnify)
+    u, kept = history.displacement, slice(None) if nodes is None else nodes
+    largest = max(float(np.linalg.norm(row[kept], axis=1).max(initial=0.0)) for row in u)
+    if largest == 0.0:
+        return 1.0
     mesh = history.mesh
-    # Edges are those of polygons: cells of the plane, faces in space.
-    polygons = (
+    sides = (
         (mesh.face_offsets, mesh.face_vertices) if isinstance(mesh, PolyhedralMesh) else (mesh.offsets, mesh.vertices)
     )
-    ends = np.unique(np.sort(directed_edges(*polygons), axis=1), axis=0)
-    lengths = np.linalg.norm(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]], axis=1)
-    return max(
-        float(np.percentile(np.linalg.norm(u[ends[:, 1]] - u[ends[:, 0]], axis=1) / lengths, STRAINED_EDGES))
-        for u in history.displacement
-    )
+    a, b = np.unique(np.sort(directed_edges(*sides), axis=1), axis=0).T
+    lengths = np.linalg.norm(mesh.points[b] - mesh.points[a], axis=1)
+    strain = max(float(np.percentile(np.linalg.norm(row[b] - row[a], axis=1) / lengths, 99.0)) for row in u)
+    return min(rounded_down(0.15 * size, largest), rounded_down(0.5, strain))
 
 
 def extent(history: Results, factor: float) -> Floats:
@@ -140,15 +151,12 @@ def extent(history: Results, factor: float) -> Floats:
     return np.array([np.min([p.min(axis=0) for p in places], axis=0), np.max([p.max(axis=0) for p in places], axis=0)])
 
 
-def value_range(limits: ArrayLike | None, default: Iterable[float]) -> Range:
-    """The two ends of a range of values: as asked, or else the default; HistoryError if they are not two that grow."""
-    if limits is None:
-        low, high = default
-        return float(low), float(high)
+def value_range(limits: ArrayLike | None, default: Iterable[float]) -> tuple[float, float]:
+    """Return the ends of a range of values, as asked or the default; HistoryError if they are not two that grow."""
     try:
-        low, high = (float(end) for end in np.asarray(limits))
+        low, high = (float(end) for end in (default if limits is None else np.asarray(limits)))
     except (TypeError, ValueError):
         low = high = np.nan
-    if not -np.inf < low < high < np.inf:
+    if limits is not None and not -np.inf < low < high < np.inf:
         raise HistoryError(f"limits: found {brief(limits)}; wanted two numbers, the smaller one first.")
     return low, high

@@ -1,0 +1,407 @@
+"""The deformed body: in the plane coloured by displacement or stress with the forces of contact, in space by stress.
+
+In space PyVista, which needs no display, renders the surface to an image; this is the one picture file that knows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
+from vemcvx.canvas import axes_or_new, bar_beside, draw_arrows, legend_below, show_image
+from vemcvx.errors import HistoryError, VemcvxError
+from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
+from vemcvx.meshes.polygons.topology import rows_in_order
+from vemcvx.plots.contact import contact_line
+from vemcvx.plots.style import (
+    COMPRESSION,
+    OUTLINE,
+    PUSH,
+    SIGNED,
+    SIZE,
+    SLIP,
+    STICK,
+    TENSION,
+    Units,
+    Window,
+    common_magnification,
+    extent,
+    instant,
+    label,
+    named,
+    unit,
+    value_range,
+    within,
+)
+from vemcvx.results.results import Results
+from vemcvx.vem import equivalent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Stresses = dict[str, tuple[str, Callable[[Floats], Floats]]]
+
+
+def _component(number: str, column: int) -> tuple[str, Callable[[Floats], Floats]]:
+    return rf"$\sigma_{{{number}}}$", lambda s: s[:, column]
+
+
+STRESSES: Stresses = {
+    **{name: _component(number, k) for k, (name, number) in enumerate({"xx": "11", "yy": "22", "xy": "12"}.items())},
+    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda s: 0.5 * (s[:, 0] + s[:, 1])),
+    "shear": ("largest shear stress", lambda s: np.hypot(0.5 * (s[:, 0] - s[:, 1]), s[:, 2])),
+}
+IN_SPACE = {"xx": "11", "yy": "22", "zz": "33", "xy": "12", "yz": "23", "xz": "13"}
+STRESSES_IN_SPACE: Stresses = {
+    "von_mises": ("von Mises stress", equivalent),
+    "mean": (r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$", lambda s: s[:, :3].mean(axis=1)),
+    **{name: _component(number, k) for k, (name, number) in enumerate(IN_SPACE.items())},
+}
+UNSIGNED = {"shear", "von_mises"}
+FORCES = ("contact", "friction", "none")
+PAGE_IN_SPACE = 6.4, 4.6
+"""Width and height in inches."""
+MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
+VIEW = (-1.0, -1.6, 0.9)
+
+
+def deformed_mesh(
+    history: Results,
+    step: int = -1,
+    *,
+    ax: Axes | None = None,
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
+    """Draw the mesh deformed at a stored step.
+
+    Magnification, colours, arrows and the part of the plane that is shown are the same at all steps.
+
+    Parameters
+    ----------
+    history, step, ax : as of `friction_traction`
+    magnify : float, optional
+        How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
+    limits : (low, high), optional
+        Ends of the colour scale; by default 0 and the largest |u| of all stored steps.
+    units : mapping of str to str, optional
+        Names of units, such as {"length": "mm", "force": "N", "time": "s"}: see :mod:`vemcvx.plots.style`.
+
+    Returns
+    -------
+    matplotlib Figure
+        Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
+        the friction forces per length on the body at contact nodes.
+    """
+    row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
+    factor = common_magnification(history, _size(mesh.points), magnify)
+    ax = axes_or_new(ax, *size_of_page(history))
+    line = float(np.clip(12.0 / np.sqrt(mesh.n_cells), 0.0, 0.5)) if mesh.n_cells < 40_000 else 0.0
+    mesh.plot(ax=ax, displacement=factor * history.displacement[row], linewidth=line, edgecolor="0.75")
+    sizes = (np.linalg.norm(u, axis=1)[mesh.vertices] for u in history.displacement)
+    means = np.array([np.add.reduceat(size, mesh.offsets[:-1]) / np.diff(mesh.offsets) for size in sizes])
+    cells = ax.collections[-1]
+    cells.set_array(means[row])
+    cells.set(cmap=SIZE, clim=value_range(limits, (0.0, float(means.max()) or 1.0)))
+    bar_beside(ax, cells).set_label(label("$|u|$", "length", units))
+    ends = mesh.points[mesh.boundaries["boundary"]]
+    outline = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+    ax.plot(*outline.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
+    title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
+    if len(history.contact.nodes):
+        largest = label(f"{_friction_arrows(ax, history, row, factor):.3g}", "force per length", units)
+        title += f"\narrows: friction on the body, at most {largest}"
+    ax.update_datalim(extent(history, factor))
+    ax.autoscale_view()
+    legend_below(ax)
+    return named(ax, label("$x_1$", "length", units), label("$x_2$", "length", units), title, size="medium")
+
+
+def _size(points: ArrayLike) -> float:
+    return float(np.ptp(points, axis=0).max())
+
+
+def size_of_page(history: Results) -> tuple[float, float]:
+    """Width and height, in inches, of a page for the body, its title and its legend."""
+    if isinstance(history.mesh, PolyhedralMesh):
+        return PAGE_IN_SPACE
+    width, height = np.ptp(history.mesh.points, axis=0)
+    return 6.0, 1.6 + 4.2 * float(np.clip(height / width, 0.2, 1.6))
+
+
+def _friction_arrows(ax: Axes, history: Results, row: int, factor: float) -> float:
+    """Draw friction at ten contact nodes evenly apart; return the largest on any node at this step.
+
+    Arrows are just outside the body; between bodies they are just inside both of them, and opposite.
+    """
+    contact, line = history.contact, contact_line(history, "deformed_mesh")
+    places = np.linspace(line.position[0], line.position[-1], 10)
+    shown = line.order[np.unique(np.abs(line.position[:, None] - places).argmin(axis=0))]
+    size, points = _size(history.mesh.points), history.mesh.points + factor * history.displacement[row]
+    partners, margin = contact.partners[shown], 0.05 * size * contact.normals[shown]
+    joined = partners >= 0
+    centres = points[contact.nodes[shown]] + np.where(joined[:, None], -margin, margin)
+    centres = np.concatenate([centres, points[partners[joined]] + margin[joined]])
+    # Lengths do not depend on the step: the nodes' places do not, and the largest force is that of all steps.
+    spacing = np.linalg.norm(np.diff(contact.points[shown], axis=0), axis=1).min(initial=0.1 * size)
+    sizes = np.linalg.norm(contact.traction, axis=2).max(axis=1)
+    forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
+    forces = np.concatenate([forces, -forces[joined]])
+    sticks = contact.sticking[row, np.append(shown, shown[joined])]
+    for chosen, colour, word in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
+        if chosen.any():
+            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=0.006)
+        ax.plot([], [], color=colour, linewidth=3, label=word)
+    for corner in extent(history, factor):
+        ax.update_datalim(corner + margin)
+    return float(sizes[row])
+
+
+def stressed_body(
+    ax: Axes,
+    history: Results,
+    *,
+    step: int = -1,
+    stress: str = "mean",
+    forces: str = "contact",
+    window: Window | None = None,
+    stretch: float = 1.0,
+    mirrors: Sequence[tuple[int, int]] = (),
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Axes:
+    """Draw the body on given axes.
+
+    Parameters
+    ----------
+    ax : Axes
+    history : History
+    step : int
+        A stored step; negative ones count from the end.
+    stress : str
+        Which: one of `STRESSES`. Tension is red and compression blue.
+    forces : {"contact", "friction", "none"}
+        Arrows of pressure and friction together, their heads on the body; of friction alone, beside it; or none. Blue
+        where contact sticks, orange where it slips, grey without friction.
+    window : ((x0, x1), (y0, y1)), optional
+        Draw this part only, in units of length.
+    stretch : float
+        How many times longer lengths along x_2 are drawn: of slender bodies.
+    mirrors : sequence of (1 or -1, 1 or -1)
+        Signs of x_1 and x_2 in the images to be drawn, without mesh, of a body that is the half or quarter of a whole.
+    magnify : float, optional
+        How many times larger displacements are drawn than they are; by default one that suits all stored steps.
+    limits : (low, high), optional
+        Ends of the colour scale; by default the same for all stored steps.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.style`.
+
+    Returns
+    -------
+    Axes
+        Displacements are magnified, and forces (per length, on the body) at most, as the title says.
+
+    Raises
+    ------
+    HistoryError
+        There is no stress, or are no forces, of that name.
+    """
+    for name, found, known in (("stress", stress, STRESSES), ("forces", forces, FORCES)):
+        if found not in known:
+            raise HistoryError(f"stressed_body: found {name} = {found!r}; there are {', '.join(known)}.")
+    row, mesh = history.row(step), plane_mesh(history.mesh, "stressed_body", "deformed_body draws it")
+    seen, size = within(mesh.centroids, window), _size(mesh.points if window is None else np.transpose(window))
+    factor = common_magnification(history, 0.5 * size, magnify, within(mesh.points, window))
+    moved = factor * history.displacement[row]
+    line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
+    mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35")
+    cells, (words, part) = ax.collections[0], STRESSES[stress]
+    values = [part(history.stress(int(n))) for n in history.stored]
+    colours, ends = colours_of([found[seen] for found in values], stress)
+    cells.set_array(values[row])
+    cells.set(cmap=colours, clim=value_range(limits, ends))
+    for signs in mirrors:
+        # No orientation and no check is needed to draw cells; bodies in contact have nodes in the same places.
+        image = PolygonMesh.unchecked((mesh.points + moved) * signs, mesh.offsets, mesh.vertices)
+        style: dict[str, Any] = {
+            "cmap": cells.get_cmap(),
+            "clim": cells.get_clim(),
+            "linewidth": 0,
+            "antialiased": False,
+        }
+        image.plot(ax=ax, array=cells.get_array(), **style)
+    bar_beside(ax, cells).set_label(label(words, "force per area", units), fontsize="small")
+    largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
+    told = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""
+    title = f"{instant(history.times[row], units)}, displacements × {factor:g}{told}"
+    drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
+    ax.tick_params(labelsize="small")
+    if window is None:
+        ax.autoscale_view()
+    y = f"$x_2$ ({unit(units, 'length')}{drawn})"
+    named(ax, label("$x_1$", "length", units), y, title, size="small", window=window, aspect=stretch)
+    return ax
+
+
+def colours_of(stresses: Sequence[Floats], name: str) -> tuple[str, tuple[float, float]]:
+    """Return a colour map for the stresses of all steps and its ends: of both signs about zero, or of one.
+
+    The corner of a clamp has no largest stress, so colours end where all but one cell in a hundred are. Stresses whose
+    other sign stays below a tenth of the largest are drawn as of one sign.
+    """
+    low, high = (find(float(np.percentile(s, q)) for s in stresses) for find, q in ((min, 1.0), (max, 99.0)))
+    top = max(float(np.percentile(np.abs(s), 99.0)) for s in stresses) or 1.0
+    if max(float(np.ptp(s)) for s in stresses) < 0.02 * top:
+        # The end of a colour map is its darkest, or brightest: one stress everywhere is drawn in its middle.
+        top *= 2.0
+    if name in UNSIGNED:
+        return SIZE, (0.0, top)
+    if low > -0.1 * top:
+        return TENSION, (0.0, top)
+    return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (SIGNED, (-top, top))
+
+
+def _contact_arrows(
+    ax: Axes, history: Results, row: int, places: Floats, how: tuple[str, float, Window | None, float]
+) -> float:
+    """Draw forces per length at up to 26 contact nodes; return the largest, 0 if there are none."""
+    contact, (kind, size, window, stretch) = history.contact, how
+    together = kind == "contact"
+    seen = np.flatnonzero(within(contact.points, window))
+    every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
+    sizes = np.linalg.norm(every[:, seen], axis=2)
+    largest = float(sizes[row].max(initial=0.0))
+    if largest == 0.0 or kind == "none":
+        return 0.0
+    # Along the boundary, so that what is left out is left out evenly.
+    order = seen[np.argsort(contact.points[seen] @ [1.0, 1e-3])]
+    shown = order[np.unique(np.linspace(0, len(order) - 1, 26).round().astype(int))]
+    heads, longest = places[contact.nodes[shown]], 0.13 * size
+    if not together:
+        longest = min(longest, 0.8 * np.linalg.norm(np.diff(heads, axis=0), axis=1).min(initial=longest))
+        heads = heads + 0.03 * size * contact.normals[shown] / [1.0, stretch]
+    # One length of arrows for all steps: the largest of them is as long as may be.
+    arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
+    colours = np.where(contact.sticking[row, shown], STICK, SLIP) if contact.bound.any() else PUSH
+    drawn = draw_arrows(ax, heads, arrows, colour=colours, pivot="tip" if together else "mid", width=0.0055)
+    drawn.set_in_layout(False)
+    ax.update_datalim(np.concatenate([heads - arrows, heads]))
+    return largest
+
+
+def deformed_body(
+    history: Results,
+    step: int = -1,
+    *,
+    ax: Axes | None = None,
+    stress: str = "von_mises",
+    view: ArrayLike = VIEW,
+    magnify: float | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
+    """Draw a body in space deformed at a stored step, each face of its surface in the stress of its cell.
+
+    Magnification, colours and what is shown are the same at all steps. No display is needed.
+
+    Parameters
+    ----------
+    history, step, ax, units : as of `friction_traction`
+    stress : str
+        Which: one of `STRESSES_IN_SPACE`. Tension is red and compression blue.
+    view : (3,) vector
+        From where the body is looked at, with x_3 upwards.
+    magnify : float, optional
+        How many times larger displacements are drawn than they are; by default 1, 2 or 5 times a power of ten.
+    limits : (low, high), optional
+        Ends of the colour scale; by default the same for all stored steps.
+
+    Raises
+    ------
+    HistoryError
+        The body is plane, or there is no stress of that name.
+    VemcvxError
+        PyVista or matplotlib is not installed.
+    """
+    row, mesh = history.row(step), history.mesh
+    if not isinstance(mesh, PolyhedralMesh):
+        raise HistoryError("deformed_body: this body is plane; deformed_mesh and stressed_body draw it.")
+    words, part = STRESSES_IN_SPACE[choice(stress, "deformed_body", "stress", list(STRESSES_IN_SPACE), HistoryError)]
+    faces = mesh.boundaries["boundary"]
+    factor = common_magnification(history, _size(mesh.points), magnify)
+    stresses = [part(history.stress(int(n)))[mesh.face_cells[faces, 0]] for n in history.stored]
+    colours, ends = colours_of(stresses, stress)
+    scale = value_range(limits, ends)
+    points = mesh.points + factor * history.displacement[row]
+    surface = points, *rows_in_order(mesh.face_offsets, mesh.face_vertices, faces)
+    image = _rendered(surface, stresses[row], (colours, scale), extent(history, factor), _direction(view))
+    height, width = image.shape[:2]
+    ax = axes_or_new(ax, PAGE_IN_SPACE[0], 0.5 + 0.8 * PAGE_IN_SPACE[0] * height / width)
+    show_image(ax, image, colours, scale, label(words, "force per area", units))
+    return named(ax, "", "", f"{instant(history.times[row], units)}, displacements × {factor:g}", size="small")
+
+
+def _direction(view: ArrayLike) -> Floats:
+    wanted = "a vector of three finite components that is not along x_3"
+    found = as_real_array(view, "deformed_body: view", wanted)
+    if found.shape != (3,) or not np.isfinite(found).all() or not found[:2].any():
+        raise HistoryError(f"deformed_body: found view = {brief(view)}; wanted {wanted}.")
+    return found / np.linalg.norm(found)
+
+
+def has_pyvista() -> bool:
+    """Return True if there is something to draw bodies in space with."""
+    try:
+        import pyvista  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def _rendered(
+    surface: tuple[Floats, Ints, Ints],
+    values: Floats,
+    colours: tuple[str, tuple[float, float]],
+    frame: Floats,
+    towards: Floats,
+) -> NDArray[np.uint8]:
+    """Draw polygons in space, with one value each, in parallel projection: (height, width, 3).
+
+    Polygon i has the corners ``points[vertices[offsets[i]:offsets[i + 1]]]``; colours are a map and its ends; the
+    image is filled by the box between the corners `frame` (2, 3), looked at from the direction `towards`, x_3 upwards.
+    """
+    if not has_pyvista():
+        raise VemcvxError(MISSING)
+    import pyvista
+
+    points, offsets, vertices = surface
+    drawn = pyvista.PolyData(points, np.insert(vertices, offsets[:-1], np.diff(offsets)))
+    drawn.cell_data["values"] = values
+    up = np.array([0.0, 0.0, 1.0])
+    right = np.cross(up, towards)
+    across = np.stack([right, np.cross(towards, right)]) / np.linalg.norm(right)
+    size = 1.03 * np.abs(across) @ np.ptp(frame, axis=0)
+    # Where there is no display, VTK says so and draws in memory.
+    with pyvista.vtk_verbosity("off"):
+        width, height = np.maximum(np.round(1000 * size / size.max()).astype(int), 1).tolist()
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=(width, height))
+        plotter.set_background("white")
+        look = {"show_edges": True, "edge_color": "#505050", "line_width": 1.0, "lighting": False}
+        plotter.add_mesh(drawn, scalars="values", cmap=colours[0], clim=colours[1], show_scalar_bar=False, **look)
+        plotter.add_axes(xlabel="x1", ylabel="x2", zlabel="x3", viewport=(0.0, 0.0, 0.22, 0.22 * width / height))
+        plotter.enable_anti_aliasing("ssaa")
+        middle = frame.mean(axis=0)
+        plotter.camera_position = [middle + 2 * np.linalg.norm(size) * towards, middle, up]
+        plotter.enable_parallel_projection()
+        plotter.camera.parallel_scale = 0.5 * size[1]
+        plotter.reset_camera_clipping_range()
+        image: NDArray[np.uint8] = plotter.screenshot(None, return_img=True)
+        plotter.close()
+    return image

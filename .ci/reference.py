@@ -21,7 +21,7 @@ SHORT = {
     r"Union\[ArrayLike\]": "ArrayLike",
     r"Union\[([^\[\]]+), NoneType\]": r"\1 | None",
     r"numpy\.ndarray\[tuple\[Any, \.\.\.\], numpy\.dtype\[numpy\.(\w+)\]\]": r"NDArray[\1]",
-    r"Annotated\[(.*), '[^']*'\]": r"\1",
+    r"Annotated\[(.*?)(, '[^']*')+\]": r"\1",
     r"scipy\.sparse\._\w+\.": "scipy.sparse.",
 }
 

@@ -6,10 +6,11 @@ import contextlib
 import inspect
 import math
 import numbers
+import re
 import reprlib
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, TypeGuard, TypeVar, get_args, get_type_hints
+from typing import Any, NamedTuple, TypeGuard, TypeVar, get_args, get_type_hints
 
 import numpy as np
 import scipy.sparse as sp
@@ -151,17 +152,35 @@ def shape_in_words(array: Floats) -> str:
     return f"the single number {array:.6g}" if array.ndim == 0 else f"an array of shape {array.shape}"
 
 
-def sizes_of(record: type) -> dict[str, tuple[tuple[str, ...], str]]:
-    """The arrays among the fields of a record: name -> names of their sizes, and numpy's letter for their kind.
+class Quantity(NamedTuple):
+    """An array of a record: names of its sizes, numpy's letter for its kind, its unit, and its meaning in words."""
 
-    As their annotations say: ``stress: Annotated[Floats, "S cells 3"]`` has three sizes, the last one given.
+    sizes: tuple[str, ...]
+    kind: str
+    unit: str
+    meaning: str
+
+
+def quantities(record: type) -> dict[str, Quantity]:
+    """Return the arrays among the fields of a record by name: the one list that files, tables and datasets go by.
+
+    Annotations say sizes and unit, as ``stress: Annotated[Floats, "S cells 3", "force/length2"]`` with its last size
+    given, and attributes in the docstring the meaning.
     """
+    said = re.findall(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)*)", inspect.getdoc(record) or "", flags=re.MULTILINE)
+    meaning = {name: " ".join(words.split()) for names, words in said for name in names.split(", ")}
     found = {}
     for name, hint in get_type_hints(record, include_extras=True).items():
-        for sizes in getattr(hint, "__metadata__", ()):
-            arrays = (hint.__origin__, *get_args(hint.__origin__))
-            found[name] = tuple(sizes.split()), "b" if Bools in arrays else "i" if Ints in arrays else "f"
+        if hasattr(hint, "__metadata__"):
+            (sizes, unit), arrays = hint.__metadata__, (hint.__origin__, *get_args(hint.__origin__))
+            kind = "b" if Bools in arrays else "i" if Ints in arrays else "f"
+            found[name] = Quantity(tuple(sizes.split()), kind, unit, meaning.get(name, ""))
     return found
+
+
+def sizes_of(record: type) -> dict[str, tuple[tuple[str, ...], str]]:
+    """Return names of the sizes and numpy's letter for the kind of the arrays of a record, by name."""
+    return {name: found[:2] for name, found in quantities(record).items()}
 
 
 # What kind of thing a setting must be, and how a user's functions are called: one sentence for each kind of mistake.

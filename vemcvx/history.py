@@ -20,10 +20,11 @@ from vemcvx.program import SolvedProgram
 from vemcvx.results.io.folder import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.results import Results, programs_of_steps
-from vemcvx.results.tables import Columns, frame, in_words, table
+from vemcvx.results.tables import Columns, dataset, frame, in_words, table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+    from xarray import Dataset
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -38,6 +39,7 @@ class History(Results, Outlined):
     effects : tuple of str
         The effects of the scene in words.
     displacement : (S, n_nodes, dim)
+        Nodal displacements.
     forces : (S, n_nodes, dim)
         Nodal forces of supports, contact and friction on the body: A u - f, or with viscosity A u + A_1 u' - f at the
         rates of the step. Row 0 has no viscous part, because no step leads to it.
@@ -132,7 +134,7 @@ class History(Results, Outlined):
         return table(self, name, points)
 
     def to_pandas(self, name: str = "steps", points: ArrayLike | None = None) -> DataFrame:
-        """The same table as a DataFrame; ``.set_index(["step", "node"]).to_xarray()`` makes arrays of one of contact.
+        """Return the same table as a DataFrame.
 
         Raises
         ------
@@ -140,6 +142,20 @@ class History(Results, Outlined):
             pandas is not installed, or what `table` raises.
         """
         return frame(table(self, name, points))
+
+    def to_xarray(self) -> Dataset:
+        """Return all arrays as one labelled dataset, by the names that they have in ``history.npz``.
+
+        Dimensions are "step" (the stored ones, with their "time"), "instant" (all), "node", "cell", "contact", "axis"
+        and others of the unknowns: ``history.to_xarray()["contact.slip"].sel(step=4, axis="x")``. Attributes of an
+        array are its "units" and, as "long_name", its meaning.
+
+        Raises
+        ------
+        VemcvxError
+            xarray is not installed.
+        """
+        return dataset(self)
 
     def program(self, n: int, condense: bool = True) -> SolvedProgram:
         """The convex program of step `n` as it was solved, with its certified answer.

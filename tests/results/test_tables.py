@@ -112,6 +112,34 @@ def test_without_pandas_it_says_so(history, monkeypatch):
         history.to_pandas()
 
 
+def test_one_labelled_dataset_has_every_array(history, tmp_path):
+    pytest.importorskip("xarray")
+    found, contact = history.to_xarray(), history.contact
+    history.write(tmp_path)
+    with np.load(tmp_path / "history.npz") as file:
+        parts = ("mesh.", "boundary.", "partners.", "cell_data.", "about")
+        kept = {name: file[name] for name in file.files if not name.startswith(parts)}
+    # By the names of the file, with every number of it.
+    assert set(found.data_vars) == set(kept)
+    assert all(
+        np.array_equal(found[name].values, values, equal_nan=values.dtype.kind == "f") for name, values in kept.items()
+    )
+    assert all(found[name].attrs["long_name"] for name in kept)
+    slip = found["contact.slip"]
+    assert slip.dims == ("step", "contact", "axis")
+    assert slip.attrs["units"] == "length"
+    assert np.array_equal(slip.sel(step=4, axis="y"), contact.slip[1, :, 1])
+    assert found["displacement"].dims == ("step", "node", "axis")
+    assert found["time"].values.tolist() == history.times.tolist()
+    assert found["trajectory.energy"].sel(instant=1.0) == history.energy[-1]
+
+
+def test_without_xarray_it_says_so(history, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(vx.VemcvxError, match=r"to_xarray needs xarray, .* pip install 'vemcvx\[xarray\]'"):
+        history.to_xarray()
+
+
 def test_tables_that_there_are_not(history):
     with pytest.raises(vx.HistoryError, match="table: found 'energies'; there are 'steps', 'contact'"):
         history.table("energies")

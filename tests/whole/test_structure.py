@@ -49,6 +49,7 @@ HEAVY = {
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},
     "pandas": {"results/tables.py"},
+    "xarray": {"results/tables.py"},
     "marimo": {"cli/live_page.py"},
 }
 

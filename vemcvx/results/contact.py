@@ -48,49 +48,55 @@ class Contact(ArrayRecord):
     partners : (m,) int
         The nodes of the other body at the same places, against which slip, traction and pressure are those of `nodes`;
         -1 where contact is with an obstacle.
-    points, normals : (m, dim)
-        Places and outward normals (averaged by length at corners).
+    points : (m, dim)
+        Places.
+    normals : (m, dim)
+        Outward unit normals, averaged by length at corners.
     slip : (S, m, dim)
         Tangential displacement, relative to the partner; where the ground moves, relative to it since the initial
         instant (where parts meet, to the mean of their grounds).
     traction : (S, m, dim)
         Friction force on the body of `nodes`, minus the multiplier, per length of the edges with friction.
-    bound, backward : (S, m)
-        Friction bounds per length against slip forward (along the boundary with the body on the left) and backward:
-        w_i over int phi_i, equal unless a scene says otherwise; 0 without friction. Where parts meet, their mean.
+    bound : (S, m)
+        Friction bound per length against slip forward, along the boundary with the body on the left: w_i over int
+        phi_i; 0 without friction. Where parts meet, their mean.
+    backward : (S, m)
+        Friction bound per length against slip backward, equal to `bound` unless a scene says otherwise.
     pressure : (S, m)
         Normal force of contact per length, compression positive; of either sign where contact is bilateral, or
         cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
         moves: its force is pressure.
     sticking : (S, m) bool
-        Whether the increment of the step is zero, up to rounding; true in row 0.
+        True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
         Friction work per length since the initial instant, of all steps, stored or not: over int phi_i of the edges
         with friction, so that ``wear @ friction_lengths`` is what friction has dissipated; 0 without friction.
     accumulated_slip : (S, m)
-        How far the node has slipped since the initial instant, to and fro: the sum over all steps, stored or not, of
-        the length of its slip, which laws of friction may follow (where parts meet, the largest).
+        Length of the way that the node has slipped since the initial instant, to and fro, in all steps, stored or not,
+        which laws of friction may follow (where parts meet, the largest).
     closed : (S, m) bool
-        Whether the node touches its obstacle, in one of its normals at least; true where contact is bilateral.
-    lengths, friction_lengths : (m,)
-        int phi_i over the edges of contact, and over those with friction: at a corner, both sides count.
+        True where the node touches its obstacle, in one of its normals at least, and where contact is bilateral.
+    lengths : (m,)
+        int phi_i over the edges of contact: at a corner, both sides count.
+    friction_lengths : (m,)
+        int phi_i over the edges with friction.
     """
 
-    nodes: Annotated[Ints, "m"]
-    partners: Annotated[Ints, "m"]
-    points: Annotated[Floats, "m dim"]
-    normals: Annotated[Floats, "m dim"]
-    slip: Annotated[Floats, "S m dim"]
-    traction: Annotated[Floats, "S m dim"]
-    bound: Annotated[Floats, "S m"]
-    backward: Annotated[Floats, "S m"]
-    pressure: Annotated[Floats, "S m"]
-    sticking: Annotated[Bools, "S m"]
-    wear: Annotated[Floats, "S m"]
-    accumulated_slip: Annotated[Floats, "S m"]
-    closed: Annotated[Bools, "S m"]
-    lengths: Annotated[Floats, "m"]
-    friction_lengths: Annotated[Floats, "m"]
+    nodes: Annotated[Ints, "m", ""]
+    partners: Annotated[Ints, "m", ""]
+    points: Annotated[Floats, "m dim", "length"]
+    normals: Annotated[Floats, "m dim", ""]
+    slip: Annotated[Floats, "S m dim", "length"]
+    traction: Annotated[Floats, "S m dim", "force/length"]
+    bound: Annotated[Floats, "S m", "force/length"]
+    backward: Annotated[Floats, "S m", "force/length"]
+    pressure: Annotated[Floats, "S m", "force/length"]
+    sticking: Annotated[Bools, "S m", ""]
+    wear: Annotated[Floats, "S m", "energy/length"]
+    accumulated_slip: Annotated[Floats, "S m", "length"]
+    closed: Annotated[Bools, "S m", ""]
+    lengths: Annotated[Floats, "m", "length"]
+    friction_lengths: Annotated[Floats, "m", "length"]
 
     @property
     def stick_count(self) -> Ints:

@@ -32,19 +32,19 @@ class Results:
     mesh: AnyMesh
     scene: Scene | None
     effects: tuple[str, ...]
-    displacement: Annotated[Floats, "S nodes dim"]
-    forces: Annotated[Floats, "S nodes dim"]
+    displacement: Annotated[Floats, "S nodes dim", "length"]
+    forces: Annotated[Floats, "S nodes dim", "force"]
     contact: Contact
-    moduli: Annotated[Floats, "constants cells"]
+    moduli: Annotated[Floats, "constants cells", "force/area"]
     trajectory: Trajectory
     seconds: dict[str, float]
-    prestress: Annotated[Floats | None, "S cells components"] = None
-    out_of_plane: Annotated[Floats | None, "cells 3"] = None
-    out_of_plane_prestress: Annotated[Floats | None, "S cells"] = None
+    prestress: Annotated[Floats | None, "S cells components", "force/area"] = None
+    out_of_plane: Annotated[Floats | None, "cells 3", "force/area"] = None
+    out_of_plane_prestress: Annotated[Floats | None, "S cells", "force/area"] = None
     inactive: tuple[str, ...] = ()
     errors: dict[str, float] | None = None
-    dragged_ends: Annotated[Ints | None, "dragged 2"] = None
-    dragged_friction: Annotated[Floats | None, "S dragged dim"] = None
+    dragged_ends: Annotated[Ints | None, "dragged 2", ""] = None
+    dragged_friction: Annotated[Floats | None, "S dragged dim", "force"] = None
 
     @property
     def steps(self) -> int:

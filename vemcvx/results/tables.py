@@ -1,4 +1,4 @@
-"""Results as tables of columns of equal length, as CSV files, and as a few lines of words."""
+"""Results as tables, as CSV, for pandas and xarray, all by the list of arrays in their records, and in a few words."""
 
 from __future__ import annotations
 
@@ -8,74 +8,57 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats, Ints, brief, sizes_of
+from vemcvx.arrays import Floats, Ints, brief, quantities
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.outline import Lines, Outline, csv_text
 from vemcvx.results.contact import Contact
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results
+from vemcvx.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-
-# Results as tables: columns of equal length by name, a row for every step, or every place at every stored step.
-
+    from xarray import Dataset
 
 Columns = dict[str, NDArray[Any]]
-STEPS, CONTACT, PROBES = "steps", "contact", "probes"
-OF_STEPS = (
-    *("energy", "dissipated", "work", "certificate", "certificate_floor", "certificate_total", "estimated"),
-    *("iterations", "safeguards"),
-)
-ONE_EACH = {
-    **{"nodes": "node", "partners": "partner", "points": "", "normals": "normal"},
-    **{"lengths": "length", "friction_lengths": "friction_length"},
-}
-"""What the arrays of contact that do not change in time are called where a row is about one node."""
+TABLES = "steps", "contact", "probes"
+FILES = {name: f"{name}.csv" for name in TABLES}
+DERIVED = "certificate", "certificate_floor", "certificate_total"
+"""Scalars of every step that a trajectory computes from its arrays."""
+DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
+"""Names of sizes in datasets; others keep theirs, in the singular, and numbers are "of_2" and so on."""
 
 
 def table(history: Results, name: object, points: ArrayLike | None = None) -> Columns:
-    """A table of a history: see :meth:`vemcvx.History.table`."""
-    if not isinstance(name, str) or name not in (STEPS, CONTACT, PROBES):
+    """Return a table of a history: see :meth:`vemcvx.History.table`."""
+    if not isinstance(name, str) or name not in TABLES:
         raise HistoryError(f"table: found {brief(name)}; there are 'steps', 'contact' and, with points, 'probes'.")
-    if (name == PROBES) != (points is not None):
+    if (name == "probes") != (points is not None):
         raise HistoryError("table: points go with 'probes', and only with that: table('probes', [[0.5, 0.5]]).")
     if points is not None:
         return _probes(history, points)
-    return _steps(history) if name == STEPS else _contact(history)
-
-
-def frame(columns: Columns) -> DataFrame:
-    """The same for pandas.
-
-    Raises
-    ------
-    VemcvxError
-        pandas is not installed.
-    """
-    try:
-        from pandas import DataFrame
-    except ImportError:
-        raise VemcvxError("to_pandas needs pandas, which is not installed: pip install 'vemcvx[pandas]'") from None
-    return DataFrame(columns)
+    return _steps(history) if name == "steps" else _contact(history)
 
 
 def _steps(history: Results) -> Columns:
     run = history.trajectory
-    return {"step": np.arange(len(run.times)), "time": run.times} | {name: getattr(run, name) for name in OF_STEPS}
+    names = [name for name, of in quantities(Trajectory).items() if of.sizes == ("N",) and name != "times"]
+    found = {name: getattr(run, name) for name in (*names, *DERIVED)}
+    columns = {"step": np.arange(len(run.times)), "time": run.times}
+    return columns | {name: values for name, values in found.items() if values is not None}
 
 
 def _contact(history: Results) -> Columns:
-    """Every field of contact, whatever there is: those of nodes are repeated at every step."""
+    """Every array of contact; those that do not change in time are repeated at every step, named after one node."""
     contact, steps = history.contact, len(history.stored)
     columns = _when(history, len(contact.nodes))
-    for name, (sizes, _) in sizes_of(Contact).items():
+    for name, of in quantities(Contact).items():
         values = getattr(contact, name)
-        if sizes[0] == "S":
+        if of.sizes[0] == "S":
             columns |= _by_axis(name, values.reshape(-1, *values.shape[2:]))
         else:
-            columns |= _by_axis(ONE_EACH.get(name, name), np.tile(values, (steps, *[1] * (values.ndim - 1))))
+            one = "" if name == "points" else name.removesuffix("s")
+            columns |= _by_axis(one, np.tile(values, (steps, *[1] * (values.ndim - 1))))
     return columns
 
 
@@ -99,25 +82,46 @@ def _by_axis(name: str, values: Floats | Ints) -> Columns:
     return {f"{name}_{axis}".strip("_"): column for axis, column in zip("xyz", values.T, strict=False)}
 
 
-# The tables of a history as CSV files, for spreadsheets and scripts; flags are 1 and 0.
-
-
-FILES = {name: f"{name}.csv" for name in (STEPS, CONTACT, PROBES)}
-
-
 def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> list[str]:
-    """Write those that have rows; the names of the files."""
-    wanted = {STEPS: True, CONTACT: len(history.contact.nodes) > 0, PROBES: points is not None}
+    """Write the tables that have rows as CSV files, flags as 1 and 0; return the names of the files."""
+    wanted = {"steps": True, "contact": len(history.contact.nodes) > 0, "probes": points is not None}
     names = [name for name, has_rows in wanted.items() if has_rows]
     for name in names:
-        columns = table(history, name, points if name == PROBES else None)
+        columns = table(history, name, points if name == "probes" else None)
         plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
         text = csv_text(list(columns), zip(*plain, strict=True))
         (folder / FILES[name]).write_text(text, encoding="utf-8")
     return [FILES[name] for name in names]
 
 
-# A run in a few lines of words.
+def frame(columns: Columns) -> DataFrame:
+    """Return a table for pandas: see :meth:`vemcvx.History.to_pandas`."""
+    try:
+        from pandas import DataFrame
+    except ImportError:
+        raise VemcvxError("to_pandas needs pandas, which is not installed: pip install 'vemcvx[pandas]'") from None
+    return DataFrame(columns)
+
+
+def dataset(history: Results) -> Dataset:
+    """Return every array of a history, labelled: see :meth:`vemcvx.History.to_xarray`."""
+    try:
+        from xarray import Dataset
+    except ImportError:
+        raise VemcvxError("to_xarray needs xarray, which is not installed: pip install 'vemcvx[xarray]'") from None
+    arrays = {}
+    for prefix, record in (("", history), ("contact.", history.contact), ("trajectory.", history.trajectory)):
+        for name, of in quantities(type(record)).items():
+            if (values := getattr(record, name)) is not None:
+                sizes = [f"of_{size}" if size.isdecimal() else DIMENSIONS.get(size, size) for size in of.sizes]
+                arrays[prefix + name] = sizes, values, {"units": of.unit, "long_name": of.meaning}
+    axes = list("xyz")[: history.mesh.points.shape[1]]
+    coordinates = {"step": history.stored, "instant": history.trajectory.times, "axis": axes}
+    return Dataset(arrays, {**coordinates, "time": ("step", history.times)}, {"solver": history.solver})
+
+
+WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
+"""What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
 
 
 def in_words(history: Results) -> Outline:
@@ -137,12 +141,15 @@ def in_words(history: Results) -> Outline:
         f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
         f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
     )
+    estimated = run.estimated.sum()
+    at = f"an estimate at {estimated} of {len(run.estimated)} instants, {WHY_ESTIMATED}; else a bound"
+    kind = [("", at)] if estimated else []
     energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
         ("certified", certified),
-        *_kind(history),
+        *kind,
         *_errors(history.errors),
         ("iterations", iterations),
         ("energy", energy),
@@ -150,19 +157,6 @@ def in_words(history: Results) -> Outline:
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
-
-
-WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
-"""What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
-
-
-def _kind(history: Results) -> Lines:
-    """A remark on the steps whose certificates are no bounds."""
-    estimated = history.trajectory.estimated
-    if not estimated.any():
-        return []
-    at = f"an estimate at {estimated.sum()} of {len(estimated)} instants"
-    return [("", f"{at}, {WHY_ESTIMATED}; else a bound")]
 
 
 def _errors(errors: dict[str, float] | None) -> Lines:

@@ -172,6 +172,7 @@ class Trajectory(ArrayRecord):
     Attributes
     ----------
     times : (N + 1,) array
+        All instants.
     stored : (S,) array
         Step numbers of the rows of `state`, `multipliers` and `sticking`.
     state : (S, n) array
@@ -183,26 +184,33 @@ class Trajectory(ArrayRecord):
     weights : (S, m) array
         w of the norm terms.
     sticking : (S, m) array of bool
-        Whether the increment B_i (y - y_prev) cannot be told from zero; true in row 0.
+        True where the increment B_i (y - y_prev) cannot be told from zero, and in row 0.
     worn : (S, m) array
         Work of each norm term since the initial instant, the cumulative sum of its w_i |s_i| over all steps, stored or
         not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
         (:class:`vemcvx.program.operators.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
         `sticking` and `stuck`.
     slipped : (S, m) array
-        How far each norm term has slipped since the initial instant: the cumulative sum of its |s_i|, likewise.
+        Slip of each norm term since the initial instant, to and fro: the cumulative sum of its |s_i|, likewise.
     stuck : (N + 1,) array of int
-        How many norm terms have such an increment, step by step.
-    energy, dissipated, work : (N + 1,) arrays
-        1/2 a(u, u); cumulative sum of w_i |s_i|; cumulative end-of-step forces times increments.
+        Number of norm terms with such an increment, step by step.
+    energy : (N + 1,) array
+        Stored energy 1/2 a(u, u).
+    dissipated : (N + 1,) array
+        Cumulative sum of w_i |s_i|.
+    work : (N + 1,) array
+        Cumulative sum of end-of-step forces times increments.
     norm : (N + 1,) array
         Energy norm |u_n|_a.
-    gap, floor : (N + 1,) arrays
-        Certified duality gap of each step, and what of it round-off alone may account for. Weights far above every
-        multiplier count as lowered (:mod:`vemcvx.program.scaling`), here and in `dissipated`: the minimiser is the
-        same.
-    iterations, safeguards : (N + 1,) arrays of int
-        Of the solver, and how many of them a globally convergent method had to stand in for a faster one.
+    gap : (N + 1,) array
+        Certified duality gap of each step. Weights far above every multiplier count as lowered
+        (:mod:`vemcvx.program.scaling`), here and in `dissipated`: the minimiser is the same.
+    floor : (N + 1,) array
+        The part of `gap` that round-off alone may account for.
+    iterations : (N + 1,) array of int
+        Iterations of the solver.
+    safeguards : (N + 1,) array of int
+        Iterations in which a globally convergent method stood in for a faster one.
     contraction : (N + 1,) array
         Rate with which the fixed point of friction that follows the answer contracted; NaN where there was none.
     estimated : (N + 1,) array of bool
@@ -225,33 +233,33 @@ class Trajectory(ArrayRecord):
         (y_n - y_{n-1}) / k_n, where rates cost; zero in row 0, to which no step leads.
     """
 
-    times: Annotated[Floats, "N"]
-    stored: Annotated[Ints, "S"]
-    state: Annotated[Floats, "S n"]
-    multipliers: Annotated[Floats, "S terms block"]
-    pressures: Annotated[Floats, "S limits"]
-    weights: Annotated[Floats, "S terms"]
-    sticking: Annotated[Bools, "S terms"]
-    worn: Annotated[Floats, "S terms"]
-    slipped: Annotated[Floats, "S terms"]
-    stuck: Annotated[Ints, "N"]
-    energy: Annotated[Floats, "N"]
-    dissipated: Annotated[Floats, "N"]
-    work: Annotated[Floats, "N"]
-    norm: Annotated[Floats, "N"]
-    gap: Annotated[Floats, "N"]
-    floor: Annotated[Floats, "N"]
-    iterations: Annotated[Ints, "N"]
-    safeguards: Annotated[Ints, "N"]
-    contraction: Annotated[Floats, "N"]
-    estimated: Annotated[Bools, "N"]
+    times: Annotated[Floats, "N", "time"]
+    stored: Annotated[Ints, "S", ""]
+    state: Annotated[Floats, "S n", "length"]
+    multipliers: Annotated[Floats, "S terms block", "force"]
+    pressures: Annotated[Floats, "S limits", "force"]
+    weights: Annotated[Floats, "S terms", "force"]
+    sticking: Annotated[Bools, "S terms", ""]
+    worn: Annotated[Floats, "S terms", "energy"]
+    slipped: Annotated[Floats, "S terms", "length"]
+    stuck: Annotated[Ints, "N", ""]
+    energy: Annotated[Floats, "N", "energy"]
+    dissipated: Annotated[Floats, "N", "energy"]
+    work: Annotated[Floats, "N", "energy"]
+    norm: Annotated[Floats, "N", "energy^(1/2)"]
+    gap: Annotated[Floats, "N", "energy"]
+    floor: Annotated[Floats, "N", "energy"]
+    iterations: Annotated[Ints, "N", ""]
+    safeguards: Annotated[Ints, "N", ""]
+    contraction: Annotated[Floats, "N", ""]
+    estimated: Annotated[Bools, "N", ""]
     seconds: dict[str, float]
     solver: str
     linear: str = ""
     accuracy: float | None = None
-    unit: Annotated[Floats | None, "N"] = None
-    initial: Annotated[Floats | None, "n"] = None
-    velocity: Annotated[Floats | None, "S n"] = None
+    unit: Annotated[Floats | None, "N", "energy^(1/2)"] = None
+    initial: Annotated[Floats | None, "n", "length"] = None
+    velocity: Annotated[Floats | None, "S n", "length/time"] = None
 
     @property
     def certificate(self) -> Floats:

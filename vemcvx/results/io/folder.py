@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief
+from vemcvx.arrays import Floats, brief, quantities
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes.io.vtu import write_cells
 from vemcvx.owned_files import DRAFTS, Owned, path_of
+from vemcvx.results.contact import Contact
 from vemcvx.results.io.archive import FORMAT, NAME, is_archive, read_archive, write_archive
 from vemcvx.results.results import Results
 from vemcvx.results.tables import FILES, write_tables
@@ -152,8 +153,6 @@ STEP = r"step_[0-9]+\.vtu"
 KINDS = "|".join([STEP, *map(re.escape, (ARCHIVE, SERIES, SUMMARY, *FILES.values()))])
 """Names of the files of a history, as a regular expression."""
 Fields = dict[str, Floats]
-OPPOSITE = {"slip": -1.0, "traction": -1.0}
-"""What is of the other sign on the second body of an interface."""
 
 
 def write_results(
@@ -264,14 +263,13 @@ def _listed_steps(path: Path) -> set[str]:
 
 
 def _at_nodes(history: Results, row: int) -> Fields:
-    """Displacement, and contact as fields of the whole body."""
+    """Displacement, and contact as fields of the whole body: vectors are opposite on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
-    fields = {"displacement": u}
-    for name in ("slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear", "accumulated_slip"):
+    fields, joined = {"displacement": u}, contact.partners >= 0
+    for name in (name for name, of in quantities(Contact).items() if of.sizes[0] == "S"):
         values = getattr(contact, name)[row]
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
-        joined = contact.partners >= 0
-        fields[name][contact.partners[joined]] = OPPOSITE.get(name, 1.0) * values[joined]
+        fields[name][contact.partners[joined]] = values[joined] if values.ndim == 1 else -values[joined]
         fields[name][contact.nodes] = values
     return fields
 

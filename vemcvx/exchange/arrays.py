@@ -1,10 +1,21 @@
-"""Programs as named arrays: taken apart and put together, as NPZ archives and as Matrix Market files."""
+"""Programs as named arrays: taken apart and put together, as NPZ archives and as Matrix Market files.
+
+An NPZ archive holds every array to the bit, and the certified answer where it is known:
+
+    K               (n, n), dense; or, sparse, as B and D
+    B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
+    g, w, b, e, c   vectors, c the compliances; N, anchor where K has a kernel; d, lam, p, step, t of an answer
+
+Matrix Market has one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ... Arrays
+without entries have no file, and one that another program of that name left is removed. Files are read here and not by
+SciPy, whose reader ends the process (1.17: SIGSEGV) where a file ends in the middle of a number.
+"""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +31,6 @@ from vemcvx.program.checks import check_symmetric, checked_matrix, finite, of_sh
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
-
-# The arrays that a step's program consists of, taken apart and put together again, and numbers in text, to the bit.
-
 
 Parts = dict[str, Matrix]
 VECTORS = "g", "w", "b", "e", "c"
@@ -95,14 +103,16 @@ def compressed_rows(name: str, data: Any, indices: Any, indptr: Any, shape: Any)
     return rows
 
 
-def null_motions(K: Matrix, k: int) -> Parts:
-    """The motions in a kernel of this dimension, and the stiffness of as many anchors."""
+def with_motions(K: sp.csr_matrix, k: int) -> Parts:
+    """K, dense if most of it is, with the `k` motions in its kernel and the stiffness of as many anchors."""
+    n = K.shape[0]
+    stiffness = K.toarray() if K.nnz > 0.5 * n * n else sp.csr_matrix(K)
     if k == 0:
-        return {}
-    if not 0 < k <= len(K.diagonal()):
-        raise ProgramError(f"found {k} motions in the kernel of K, which has {len(K.diagonal())} unknowns.")
-    motions = np.linalg.eigh(K if isinstance(K, np.ndarray) else K.toarray())[1][:, :k]
-    return {"N": motions, "anchor": anchors(motions, K.diagonal())}
+        return {"K": stiffness}
+    if not 0 < k <= n:
+        raise ProgramError(f"found {k} motions in the kernel of K, which has {n} unknowns.")
+    motions = np.linalg.eigh(K.toarray())[1][:, :k]
+    return {"K": stiffness, "N": motions, "anchor": anchors(motions, K.diagonal())}
 
 
 def _array(parts: Mapping[str, Matrix], name: str) -> Floats:
@@ -111,27 +121,6 @@ def _array(parts: Mapping[str, Matrix], name: str) -> Floats:
     if sp.issparse(part):
         raise ProgramError(f"{name}: found a sparse matrix; wanted {wanted}.")
     return finite(np.atleast_1d(as_real_array(part, name, wanted)), name)
-
-
-def number(x: float) -> str:
-    """The shortest words that read as this number."""
-    return repr(float(x))
-
-
-def triplets(rows: sp.csr_matrix) -> Iterator[tuple[int, int, float]]:
-    """Row, column and value of the entries that are not zero, row by row."""
-    rows.sort_indices()
-    coo = rows.tocoo()
-    for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
-        if x:
-            yield i, j, x
-
-
-# NPZ, NumPy's archive: every array of the program to the bit, and the certified answer, where it is known.
-#
-# K               (n, n), dense; or, sparse, as B and D
-# B_data, B_indices, B_indptr, B_shape      compressed rows, as in scipy.sparse.csr_matrix((data, indices, indptr))
-# g, w, b, e, c   vectors; N, anchor where K has a kernel; d, lam, p, step, t of a certified answer
 
 
 CSR = "data", "indices", "indptr", "shape"
@@ -172,17 +161,7 @@ def from_npz(path: Path) -> StepProgram:
     return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
 
 
-# Matrix Market, one file an array, named as in the SuiteSparse collection: K in NAME.mtx, B in NAME_B.mtx, ...
-#
-# Arrays without entries have no file: a program without NAME_B.mtx has no norm terms, without NAME_D.mtx no limits.
-# (What another program of that name left is removed.) Files are read here and not by SciPy, whose reader ends the
-# process (1.17: SIGSEGV) where a file ends in the middle of a number.
-
-
 OTHERS = "B", "D", "g", "w", "b", "e", "c", "N", "anchor"
-DIGITS = 17
-EMPTY = 2**20
-"""Rows that may all be empty: a number in the header shall not take memory that the file does not."""
 HEAD = re.compile(
     r"%%MatrixMarket\s+matrix\s+(coordinate|array)\s+(real|double|integer|unsigned-integer|pattern)\s+"
     r"(general|symmetric|skew-symmetric)\s*",
@@ -198,7 +177,7 @@ def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
         if rows:
             file = io.BytesIO()
             matrix = part.reshape(rows, -1) if isinstance(part, np.ndarray) else part
-            mmwrite(file, matrix, precision=DIGITS, symmetry=None if name == "K" else "general")
+            mmwrite(file, matrix, precision=17, symmetry=None if name == "K" else "general")
             made[".mtx" if name == "K" else f"_{name}.mtx"] = file.getvalue()
     return made
 
@@ -277,7 +256,8 @@ def _sparse(name: str, entries: Floats, rows: int, columns: int, symmetry: str) 
     if outside.any():
         i, j = places[outside][0]
         raise ProgramError(f"{name}: found an entry at ({i:g}, {j:g}) of {rows} rows and {columns} columns.")
-    if rows > max(EMPTY, len(entries)):
+    # A number in the header shall not take memory that the file does not: a million rows may all be empty.
+    if rows > max(2**20, len(entries)):
         raise ProgramError(f"{name}: found {rows} rows and {len(entries)} entries; wanted no row without an entry.")
     at = places.astype(np.int64) - 1
     if symmetry != "general":

@@ -1,4 +1,25 @@
-"""Programs as CBF and QPS, the text formats of conic and of quadratic programs."""
+"""Programs as CBF and QPS, the text formats of conic and of quadratic programs: sparse rows of linear functions.
+
+CBF, the Conic Benchmark Format (version 1), holds every program: one cone a norm term, one for the energy.
+
+    minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
+    subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
+                (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone a term
+                e - D d + c p          in L+        p is the force of a soft limit
+
+F is a Cholesky factor of K; where K has a kernel, and is dense, it has as many rows less. A reader gets K = F'F back,
+with the rounding of that product. The comment in the first line gives n, m, the size of a block, the number of limits
+and that of soft ones. At a solution the dual of a cone Q is (w_i, -lam_i), that of L+ is p.
+
+QPS, the MPS format with a quadratic objective in free format, holds absolute values, bounds and soft limits.
+
+    minimise    1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2      over d free, t >= 0, p >= 0
+    rows        U: B d - t <= b,   L: -B d - t <= -b,   Z: D d - c p <= e
+
+QUADOBJ is the upper triangle of the Hessian. Duals of U less those of L (of solvers whose duals of such rows are >= 0)
+are lam, those of Z are p; the columns p_j are the forces of soft limits. That t >= 0 is implied; without it HiGHS 1.15
+may call d = 0 optimal (problems/highs_optimal_at_zero.py).
+"""
 
 from __future__ import annotations
 
@@ -12,24 +33,24 @@ from scipy.sparse.linalg import splu
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import ProgramError
-from vemcvx.exchange.arrays import Parts, null_motions, number, put_together, triplets
+from vemcvx.exchange.arrays import Parts, put_together, with_motions
 from vemcvx.program.operators import SECOND_ORDER_CONES, Operators
 from vemcvx.program.step_program import StepProgram
 
-# CBF, the Conic Benchmark Format (version 1), for every program: one cone a norm term, one for the energy.
-#
-#     minimise    q - g'd + w't                       over d (n), t (m), q, p (soft limits only), all free
-#     subject to  (q, 1, F d, c^{1/2} p) in QR        2 q >= |F d|^2 + sum c_j p_j^2, with F'F = K
-#                 (t_i, B_i d - b_i)     in Q         |B_i d - b_i| <= t_i, one cone a term
-#                 e - D d + c p          in L+        p is the force of a soft limit
-#
-# F is a Cholesky factor of K; where K has a kernel, and is dense, it has as many rows less. K = F'F is what a reader
-# gets back, with the rounding of that product. The comment in the first line gives n, m, the size of a block, the
-# number of limits and that of soft ones. At a solution the dual of a cone Q is (w_i, -lam_i), that of L+ is p.
-
-
 CBF_HEAD = "# vemcvx program:"
 SIZES = "unknowns", "terms", "block", "limits", "soft"
+QPS_HEAD = "* vemcvx program, motions in the kernel of K:"
+WIDTHS = {"NAME": 0, "ROWS": 2, "COLUMNS": 3, "RHS": 3, "RANGES": 0, "BOUNDS": 3, "QUADOBJ": 3, "ENDATA": 0}
+"""Sections of QPS, and how many words the lines have of those that are read."""
+
+
+def triplets(rows: Any) -> Iterator[tuple[int, int, str]]:
+    """Row, column and value, to the bit, of the entries that are not zero, in the order of the matrix."""
+    rows.sort_indices()
+    coo = rows.tocoo()
+    for i, j, x in zip(coo.row.tolist(), coo.col.tolist(), coo.data.tolist(), strict=True):
+        if x:
+            yield i, j, repr(x)
 
 
 def root(operators: Operators) -> sp.csr_matrix:
@@ -53,27 +74,25 @@ def root(operators: Operators) -> sp.csr_matrix:
 
 def to_cbf(program: StepProgram) -> dict[str, bytes]:
     """The file, under its suffix."""
-    return {".cbf": "\n".join([*_cbf_lines(program), ""]).encode()}
-
-
-def _cbf_lines(program: StepProgram) -> Iterator[str]:
     operators = program.operators
     n, m, block, soft = len(program.g), operators.count, operators.block, np.flatnonzero(operators.compliance)
-    A, b, cones = _constraints(program, soft)
-    yield f"{CBF_HEAD} unknowns {n} terms {m} block {block} limits {len(program.e)} soft {len(soft)}"
-    yield from ("VER", "1", "", "OBJSENSE", "MIN", "", "VAR", f"{A.shape[1]} 1", f"F {A.shape[1]}", "")
-    yield from ("CON", f"{A.shape[0]} {len(cones)}", *cones, "")
+    A, b, cones = _cone_rows(program, soft)
     cost = np.concatenate([-program.g, program.w, [1.0], np.zeros(len(soft))])
-    yield from _section("OBJACOORD", [f"{j} {number(x)}" for j, x in enumerate(cost) if x])
-    yield from _section("ACOORD", [f"{i} {j} {number(x)}" for i, j, x in triplets(A)])
-    yield from _section("BCOORD", [f"{i} {number(x)}" for i, x in enumerate(b) if x])
+    entries = {
+        "OBJACOORD": [f"{j} {x}" for _, j, x in triplets(sp.csr_matrix(cost))],
+        "ACOORD": [f"{i} {j} {x}" for i, j, x in triplets(A)],
+        "BCOORD": [f"{i} {x}" for _, i, x in triplets(sp.csr_matrix(b))],
+    }
+    lines = [
+        f"{CBF_HEAD} unknowns {n} terms {m} block {block} limits {len(program.e)} soft {len(soft)}",
+        *("VER", "1", "", "OBJSENSE", "MIN", "", "VAR", f"{A.shape[1]} 1", f"F {A.shape[1]}", ""),
+        *("CON", f"{A.shape[0]} {len(cones)}", *cones, ""),
+        *(line for name, found in entries.items() for line in (name, str(len(found)), *found, "")),
+    ]
+    return {".cbf": "\n".join([*lines, ""]).encode()}
 
 
-def _section(name: str, lines: list[str]) -> list[str]:
-    return [name, str(len(lines)), *lines, ""]
-
-
-def _constraints(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats, list[str]]:
+def _cone_rows(program: StepProgram, soft: Ints) -> tuple[sp.csr_matrix, Floats, list[str]]:
     """A and b of A x + b, x = (d, t, q, p), and the cones that its rows are in."""
     operators = program.operators
     m, block, c, F = operators.count, operators.block, operators.compliance, root(operators)
@@ -99,24 +118,18 @@ def _cones(energy: int, m: int, block: int, limits: int) -> list[str]:
 
 
 def from_cbf(path: Path) -> StepProgram:
-    """The program of a file of this form, K = F'F.
-
-    Raises
-    ------
-    ProgramError
-        It is of another form.
-    """
+    """The program of a file of this form, K = F'F; ProgramError if it is of another form."""
     lines = path.read_text().splitlines()
     if not lines or not lines[0].startswith(CBF_HEAD):
         raise ProgramError(f"found no first line {CBF_HEAD!r}; only files that write_program() has made are read.")
     try:
-        return _program(_sizes(lines), lines)
+        return put_together(_cbf_parts(_sizes(lines), lines))
     except (ValueError, IndexError, OverflowError) as error:
         raise ProgramError(f"is no CBF file of a step's program: {error}.") from error
 
 
 def _sizes(lines: list[str]) -> tuple[int, ...]:
-    """The sizes on the first line of a section."""
+    """The sizes in the first line, where the file has room for them."""
     words, most = lines[0].removeprefix(CBF_HEAD).split(), sum(map(len, lines))
     sizes = tuple(int(word) if word.isdecimal() and len(word) < 19 else -1 for word in words[1::2])
     if tuple(words[::2]) != SIZES or len(sizes) != len(SIZES) or not 0 <= min(sizes) <= max(sizes) <= most:
@@ -127,7 +140,7 @@ def _sizes(lines: list[str]) -> tuple[int, ...]:
     return sizes
 
 
-def _program(sizes: tuple[int, ...], lines: list[str]) -> StepProgram:
+def _cbf_parts(sizes: tuple[int, ...], lines: list[str]) -> Parts:
     n, m, block, r, s = sizes
     if block < 1 or "CON" not in lines:
         raise ValueError(f"found {f'blocks of {block} components' if block < 1 else 'no section CON'}")
@@ -135,30 +148,22 @@ def _program(sizes: tuple[int, ...], lines: list[str]) -> StepProgram:
     rows = int(lines[at + 1].split()[0])
     energy = rows - r - m * (1 + block)
     cones = _cones(energy, m, block, r)
-    found = lines[at + 2 : at + 2 + len(cones)]
-    if found != cones or not 0 <= energy - 2 - s <= n:
+    if lines[at + 2 : at + 2 + len(cones)] != cones or not 0 <= energy - 2 - s <= n:
         raise ValueError(
             f"its cones are not those of {n} unknowns, {m} terms of block {block}, {r} limits and {s} soft ones, which "
             f"leave {energy} of {rows} rows to the energy"
         )
-    cost, b = np.zeros(n + m + 1 + s), np.zeros(rows)
-    for x, section in ((cost, "OBJACOORD"), (b, "BCOORD")):
-        places, values = _entries(lines, section, x.shape)
-        x[places[:, 0]] = values
-    places, values = _entries(lines, "ACOORD", (rows, len(cost)))
-    A: sp.csr_matrix = sp.csr_matrix((values, places.T), shape=(rows, len(cost)))
+    cost, b = (_entries(lines, name, (k,)).toarray()[0] for name, k in (("OBJACOORD", n + m + 1 + s), ("BCOORD", rows)))
+    A = _entries(lines, "ACOORD", (rows, len(cost)))
     cone = energy + np.arange(m * (1 + block)).reshape(m, 1 + block)[:, 1:].ravel()
     F, limits = A[2 : energy - s, :n], slice(rows - r, rows)
-    K = F.T @ F
-    K = sp.csr_matrix(0.5 * (K + K.T))
     parts: Parts = {"g": -cost[:n], "w": cost[n : n + m], "B": A[cone, :n], "b": -b[cone]}
     parts |= {"D": -A[limits, :n], "e": b[limits], "c": A[limits, n + m + 1 :] @ np.ones(s)}
-    stiffness = K.toarray() if K.nnz > 0.5 * n * n else K
-    return put_together(parts | {"K": stiffness} | null_motions(stiffness, n - F.shape[0]))
+    return parts | with_motions(0.5 * (F.T @ F + (F.T @ F).T), n - F.shape[0])
 
 
-def _entries(lines: list[str], section: str, shape: tuple[int, ...]) -> tuple[Ints, Floats]:
-    """Places and values of the entries of a section, of an array of that shape."""
+def _entries(lines: list[str], section: str, shape: tuple[int, ...]) -> sp.csr_matrix:
+    """The entries of a section, of a matrix of that shape, or of a row of that length."""
     width, found = len(shape) + 1, []
     if section in lines:
         start = lines.index(section) + 2
@@ -170,22 +175,9 @@ def _entries(lines: list[str], section: str, shape: tuple[int, ...]) -> tuple[In
     outside = ((places < 0) | (places >= shape)).any(axis=1)
     if outside.any():
         raise ValueError(f"section {section} has an entry at {places[outside][0].tolist()}; there are {list(shape)}")
-    return places, np.array([float(words[-1]) for words in found])
-
-
-# QPS, the MPS format with a quadratic objective, for programs of absolute values, bounds and soft limits.
-#
-#     minimise  1/2 d'Kd - g'd + w't + 1/2 sum c_j p_j^2
-#     rows      U_i: B_i d - t_i <= b_i,   L_i: -B_i d - t_i <= -b_i,   Z_j: D_j d - c_j p_j <= e_j
-#     bounds    d free, t, p >= 0
-#
-# in free format, the upper triangle of the Hessian in QUADOBJ. Duals of U less those of L (of solvers whose duals of
-# such rows are >= 0) are lam, those of Z are p; the columns p_j, of soft limits only, are the forces of these. That t
-# >= 0 is implied; without it HiGHS 1.15 may call d = 0 optimal (problems/highs_optimal_at_zero.py).
-
-
-QPS_HEAD = "* vemcvx program, motions in the kernel of K:"
-SECTIONS = "NAME", "ROWS", "COLUMNS", "RHS", "RANGES", "BOUNDS", "QUADOBJ", "ENDATA"
+    values = np.array([float(words[-1]) for words in found])
+    first = places.T[0] if width == 3 else np.zeros(len(found), dtype=np.int64)
+    return sp.csr_matrix((values, (first, places.T[-1])), shape=(shape[0] if width == 3 else 1, shape[-1]))
 
 
 def to_qps(program: StepProgram, suffix: str = ".qps") -> dict[str, bytes]:
@@ -201,115 +193,84 @@ def to_qps(program: StepProgram, suffix: str = ".qps") -> dict[str, bytes]:
     return {suffix: "\n".join([*_qps_lines(program), ""]).encode()}
 
 
+def _names(sizes: dict[str, int]) -> list[str]:
+    return [f"{letter}{k + 1}" for letter, size in sizes.items() for k in range(size)]
+
+
 def _qps_lines(program: StepProgram) -> Iterator[str]:
-    m, r = len(program.w), len(program.e)
-    kernel = 0 if program.operators.kernel is None else program.operators.kernel.shape[1]
-    yield from (f"{QPS_HEAD} {kernel}", "NAME vemcvx", "ROWS", " N cost")
-    yield from (f" L U{i + 1}" for i in range(m))
-    yield from (f" L L{i + 1}" for i in range(m))
-    yield from (f" L Z{j + 1}" for j in range(r))
-    yield "COLUMNS"
-    yield from _columns(program)
-    yield "RHS"
-    for name, values in (("U", program.b), ("L", -program.b), ("Z", program.e)):
-        yield from (f" rhs {name}{i + 1} {number(x)}" for i, x in enumerate(values) if x)
-    yield "BOUNDS"
-    yield from (f" FR bound d{i + 1}" for i in range(len(program.g)))
-    yield "QUADOBJ"
-    for i, j, x in triplets(sp.csr_matrix(sp.triu(sp.csr_matrix(program.operators.K), format="csr"))):
-        yield f" d{i + 1} d{j + 1} {number(x)}"
-    for k, c in enumerate(program.operators.compliance, start=1):
-        if c:
-            yield f" p{k} p{k} {number(c)}"
-    yield "ENDATA"
-
-
-def _columns(program: StepProgram) -> Iterator[str]:
-    B, D = sp.csc_matrix(program.operators.B), sp.csc_matrix(program.operators.D)
-    for i, force in enumerate(program.g):
-        yield f" d{i + 1} cost {number(-force)}"
-        for k in range(B.indptr[i], B.indptr[i + 1]):
-            yield f" d{i + 1} U{B.indices[k] + 1} {number(B.data[k])}"
-            yield f" d{i + 1} L{B.indices[k] + 1} {number(-B.data[k])}"
-        for k in range(D.indptr[i], D.indptr[i + 1]):
-            yield f" d{i + 1} Z{D.indices[k] + 1} {number(D.data[k])}"
-    for i, weight in enumerate(program.w):
-        yield from (f" t{i + 1} cost {number(weight)}", f" t{i + 1} U{i + 1} -1", f" t{i + 1} L{i + 1} -1")
-    for k, c in enumerate(program.operators.compliance, start=1):
-        if c:
-            yield f" p{k} Z{k} {number(-c)}"
+    operators, n, m, r = program.operators, len(program.g), len(program.w), len(program.e)
+    B, D, c, one = operators.B, operators.D, sp.diags_array(operators.compliance), sp.eye_array(m)
+    blocks: Any = [[B, -one, None], [-B, -one, None], [D, None, -c]]
+    A, bounds = sp.block_array(blocks), np.concatenate([program.b, -program.b, program.e])
+    K = sp.csr_matrix(sp.triu(sp.csr_matrix(operators.K), format="csr"))
+    quadratic = sp.block_diag([K, sp.csr_matrix((m, m)), c], format="csr")
+    rows, columns = _names({"U": m, "L": m, "Z": r}), _names({"d": n, "t": m, "p": r})
+    entries = [[f" {columns[j]} cost {x!r}"] for j, x in enumerate(np.append(-program.g, program.w).tolist())]
+    entries += [[] for _ in range(r)]
+    for j, i, x in triplets(sp.csr_matrix(A.T)):
+        entries[j].append(f" {columns[j]} {rows[i]} {x}")
+    yield from (f"{QPS_HEAD} {0 if operators.kernel is None else operators.kernel.shape[1]}", "NAME vemcvx")
+    yield from ("ROWS", " N cost", *(f" L {name}" for name in rows))
+    yield from ("COLUMNS", *(line for column in entries for line in column))
+    yield from ("RHS", *(f" rhs {rows[i]} {x}" for _, i, x in triplets(sp.csr_matrix(bounds))))
+    yield from ("BOUNDS", *(f" FR bound {name}" for name in columns[:n]))
+    yield from ("QUADOBJ", *(f" {columns[i]} {columns[j]} {x}" for i, j, x in triplets(quadratic)), "ENDATA")
 
 
 def from_qps(path: Path) -> StepProgram:
-    """The program of a file of this form.
-
-    Raises
-    ------
-    ProgramError
-        It is of another form.
-    """
-    entries: dict[str, list[list[str]]] = {name: [] for name in SECTIONS}
+    """The program of a file of this form; ProgramError if it is of another form."""
+    entries: dict[str, list[list[str]]] = {name: [] for name in WIDTHS}
     section, lines = "NAME", path.read_text().splitlines()
     for line in lines:
         words = line.split()
         if not words or line[0] == "*":
             continue
-        if line[0] != " ":
-            section = words[0]
-            if section not in entries:
-                raise ProgramError(f"found the section {section!r}; there are {', '.join(SECTIONS)}.")
-            continue
-        entries[section].append(words)
+        if line[0] == " ":
+            entries[section].append(words)
+        elif (section := words[0]) not in entries:
+            raise ProgramError(f"found the section {section!r}; there are {', '.join(WIDTHS)}.")
     try:
         if not lines or not lines[0].startswith(QPS_HEAD):
             raise ValueError(f"found no first line {QPS_HEAD!r}; only files that write_program() has made are read")
-        return _assembled(entries, int(lines[0].removeprefix(QPS_HEAD)))
+        return put_together(_qps_parts(entries, int(lines[0].removeprefix(QPS_HEAD))))
     except (ValueError, OverflowError) as error:
         raise ProgramError(f"is no QPS file of a step's program: {error}.") from error
 
 
-def _assembled(entries: dict[str, list[list[str]]], kernel: int) -> StepProgram:
-    lengths = {"ROWS": 2, "COLUMNS": 3, "RHS": 3, "QUADOBJ": 3, "BOUNDS": 3}
-    for section, length in lengths.items():
-        other = [words for words in entries[section] if len(words) != length]
+def _qps_parts(entries: dict[str, list[list[str]]], kernel: int) -> Parts:
+    for section, width in WIDTHS.items():
+        other = [words for words in entries[section] if width and len(words) != width]
         if other:
-            raise ValueError(f"section {section} has the line {' '.join(other[0])[:60]!r}; wanted {length} words")
-    rows = [words[1] for words in entries["ROWS"]]
+            raise ValueError(f"section {section} has the line {' '.join(other[0])[:60]!r}; wanted {width} words")
+    names = [words[1] for words in entries["ROWS"]]
     n = sum(words[0] == "FR" for words in entries["BOUNDS"])
-    m, r = (sum(name[0] == letter for name in rows) for letter in "UZ")
-    sizes = {"d": n, "t": m, "p": r, "U": m, "L": m, "Z": r}
-    vectors = {"g": np.zeros(n), "w": np.zeros(m), "b": np.zeros(m), "e": np.zeros(r), "c": np.zeros(r)}
-    B, D, K = sp.lil_matrix((m, n)), sp.lil_matrix((r, n)), sp.lil_matrix((n, n))
+    m, r = (sum(name[0] == letter for name in names) for letter in "UZ")
+    rows, columns = {"U": m, "L": m, "Z": r}, {"d": n, "t": m, "p": r}
+    A, Q = sp.lil_matrix((2 * m + r, n + m + r)), sp.lil_matrix((n + m + r, n + m + r))
+    cost, bounds = np.zeros(n + m + r), np.zeros(2 * m + r)
     for column, row, value in entries["COLUMNS"]:
-        (kind, i), x = _place(column, "dtp", sizes), float(value)
+        j = _place(column, columns)
         if row == "cost":
-            vectors["g" if kind == "d" else "w"][i] = -x if kind == "d" else x
-            continue
-        side, j = _place(row, "ULZ", sizes)
-        if kind == "d" and side in "UZ":
-            (B if side == "U" else D)[j, i] = x
-    for _, row, value in entries["RHS"]:
-        side, j = _place(row, "ULZ", sizes)
-        if side in "UZ":
-            vectors["b" if side == "U" else "e"][j] = float(value)
-    for one, two, value in entries["QUADOBJ"]:
-        (kind, i), (other_kind, j), x = _place(one, "dp", sizes), _place(two, "dp", sizes), float(value)
-        if kind != other_kind or (kind == "p" and i != j):
-            raise ValueError(f"section QUADOBJ couples {one!r} and {two!r}; wanted two of d, or one p twice")
-        if kind == "p":
-            vectors["c"][i] = x
+            cost[j] = float(value)
         else:
-            K[i, j] = K[j, i] = x
-    stiffness = sp.csr_matrix(K)
-    dense = stiffness.toarray() if stiffness.nnz > 0.5 * n * n else stiffness
-    parts: Parts = {"K": dense, "B": sp.csr_matrix(B), "D": sp.csr_matrix(D), **vectors}
-    return put_together(parts | null_motions(dense, kernel))
+            A[_place(row, rows), j] = float(value)
+    for _, row, value in entries["RHS"]:
+        bounds[_place(row, rows)] = float(value)
+    for one, two, value in entries["QUADOBJ"]:
+        i, j = _place(one, columns), _place(two, columns)
+        if not (max(i, j) < n or (i == j >= n + m)):
+            raise ValueError(f"section QUADOBJ couples {one!r} and {two!r}; wanted two of d, or one p twice")
+        Q[i, j] = Q[j, i] = float(value)
+    parts: Parts = {"g": -cost[:n], "w": cost[n : n + m], "c": Q.diagonal()[n + m :]}
+    parts |= {"B": sp.csr_matrix(A[:m, :n]), "D": sp.csr_matrix(A[2 * m :, :n]), "b": bounds[:m], "e": bounds[2 * m :]}
+    return parts | with_motions(sp.csr_matrix(Q[:n, :n]), kernel)
 
 
-def _place(name: str, kinds: str, sizes: dict[str, int]) -> tuple[str, int]:
-    """The kind of a row or column and its number from 0."""
-    kind, number = name[0], name[1:]
-    if kind not in kinds or not number.isdecimal() or len(number) > 18 or not 1 <= int(number) <= sizes[kind]:
-        there = ", ".join(f"{letter}1 to {letter}{sizes[letter]}" for letter in kinds if sizes[letter])
+def _place(name: str, sizes: dict[str, int]) -> int:
+    """The number of a row or column from 0, of those that there are of each letter, one kind after the other."""
+    letter, number = name[0], name[1:]
+    if not number.isdecimal() or len(number) > 18 or not 1 <= int(number) <= sizes.get(letter, 0):
+        there = ", ".join(f"{kind}1 to {kind}{size}" for kind, size in sizes.items() if size)
         raise ValueError(f"found {name[:30]!r}; there are {there or 'none'}")
-    return kind, int(number) - 1
+    before = list(sizes.values())[: list(sizes).index(letter)]
+    return sum(before) + int(number) - 1

@@ -1,4 +1,16 @@
-"""Programs as files: their kinds, what each holds, and the description that stands beside them."""
+"""Programs written and read by the suffix of the file; a JSON of the same name beside it says what it is.
+
+=======  ============================================================  ======================================
+.npz     NumPy's archive, the certified answer included                every program, to the bit
+.mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, to the bit
+.cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
+.hdf5    FCLIB's local problem (extra ``fclib``)                       steps with Coulomb's law; cannot be read back
+.qps     MPS with a quadratic objective; .mps for HiGHS, which goes    absolute values, bounds, soft limits
+         by the suffix
+=======  ============================================================  ======================================
+
+The JSON has where a program comes from, its size, how hard it is, and its certified optimum.
+"""
 
 from __future__ import annotations
 
@@ -23,17 +35,12 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 from vemcvx.version import __version__
 
-# What is said of a program beside its file: where it comes from, its size, how hard it is, its certified optimum.
-
-
 FORMAT = "vemcvx program 1"
 STATEMENT = (
     "minimise 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to D d <= e; where a compliance c_j > 0, with "
     "(D_j d - e_j)_+^2 / (2 c_j) in place of the bound. K d = g - B'lam - D'p, |lam_i| <= w_i, p >= 0. "
     "For any such d, lam, p: 1/2 |d - d*|_K^2 <= gap, primal less dual value."
 )
-DENSE = 600
-"""Unknowns up to which all eigenvalues of K are computed."""
 
 
 def description(program: StepProgram) -> dict[str, Any]:
@@ -56,21 +63,11 @@ def description(program: StepProgram) -> dict[str, Any]:
     }
     if isinstance(program, SolvedProgram):
         found |= {"origin": dict(program.origin), "step": program.step, "t": program.t}
-        found |= {"optimum": _optimum(program), "degenerate": degenerate(program)}
+        certificate, (low, high) = program.certificate, program.bounds
+        optimum = {"value": program.objective(program.answer.d), "low": low, "high": high, "gap": certificate.gap}
+        optimum |= {"rounding_floor": certificate.floor, "energy_error": certificate.error, "energy_norm": program.norm}
+        found |= {"optimum": optimum, "degenerate": degenerate(program)}
     return found
-
-
-def _optimum(program: SolvedProgram) -> dict[str, float]:
-    certificate, (low, high) = program.certificate, program.bounds
-    return {
-        "value": program.objective(program.answer.d),
-        "low": low,
-        "high": high,
-        "gap": certificate.gap,
-        "rounding_floor": certificate.floor,
-        "energy_error": certificate.error,
-        "energy_norm": program.norm,
-    }
 
 
 def degenerate(program: SolvedProgram) -> dict[str, int]:
@@ -91,7 +88,7 @@ def degenerate(program: SolvedProgram) -> dict[str, int]:
 
 
 def _push(operators: Operators, rows: sp.csr_matrix) -> Floats:
-    """(k,) by how much a force along each row may change with d, per unit of |d|_K."""
+    """(k,) the most that a force along each row may change with d, per unit of |d|_K."""
     square = np.asarray(rows.multiply(rows).sum(axis=1)).ravel()
     work = np.asarray(rows.multiply((operators.K @ rows.T).T).sum(axis=1)).ravel()
     push: Floats = np.sqrt(np.maximum(work, 0.0)) / np.where(square > 0, square, 1.0)
@@ -99,11 +96,14 @@ def _push(operators: Operators, rows: sp.csr_matrix) -> Floats:
 
 
 def condition(operators: Operators) -> float | None:
-    """The largest over the least eigenvalue of K, the kernel's left out; None where there is no unknown."""
+    """The largest over the least eigenvalue of K, the kernel's left out; None where there is no unknown.
+
+    All eigenvalues are computed up to 600 unknowns; beyond, the two to a thousandth.
+    """
     K, n = operators.K, len(operators.K.diagonal())
     if n == 0:
         return None
-    if n <= DENSE:
+    if n <= 600:
         values = np.linalg.eigvalsh(K if isinstance(K, np.ndarray) else K.toarray())
         k = 0 if operators.kernel is None else operators.kernel.shape[1]
         return float(values[-1] / values[k])
@@ -114,20 +114,8 @@ def condition(operators: Operators) -> float | None:
     return float(largest * least)
 
 
-# Programs written and read, by the suffix of the file; beside each file a JSON of the same name says what it is.
-#
-# =======  ============================================================  ======================================
-# .npz     NumPy's archive, the certified answer included                every program, to the bit
-# .mtx     Matrix Market, K in NAME.mtx, B in NAME_B.mtx, ...            every program, to the bit
-# .cbf     Conic Benchmark Format, the energy as one more cone           every program; K = F'F with its rounding
-# .hdf5    FCLIB's local problem (extra ``fclib``)                     steps with Coulomb's law; cannot be read back
-# .qps     MPS with a quadratic objective; .mps for HiGHS, which goes    absolute values, bounds, soft limits
-#          by the suffix
-# =======  ============================================================  ======================================
-
-
 Files = Mapping[str, bytes | None]
-"""What is in the files, under the ends of their names; None of those that are to be removed."""
+"""Contents of files under the ends of their names; None of those that are to be removed."""
 Format = tuple[Callable[[StepProgram], Files], Callable[[Path], StepProgram]]
 FORMATS: dict[str, Format] = {
     "npz": (to_npz, from_npz),
@@ -190,8 +178,10 @@ def encoded(program: StepProgram, name: str) -> Files:
         raise ProgramError(f"write_program: found {brief(program)}; wanted a StepProgram, as history.program(n) is.")
     if len(program.g) == 0:
         raise ProgramError("write_program: the program has no unknowns left; take condense=False, --no-condense.")
-    words = json.dumps(description(program), indent=1, default=_plain) + "\n"
-    return {**FORMATS[name][0](program), ".json": words.encode()}
+    words = json.dumps(
+        description(program), indent=1, default=lambda x: x.item() if isinstance(x, np.generic) else str(x)
+    )
+    return {**FORMATS[name][0](program), ".json": f"{words}\n".encode()}
 
 
 def read_program(path: str | Path) -> StepProgram:
@@ -219,7 +209,3 @@ def _place(path: str | Path) -> tuple[Path, str]:
     if name not in FORMATS:
         raise ProgramError(f"{place}: there is no format {place.suffix!r}; there are .{', .'.join(FORMATS)}.")
     return place, name
-
-
-def _plain(value: object) -> object:
-    return value.item() if isinstance(value, np.generic) else str(value)

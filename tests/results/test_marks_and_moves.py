@@ -177,7 +177,7 @@ def test_a_process_that_dies_before_all_is_made_leaves_the_older_history(tmp_pat
         old.write(tmp_path)
     kept = everything(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr("vemcvx.results.io.folder.write_summary", lambda *_, **__: os._exit(3))
+        patch.setattr("vemcvx.results.io.folder.summary", lambda *_, **__: os._exit(3))
         if (child := os.fork()) == 0:
             history(bound=1.0).write(tmp_path)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3

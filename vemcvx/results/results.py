@@ -1,9 +1,9 @@
-"""Results in nodal values at stored instants, and how they come from a march in free unknowns."""
+"""Results at stored instants: displacements, forces, stresses; and how they come from a march in free unknowns."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -21,8 +21,6 @@ from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
-
-# What a simulation leaves: displacements, slips, tractions, reactions, stresses, energies.
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -213,23 +211,33 @@ class Results:
         return stored.index(wanted)
 
 
-# From a march in free unknowns to what users ask for at stored instants, and the programs of its steps.
-
-
 CLOSED = 1e-6
 """Part of the largest pressure that counts as touch, and of friction's work that counts: answers are a solver's."""
 
 
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
-    """The results of a posed scene."""
+    """Return the results of a posed scene."""
     _warn_of_friction_where_open(posed, trajectory)
-    shape = (len(trajectory.stored), *posed.space.mesh.points.shape)
-    u, forces = storage.array("displacement", shape), storage.array("forces", shape)
-    for row, n in enumerate(trajectory.stored):
-        t = float(trajectory.times[n])
-        u[row] = displacement(posed, trajectory.state[row], t).reshape(shape[1:])
+    times, material, prestress = trajectory.times[trajectory.stored].tolist(), posed.material, posed.prestress
+
+    def in_time(name: str, shape: tuple[int, ...], value: Callable[[float], Floats | None]) -> Floats:
+        rows = storage.array(name, (len(times), *shape))
+        for row, t in enumerate(times):
+            rows[row] = value(t)
+        return rows
+
+    shape = posed.space.mesh.points.shape
+    u, forces = (storage.array(name, (len(times), *shape)) for name in ("displacement", "forces"))
+    for row, t in enumerate(times):
+        u[row] = displacement(posed, trajectory.state[row], t).reshape(shape)
         stressed = posed.A @ u[row].ravel() + _damped(posed, trajectory, row)
-        forces[row] = (stressed - posed.force(t)).reshape(shape[1:])
+        forces[row] = (stressed - posed.force(t)).reshape(shape)
+    across, blocked, blocked_across = material.out_of_plane, None, None
+    if prestress is not None:
+        blocked = in_time("prestress", material.thermal_stress_moduli.shape, prestress.stress)
+        if prestress.eigenstrains and across is not None and across.any():
+            size = (posed.space.mesh.n_cells,)
+            blocked_across = in_time("out_of_plane_prestress", size, prestress.out_of_plane)
     return Results(
         mesh=posed.space.mesh,
         scene=posed.scene,
@@ -237,14 +245,12 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         displacement=u,
         forces=forces,
         contact=contact_history(posed, trajectory, u, forces),
-        moduli=posed.material.moduli,
+        moduli=material.moduli,
         trajectory=trajectory,
         seconds={"assemble": assembled, **trajectory.seconds},
-        prestress=_prestress(posed, trajectory, storage),
-        out_of_plane=None
-        if posed.material.out_of_plane is None
-        else np.ascontiguousarray(posed.material.out_of_plane[:, :3]),
-        out_of_plane_prestress=_out_of_plane_prestress(posed, trajectory, storage),
+        prestress=blocked,
+        out_of_plane_prestress=blocked_across,
+        out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + _untouched(posed, trajectory),
         **_friction_of_dragged(posed, trajectory),
     )
@@ -314,31 +320,6 @@ def _untouched(posed: PosedScene, trajectory: Trajectory) -> tuple[str, ...]:
         return ()
     subjects = ", ".join(posed.obstacles.subjects)
     return (f"{subjects}: nothing pressed on it at the stored instants",)
-
-
-def _prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> Floats | None:
-    """Stresses at zero strain at the stored instants, (S, n_cells, 3), if there are any."""
-    if posed.prestress is None:
-        return None
-    shape = posed.material.thermal_stress_moduli.shape
-    stress = storage.array("prestress", (len(trajectory.stored), *shape))
-    for row, t in enumerate(trajectory.times[trajectory.stored]):
-        stress[row] = posed.prestress.stress(float(t))
-    return stress
-
-
-def _out_of_plane_prestress(posed: PosedScene, trajectory: Trajectory, storage: Storage) -> Floats | None:
-    """The stress across the plane of eigenstrains at the stored instants, (S, n_cells), if there is any."""
-    out_of_plane = posed.material.out_of_plane
-    if posed.prestress is None or not posed.prestress.eigenstrains or out_of_plane is None or not out_of_plane.any():
-        return None
-    stress = storage.array("out_of_plane_prestress", (len(trajectory.stored), posed.space.mesh.n_cells))
-    for row, t in enumerate(trajectory.times[trajectory.stored]):
-        stress[row] = posed.prestress.out_of_plane(float(t))
-    return stress
-
-
-# The convex programs of a history's steps.
 
 
 def with_origin(

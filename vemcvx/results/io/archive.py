@@ -46,8 +46,8 @@ def write_archive(history: Results, path: Path) -> None:
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
     }
     for prefix, record in records.items():
-        fields = {name: getattr(record, name) for name in sizes_of(RECORDS[prefix])}
-        arrays |= {prefix + name: values for name, values in fields.items() if values is not None}
+        found = {prefix + name: getattr(record, name) for name in sizes_of(RECORDS[prefix])}
+        arrays |= {name: values for name, values in found.items() if values is not None}
     np.savez(path, **arrays)
 
 
@@ -129,13 +129,14 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
 def _check_words(about: dict[str, Any]) -> None:
     """Raise ValueError unless what is no array is of its kind."""
     run, lists = about["trajectory"], (about["effects"], about.get("inactive", []))
-    numbers = [about["seconds"][name] for name in ("assemble", "prepare", "solve")]
-    fits = all(isinstance(one, list) and all(isinstance(word, str) for word in one) for one in lists)
-    fits = fits and isinstance(run["solver"], str) and isinstance(run["seconds"], dict)
-    fits = fits and isinstance(run.get("linear", ""), str)
-    fits = fits and all(isinstance(number, (int, float)) for number in numbers)
-    fits = fits and isinstance(run.get("accuracy"), (float, type(None)))
-    if not (fits and isinstance(about.get("errors"), (dict, type(None)))):
+    kinds: list[tuple[Any, Any]] = [
+        *((one, list) for one in lists),
+        *((word, str) for one in lists for word in one),
+        *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
+        *((run["solver"], str), (run.get("linear", ""), str), (run["seconds"], dict)),
+        *((run.get("accuracy"), (float, type(None))), (about.get("errors"), (dict, type(None)))),
+    ]
+    if not all(isinstance(value, kind) for value, kind in kinds):
         raise ValueError("found words and numbers of other kinds beside the arrays")
 
 

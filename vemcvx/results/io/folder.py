@@ -1,4 +1,26 @@
-"""A history as a folder of files: archive, summary, pictures of ParaView, tables."""
+"""A history as a folder of files.
+
+    history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
+    step_0000.vtu    one file a stored step
+    summary.json     what was run, how certain the answer is, the energies, the cost
+    steps.csv        energies and certificates of every step, stored or not
+    contact.csv      slip, traction, pressure ... at every contact node in every stored step
+    probes.csv       displacements at points, where some were asked for
+    history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
+
+In a VTU file, at nodes: displacement, and what contact has in time, zero elsewhere; sticking and closed, 1 or 0, are
+NaN elsewhere, so that what slips differs from what is not in contact. At an interface both sides have them, slip and
+traction of the second body with the other sign. On cells: stress (xx, yy, xy), principal_stresses, out_of_plane_stress
+(zz), von_mises and strain_energy, the density 1/2 eps : C eps, all of Pi u; stresses include what is there at zero
+strain. (A quantity that needs a zz which no material says is left out.) In space stress is (xx, yy, zz, xy, yz, xz),
+as VTK has it, and cells are polyhedra.
+
+All files are made in a folder of their own inside the target, and moved from there when the file ``complete`` says
+that none is missing. A process that dies before leaves an older history as it was. One that dies after leaves moves
+to be made, which whoever next reads or writes there makes first: the history is the old one or the new one. The
+archive, by which a folder is known as that of a history, goes first, and the summary last. Files of those names that
+are of no history stay as they are.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +31,7 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence, Set
+from collections.abc import Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +51,11 @@ from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 from vemcvx.version import __version__
 
-# The summary of a run as JSON, for scripts.
+ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
+WRITING, COMPLETE = ".vemcvx-writing", "complete"
+STEP = r"step_[0-9]+\.vtu"
+KINDS = "|".join([STEP, *map(re.escape, (ARCHIVE, SERIES, SUMMARY, *FILES.values()))])
+"""Names of the files of a history, as a regular expression."""
 
 
 @dataclass(frozen=True)
@@ -40,35 +66,31 @@ class Origin:
     family: str | None = None
     """The family of meshes, if it was one, or the mesh file."""
     n: int | None = None
-    """What that family was asked for: cells across the shortest side; None of a file."""
+    """Cells across the shortest side, as that family was asked for; None of a file."""
 
 
-def write_summary(history: Results, origin: Origin, tables: Sequence[str], *, writing: float, path: Path) -> None:
-    """Write the summary; `tables` are CSV files beside it, `writing` is how many seconds the other files took."""
-    text = json.dumps(summary(history, origin, writing) | {"tables": list(tables)}, indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def is_summary(path: Path) -> bool:
-    """Return True if that file is the summary of a history."""
+def _told(path: Path) -> dict[str, Any]:
+    """Return the summary of a history in a file; empty if it is not there, or no such summary."""
     try:
-        return str(json.loads(path.read_text(encoding="utf-8"))["format"]).startswith(NAME)
+        told = json.loads(path.read_text(encoding="utf-8"))
+        return told if str(told["format"]).startswith(NAME) else {}
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        return False
+        return {}
 
 
 def listed_tables(path: Path) -> set[str]:
     """Names of the CSV files that the summary `path` lists, if it is there and ours."""
-    if not is_summary(path):
-        return set()
-    listed = json.loads(path.read_text(encoding="utf-8")).get("tables")
-    names = filter(lambda name: isinstance(name, str), listed if isinstance(listed, list) else [])
-    return {name for name in names if name in FILES.values()}
+    listed = _told(path).get("tables")
+    return {name for name in FILES.values() if isinstance(listed, list) and name in listed}
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
-    """The summary as a dictionary; energies and certificates are those at the end, None where infinite."""
-    mesh, run = history.mesh, history.trajectory
+    """The summary for JSON; energies and certificates are those at the end, None where infinite.
+
+    `writing` is how many seconds the other files took.
+    """
+    mesh, run, touch = history.mesh, history.trajectory, history.contact
+    counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
     seconds = {name: history.seconds[name] for name in ("assemble", "prepare", "solve")} | {"write": writing}
     size = {"cells": mesh.n_cells, "nodes": mesh.n_nodes, "h": mesh.h}
     return {
@@ -86,20 +108,11 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "certified_energy_error": finite_or_none(run.certificate.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
-        "energy": finite_or_none(run.energy[-1]),
-        "dissipated": finite_or_none(run.dissipated[-1]),
-        "work": finite_or_none(run.work[-1]),
-        "contact": _contact(history),
+        **{name: finite_or_none(getattr(run, name)[-1]) for name in ("energy", "dissipated", "work")},
+        "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }
-
-
-def _contact(history: Results) -> dict[str, int]:
-    """The numbers of contact nodes that stick, slip and are open in the last step."""
-    touch = history.contact
-    counts = {"stick": touch.stick_count, "slip": touch.slip_count, "open": touch.open_count}
-    return {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()}
 
 
 def finite_or_none(value: float | None) -> float | None:
@@ -121,38 +134,6 @@ def peak_memory_mb() -> float | None:
         return None
     unit = 2**20 if sys.platform == "darwin" else 2**10
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-
-
-# The folder of a history.
-#
-#     history.pvd      the stored steps in time, for ParaView and PyVista, pointing to
-#     step_0000.vtu    one file a stored step
-#     summary.json     what was run, how certain the answer is, the energies, the cost
-#     steps.csv        energies and certificates of every step, stored or not
-#     contact.csv      slip, traction, pressure ... at every contact node in every stored step
-#     probes.csv       displacements at points, where some were asked for
-#     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
-#
-# In a VTU file, at nodes: displacement, and of contact slip, traction, bound, backward, pressure and wear, zero
-# elsewhere; sticking and closed, 1 or 0, are NaN elsewhere, so that what slips differs from what is not in contact.
-# At an interface both sides have them, slip and traction of the second body with the other sign. On cells: stress
-# (xx, yy, xy), principal_stresses, out_of_plane_stress (zz), von_mises and strain_energy, the density 1/2 eps : C
-# eps, all of Pi u; stresses include what is there at zero strain. (What needs a zz that no material says is left
-# out.) In space stress is (xx, yy, zz, xy, yz, xz), as VTK has it, and cells are polyhedra.
-#
-# All files are made in a folder of their own inside the target, and moved from there when the file ``complete`` says
-# that none is missing. A process that dies before leaves an older history as it was. One that dies after leaves moves
-# to be made, which whoever next reads or writes there makes first: the history is the old one or the new one. The
-# archive, by which a folder is known as that of a history, goes first, and the summary last. Files of those names
-# that are of no history stay as they are.
-
-
-ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
-WRITING, COMPLETE = ".vemcvx-writing", "complete"
-STEP = r"step_[0-9]+\.vtu"
-KINDS = "|".join([STEP, *map(re.escape, (ARCHIVE, SERIES, SUMMARY, *FILES.values()))])
-"""Names of the files of a history, as a regular expression."""
-Fields = dict[str, Floats]
 
 
 def write_results(
@@ -203,9 +184,9 @@ def write_results(
                     _write_series(history, new / SERIES)
                 write_archive(history, new / ARCHIVE)
                 tables = write_tables(history, new, probes)
-                write_summary(
-                    history, origin or Origin(), tables, writing=time.perf_counter() - start, path=new / SUMMARY
-                )
+                told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
+                words = json.dumps(told, indent=2, allow_nan=False)
+                (new / SUMMARY).write_text(f"{words}\n", encoding="utf-8")
                 check_replaceable(folder, {path.name for path in new.iterdir()})
             except BaseException:
                 scratch.remove()
@@ -262,7 +243,7 @@ def _listed_steps(path: Path) -> set[str]:
     return {name for name in listed if re.fullmatch(STEP, name)}
 
 
-def _at_nodes(history: Results, row: int) -> Fields:
+def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
     """Displacement, and contact as fields of the whole body: vectors are opposite on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
@@ -274,7 +255,7 @@ def _at_nodes(history: Results, row: int) -> Fields:
     return fields
 
 
-def _on_cells(history: Results, row: int) -> Fields:
+def _on_cells(history: Results, row: int) -> dict[str, Floats]:
     """Stresses and strain energy per area."""
     space = Space(history.mesh)
     strain = strains(space, history.displacement[row])
@@ -292,9 +273,9 @@ def _on_cells(history: Results, row: int) -> Fields:
 
 def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES, SUMMARY, *FILES.values()})) -> None:
     """Raise HistoryError where a file of one of these names is there that is not of a history."""
-    told, kept = is_summary(folder / SUMMARY), is_archive(folder / ARCHIVE)
+    told = bool(_told(folder / SUMMARY))
     ours = {SUMMARY} | listed_tables(folder / SUMMARY) if told else set()
-    if told or kept:
+    if told or is_archive(folder / ARCHIVE):
         ours |= {ARCHIVE, SERIES} | _listed_steps(folder / SERIES)
     for name in sorted(names - ours):
         if os.path.lexists(folder / name):

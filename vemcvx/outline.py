@@ -1,4 +1,4 @@
-"""Records of arrays said in lines, and tables of rows printed."""
+"""Records said in lines, as prompts and notebooks show them, and tables as CSV, Markdown, LaTeX and HTML."""
 
 from __future__ import annotations
 
@@ -16,13 +16,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import brief
 
-# What prompts and notebooks show of a record: a title and a line for every field, instead of all its numbers.
-
-
 Lines = Sequence[tuple[str, str]]
-LINE = 100
-"""Characters of what is no array."""
-KINDS = {"b": "true or false", "i": "whole numbers", "f": ""}
 
 
 @dataclass(frozen=True)
@@ -84,12 +78,9 @@ def in_a_line(value: object) -> str:
     if isinstance(value, sp.csr_matrix):
         return f"{value.shape} sparse, {value.nnz} entries"
     if not isinstance(value, np.ndarray):
-        return shorten(brief(value), LINE)
-    kind = KINDS.get(value.dtype.kind, str(value.dtype))
+        return shorten(brief(value), 100)
+    kind = {"b": "true or false", "i": "whole numbers", "f": ""}.get(value.dtype.kind, str(value.dtype))
     return f"{value.shape} {kind}".rstrip()
-
-
-# Tables of words and numbers as CSV, Markdown, LaTeX and HTML.
 
 
 Words = Sequence[str]
@@ -135,18 +126,14 @@ def html(heads: Words, rows: Iterable[Words]) -> str:
     """A table of HTML; what follows a line break in a head stands below it in small, words have the class w."""
     rows = list(rows)
     kinds = map(_kind, rows[0]) if rows else [""] * len(heads)
-    head = "".join(_head(kind, *text.partition("\n")) for kind, text in zip(kinds, heads, strict=True))
-    lines = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
+    head = ""
+    for kind, words in zip(kinds, heads, strict=True):
+        text, line_break, below = words.partition("\n")
+        small = f"<br/><small>{escape(below)}</small>" if line_break else ""
+        head += f'<th class="{kind}">{escape(text)}{small}</th>'
+    cells = ("".join(f'<td class="{_kind(text)}">{escape(text)}</td>' for text in row) for row in rows)
+    lines = "".join(f"<tr>{row}</tr>" for row in cells)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
-
-
-def _head(kind: str, text: str, line_break: str, unit: str) -> str:
-    below = f"<br/><small>{escape(unit)}</small>" if line_break else ""
-    return f'<th class="{kind}">{escape(text)}{below}</th>'
-
-
-def _cell(text: str) -> str:
-    return f'<td class="{_kind(text)}">{escape(text)}</td>'
 
 
 def _kind(text: str) -> str:

@@ -30,10 +30,6 @@ from vemcvx.version import __version__
 DRIVE = "data"
 """The one field of a state that is not kept."""
 ABSENT, SEAL = "absent", "seal"
-PRESSURES = (0.0, 1e-150, 1.0, 1e150)
-"""At which laws of friction are looked at: one nodal force of each size shows cohesion, coefficient and cap."""
-SLIPS = (0.0, 1e-9, 1e-6, 1e-3, 1.0)
-"""Likewise the slip before a step, and in it."""
 
 
 def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
@@ -63,18 +59,19 @@ def mark_of_data(system: System, t: float) -> int:
     for motion in (system.motion, None if damping is None else damping.motion):
         if motion is not None:
             parts += [motion.dirichlet_force(t), motion.prescribed_slip(t), np.array(motion.stored(t, t))]
-            parts += [
-                motion.frame(t, np.zeros(system.n)),
-                *([] if motion.remaining_gap is None else [motion.remaining_gap(t)]),
-            ]
+            parts += [motion.frame(t, np.zeros(system.n))]
+            parts += [] if motion.remaining_gap is None else [motion.remaining_gap(t)]
     return int(_mark(*parts)[0])
 
 
 def _followed(system: System, weights: Callable[..., Floats], t: float, terms: Norms | DraggedTerms) -> list[Floats]:
-    """Weights (m,) as they follow forces and slips; none where a law refuses what need not come up."""
+    """Weights (m,) as they follow forces and slips; none where a law refuses what need not come up.
+
+    A nodal force of each size shows cohesion, coefficient and cap; likewise the slip before a step, and in it.
+    """
     found = []
-    for size in PRESSURES:
-        for slip in SLIPS if terms.remembers else SLIPS[:1]:
+    for size in (0.0, 1e-150, 1.0, 1e150):
+        for slip in (0.0, 1e-9, 1e-6, 1e-3, 1.0) if terms.remembers else (0.0,):
             slips = np.full(terms.count, slip)
             with suppress(SceneError):
                 found.append(weights(t, np.full(system.D.shape[0], size), slips, slips))

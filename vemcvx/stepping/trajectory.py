@@ -1,12 +1,18 @@
-"""A trajectory: what `march` returns, and where its steps are kept meanwhile."""
+"""A trajectory, what `march` returns: states, multipliers, energies, certificates; and where its rows are kept.
+
+Rows are kept in memory, or in a folder that outlives the process. A folder holds one ``.npy`` file an array, mapped
+into memory, so that the size of a history is bounded by the disk and not by memory; and ``checkpoint.npz``, replaced
+in one move, from which a run that was interrupted goes on. The disk's space is claimed before the first step. Should
+the machine die, too, the check sums of the checkpoint tell whether the disk has it all. :mod:`vemcvx.owned_files` says
+which files are a run's.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,52 +23,18 @@ from vemcvx.errors import HistoryError
 from vemcvx.outline import ArrayRecord
 from vemcvx.owned_files import Owned, path_of
 
-# Where the rows of a run are kept: in memory, or in a folder that outlives the process.
-#
-# A folder holds one ``.npy`` file an array, mapped into memory, so that the size of a history is bounded by the disk
-# and not by memory; and ``checkpoint.npz``, replaced in one move, from which a run that was interrupted goes on. The
-# disk's space is claimed before the first step. All of it outlives the process; should the machine die, too, the
-# check sums of the checkpoint tell whether the disk has it all. Which files are a run's says
-# :mod:`vemcvx.owned_files`.
-
-
 CHECKPOINT = "checkpoint.npz"
 ROWS = r"[a-z_]+\.npy|\.?checkpoint\.npz"
 """Names of the files of a run, as a regular expression."""
-SAVE: Callable[..., None] = np.savez
-"""Names of arrays are none of its options."""
-
-
-@runtime_checkable
-class Storage(Protocol):
-    """Somewhere for arrays."""
-
-    lasting: bool
-    """whether they outlive the process, so that checkpoints are worth their making"""
-
-    def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-        """A new writable array of zeros."""
-
-    def kept(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-        """The array that an earlier run has left."""
-
-    def clear(self) -> None:
-        """Forget an earlier run."""
-
-    def save(self, arrays: Arrays) -> None:
-        """Keep a checkpoint: everything needed to go on from here."""
-
-    def load(self) -> Arrays | None:
-        """The checkpoint to go on from, if there is one."""
 
 
 class Memory:
-    """Rows in memory; nothing outlives the run."""
+    """Rows in memory, which do not outlive the process, so that checkpoints are not worth their making."""
 
     lasting = False
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any = float) -> NDArray[Any]:
-        """Zeros."""
+        """Return zeros."""
         try:
             return np.zeros(shape, dtype)
         except (MemoryError, ValueError) as error:
@@ -74,13 +46,13 @@ class Memory:
     kept = array
 
     def clear(self) -> None:
-        """Nothing: there was no earlier run."""
+        """Do nothing: there was no earlier run."""
 
     def save(self, arrays: Arrays) -> None:
-        """Nothing: memory needs no checkpoint."""
+        """Do nothing: memory needs no checkpoint."""
 
     def load(self) -> Arrays | None:
-        """None."""
+        """Return None: there is no checkpoint."""
         return None
 
 
@@ -92,7 +64,7 @@ class Folder(Owned):
     path : str or Path
         The folder, made if need be.
     resumes : bool
-        Whether a run that it holds is to be gone on with; else it is begun anew.
+        Go on with a run that it holds; else it is begun anew.
 
     Raises
     ------
@@ -114,7 +86,10 @@ class Folder(Owned):
         try:
             file.unlink(missing_ok=True)
             made = np.lib.format.open_memmap(file, mode="w+", dtype=dtype, shape=shape)
-            _claim(file)
+            # The space is taken now: a full disk is an error here, and a crash once the file is mapped.
+            if hasattr(os, "posix_fallocate"):
+                with open(file, "r+b") as opened:
+                    os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
             return made
         except (OSError, ValueError, OverflowError) as error:
             raise HistoryError(f"{file}: no room for an array of shape {shape}: {error}.") from error
@@ -138,7 +113,7 @@ class Folder(Owned):
         kept, made = self.take(CHECKPOINT), self.take(f".{CHECKPOINT}")
         try:
             with open(made, "wb") as file:
-                SAVE(file, **arrays)
+                np.savez(file, **arrays)  # type: ignore[arg-type]  # names of arrays are none of its options
             os.replace(made, kept)
         except OSError as error:
             raise HistoryError(f"{self.path}: cannot write a checkpoint: {error}.") from error
@@ -155,14 +130,7 @@ class Folder(Owned):
             raise HistoryError(f"{file}: damaged: {error}. Remove the folder and run again.") from error
 
 
-def _claim(file: Path) -> None:
-    """Take the space now: a full disk is an error here, and a crash once the file is mapped."""
-    with open(file, "r+b") as opened:
-        if hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
-
-
-# What a march through time leaves: states, multipliers, the energy ledger and the certificates.
+Storage = Memory | Folder
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

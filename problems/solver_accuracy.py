@@ -60,7 +60,7 @@ import spring_slider_chain
 import vemcvx as vx
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 from vemcvx.stepping.backward_euler import QuasistaticSteps
 from vemcvx.stepping.recorder import certified_in_full

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.scene.pose import PosedScene, pose_scene
+from vemcvx.scene import PosedScene, pose_scene
 
 ANSWER, WARNING, REFUSAL = "answer", "answer with a warning", "refuse with an error"
 SOLVERS = (vx.Newton(accuracy=1e-8), vx.Clarabel(accuracy=1e-6), vx.OSQP(accuracy=1e-6))

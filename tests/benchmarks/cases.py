@@ -30,7 +30,7 @@ mesh, marks = vx.meshes.{family}({n}), []
 FACTOR = """
 import scipy.sparse as sp
 from reference import factor_and_solve
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 system = pose_scene(SCENE, mesh).system
 K, f = sp.csc_matrix(system.K), system.force(1.0)
 wall, cpu = time.perf_counter(), time.process_time()

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.compare import Attempt, Compared, bounds_distance, clause, distance, judged, remarks
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 
 ROOT = Path(vx.__file__).parent.parent

@@ -17,7 +17,7 @@ import vemcvx as vx
 from vemcvx.linear import factor
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.forces import MOST_FIELDS
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.testing.effects import TIMES, mesh
 
 

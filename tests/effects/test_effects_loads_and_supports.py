@@ -15,7 +15,7 @@ from scenes import few_families, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Support
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.vem import Space
 
 YOUNG, POISSON = 200.0, 0.3

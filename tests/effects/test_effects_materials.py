@@ -8,7 +8,7 @@ from scenes import paper_load, paper_scene, small
 from test_effects_loads_and_supports import Pin, near, tensor, turned
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.vem import Space, elastic_matrix, upper_triangle
 from vemcvx.vem.stiffness_matrix import softest_shear
 

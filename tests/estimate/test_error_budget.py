@@ -103,7 +103,7 @@ def test_effectivity_is_printed():
 
 
 def stiffness(history):
-    from vemcvx.scene.pose import pose_scene
+    from vemcvx.scene import pose_scene
 
     return pose_scene(history.scene, history.mesh).system.K
 
@@ -145,7 +145,7 @@ MATERIALS = [
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
     from vemcvx.estimate.budget.error_parts import stabilised
-    from vemcvx.scene.pose import pose_scene
+    from vemcvx.scene import pose_scene
     from vemcvx.vem import strains, stresses
 
     mesh = vx.meshes.voronoi(4)

@@ -9,7 +9,7 @@ from declared_cells import TIMES, block, cantilever, cases, squares, stretched
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.budget.skeleton import skeleton
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 TYPICAL, MOST = 1.6, 4.0
 QUICK = ("block 128x4", "sheared 4x64", "cantilever 10 4", "cantilever 100 4", "block voronoi 16h", "heavy hanging 16v")

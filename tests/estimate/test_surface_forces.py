@@ -7,7 +7,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.estimate.budget.skeleton import instant, skeleton, surface_forces
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 SLOPE = np.tan(np.radians(30.0))
 

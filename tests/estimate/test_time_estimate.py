@@ -12,7 +12,7 @@ from scenes import paper_scene
 import vemcvx as vx
 from vemcvx.estimate.budget import beside_finer, error_budget
 from vemcvx.estimate.budget.finer_steps import course
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.time_loop import initial_state

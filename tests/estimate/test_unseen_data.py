@@ -161,6 +161,6 @@ def test_kinds_are_documented():
 
 
 def posed_data(scene):
-    from vemcvx.scene.pose import pose_scene
+    from vemcvx.scene import pose_scene
 
     return pose_scene(scene, vx.meshes.squares(4)).given

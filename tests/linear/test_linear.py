@@ -22,7 +22,7 @@ from vemcvx.linear import DenseCholesky, Multigrid, Pardiso, Scaled, SuperLU, ch
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.kernel import Kernel
 from vemcvx.results.io.folder import peak_memory_mb
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
 TIMES = np.linspace(0.0, 1.0, 7)

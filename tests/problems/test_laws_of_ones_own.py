@@ -10,7 +10,7 @@ import pytest
 import cohesive_interface as glued
 import slip_weakening as weakening
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 
 def allowed(history, problem, rho):

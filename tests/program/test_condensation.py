@@ -12,7 +12,7 @@ import vemcvx as vx
 from vemcvx.arrays import EPS
 from vemcvx.linear.factor import Factor, nested_dissection
 from vemcvx.program.condensation import RELEASED, SHARP, Condensation
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 EACH = [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=needs("pymklpardiso"))]

@@ -9,7 +9,7 @@ from installed import needs
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import needs_refinement
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 

@@ -10,7 +10,7 @@ import vemcvx as vx
 from vemcvx.linear.factor import DenseCholesky, SparseFactor
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, restricted
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 CONDENSED = pytest.mark.parametrize("condense", [True, False], ids=["condensed", "all unknowns"])

@@ -11,7 +11,7 @@ from scenes import few_families
 import vemcvx as vx
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.stepping.posed_step import data_norm
 from vemcvx.stepping.trajectory import relative
 

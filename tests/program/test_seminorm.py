@@ -8,7 +8,7 @@ from scenes import few_families
 
 import vemcvx as vx
 from vemcvx.program.kernel import Kernel, KernelBalance
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 9)
 BOUND = 4.0

@@ -7,7 +7,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.estimate.budget import error_budget
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 

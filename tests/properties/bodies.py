@@ -10,7 +10,7 @@ from strategies import SEEDS, for_all, materials, meshes, settings_of_scenes
 
 import vemcvx as vx
 from properties.rounding import EPS, Energy, majorant
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.vem import Space, rigid_modes
 
 CELL = 64

@@ -10,7 +10,7 @@ from strategies import SEEDS, cases, courses, exponents, for_all, settings_of_sc
 
 import vemcvx as vx
 from properties.rounding import EPS, Energy, majorant, marched
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 NEWTON = vx.Newton(accuracy=1e-9)
 

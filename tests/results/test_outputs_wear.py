@@ -8,7 +8,7 @@ from scenes import cyclic, paper_load, paper_scene, small
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 25)
 # Sums over some 25 steps and 10 nodes of numbers of one sign, in two orders.

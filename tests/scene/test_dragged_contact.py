@@ -8,7 +8,7 @@ from scenes import few_families, small
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore:supports. nothing but friction or one-sided contact")
 

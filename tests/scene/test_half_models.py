@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 TIMES = np.linspace(0.0, 1.0, 5)
 CONTACTS = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 JOINT = "lower|upper"
 STEEL = vx.Elasticity(10.0, 0.3)

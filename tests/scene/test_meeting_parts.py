@@ -8,7 +8,7 @@ from scenes import few_families, small
 
 import vemcvx as vx
 from vemcvx.effects import Contribution, Friction
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 STEEL = vx.Elasticity(young=200.0, poisson=0.3)
 TIMES = np.linspace(0.0, 1.0, 7)

@@ -10,7 +10,7 @@ from scenes import FAMILIES, few_families, paper_load, small
 
 import vemcvx as vx
 from vemcvx.effects import Friction, Support
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.scene.supports import resolve
 
 TIMES = np.linspace(0.0, 1.0, 9)

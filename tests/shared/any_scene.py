@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 SIDES = ("left", "right", "bottom", "top")
 

@@ -13,7 +13,7 @@ from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.results.results import displacement
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 EPS = float(np.finfo(float).eps)
 ROUNDED = 64 * EPS

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from hypothesis import strategies as st
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 SEEDS = st.integers(0, 10_000)
 HUGE = 1e6

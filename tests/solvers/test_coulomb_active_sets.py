@@ -13,7 +13,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 SHIFT = 10.0
 

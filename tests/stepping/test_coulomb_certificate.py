@@ -16,7 +16,7 @@ from any_scene import draw
 from coulomb_scenes import converged, coulomb_scene, energy_norm
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.solvers.newton import independent
 from vemcvx.stepping.backward_euler import QuasistaticSteps
 from vemcvx.stepping.ledger import step_data

@@ -11,7 +11,7 @@ from scenes import cyclic, paper_scene, small
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.stepping.state import Earlier, State
 
 TIMES = np.linspace(0.0, 1.0, 33)

@@ -7,7 +7,7 @@ import pytest
 from scenes import cyclic, few_families, paper_load, small
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 pytestmark = pytest.mark.arithmetic
 

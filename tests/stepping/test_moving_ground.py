@@ -13,7 +13,7 @@ from identical import same
 from scenes import small
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 STEEL = vx.Elasticity(200.0, 0.3)
 HELD = vx.Clamp(on="right")

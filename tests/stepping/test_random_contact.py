@@ -9,7 +9,7 @@ import pytest
 from scenes import FAMILIES
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 TIMES = np.array([0.0, 0.15, 0.3, 0.5, 0.6, 0.8, 1.0])
 SIZE = 200.0

@@ -10,7 +10,7 @@ from installed import needs
 import vemcvx as vx
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.iterative_refinement import refined
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 EPS = float(np.finfo(float).eps)
 LINEAR = [vx.SuperLU(), pytest.param(vx.Pardiso(), marks=needs("pymklpardiso"))]

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 from vemcvx.stepping.backward_euler import shared_lengths
 
 pytestmark = pytest.mark.arithmetic

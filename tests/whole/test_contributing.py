@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.scene.pose import pose_scene
+from vemcvx.scene import pose_scene
 
 ROOT = Path(__file__).parents[2]
 TEXT, README = (ROOT / "CONTRIBUTING.md").read_text(), (ROOT / "README.md").read_text()

@@ -39,6 +39,8 @@ def traced(run, powers=(1,), number=NUMBER, since=None):
     seen, here = {}, [since is None]
 
     def has(x):
+        if isinstance(x, dict):
+            return any(map(has, x.values()))
         if isinstance(x, (float, np.ndarray)) and np.size(x) < 5000 and np.asarray(x).dtype == float:
             return bool((np.abs(np.frexp(np.abs(np.ravel(x)))[0][:, None] - wanted) < 1e-14).any())
         return hasattr(x, "data") and hasattr(x, "indptr") and has(x.data)

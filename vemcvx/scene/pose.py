@@ -120,11 +120,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class PosedScene:
-    """A scene on a mesh, ready to march."""
+    """A scene on a mesh, ready to march: `march(posed.system, times)`, in the free unknowns y of u = P y + u_D(t)."""
 
     scene: Scene
     space: Space
     system: System
+    """K, load, norm terms and limits over the free unknowns, in consistent units"""
     supports: Supports
     A: sp.csr_matrix
     """(n_u, n_u) stiffness over all nodal values"""
@@ -157,7 +158,19 @@ class PosedScene:
 
 
 def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> PosedScene:
-    """Assemble a scene on a mesh; what is zero at all of `times` is left out.
+    """Assemble a scene on a mesh; effects that are zero at all of `times` are left out.
+
+    Parameters
+    ----------
+    scene : Scene
+    mesh : PolygonMesh or PolyhedralMesh
+    times : sequence of float, optional
+        Instants at which data are looked at, whether they are zero.
+
+    Returns
+    -------
+    PosedScene
+        Its `system` is what `vemcvx.march` takes.
 
     Raises
     ------

@@ -1,4 +1,13 @@
-"""Results at any points of the body, and along lines."""
+"""Results at any points of the body, and along lines.
+
+On an edge u_h is known: linear between its nodes, whose own values it takes at the ends; on faces of polyhedra it is
+piecewise linear. Inside a cell it is not known, and its projection Pi u_h, (3.11), stands for it. Fields that are
+constant on cells are averaged over all cells that hold the point, so that a mirror image gives the mirror image.
+
+In the plane a point lies inside a simple polygon if a ray from it crosses the sides an odd number of times (Shimrat,
+Algorithm 112, Comm. ACM 5 (1962)). It lies on a side, where parity is a matter of rounding, if it is as close as
+rounding brings it: then all cells there hold it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, is_whole, shape_in_words
+from vemcvx.arrays import Floats, Ints, as_real_array, brief, is_whole, shape_in_words
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interpolation import projected_values
@@ -19,15 +28,8 @@ from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
 from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
 
-# Which cells of a polygonal mesh hold which points, for all points at once, whatever the shape of the cells.
-#
-# A point lies inside a simple polygon if a ray from it crosses the sides an odd number of times (Shimrat, Algorithm
-# 112, Comm. ACM 5 (1962)). It lies on a side, where parity is a matter of rounding, if it is as close as rounding
-# brings it: then all cells there hold it, and the side is kept, because functions of the space are known on it.
-
-
-# Points in one go: temporaries of some ten megabytes.
 CHUNK = 2**14
+"""Points in one go: temporaries of some ten megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,79 +54,45 @@ class Location:
 
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
-    """Locate finite points (p, 2); those outside the mesh are in no cell."""
+    """Find the finite points (p, 2) in the mesh; those outside are in no cell."""
+    found = [(k, _located(mesh, points[k : k + CHUNK])) for k in range(0, max(len(points), 1), CHUNK)]
+    shifted = [(k + part.points, part.cells, part.starts, part.ends, part.along) for k, part in found]
+    return Location(*(np.concatenate(column) for column in zip(*shifted, strict=True)))
+
+
+def _located(mesh: PolygonMesh, points: Floats) -> Location:
+    """The same in one go, over pairs of a point i and a cell whose box it is in, and the sides of that cell."""
+    starts, ends, along = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))
     low, high = (f.reduceat(mesh.points[mesh.vertices], mesh.offsets[:-1]) for f in (np.minimum, np.maximum))
     rounding = POINT_ROUNDING * np.abs(mesh.points).max()
     reach = CLOSE * mesh.h + rounding
-    near = np.flatnonzero(((points >= low.min(axis=0) - reach) & (points <= high.max(axis=0) + reach)).all(axis=1))
-    starts, ends, along = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))
-    found = [np.zeros((2, 0), dtype=np.int64)]
-    for chunk in np.split(near, range(CHUNK, len(near), CHUNK)) if len(near) else []:
-        i, cells = overlapping_boxes(points[chunk] - reach, points[chunk] + reach, low, high)
-        order = np.lexsort([cells, i])
-        i, cells = chunk[i[order]], cells[order]
-        if len(i):
-            sides = _Sides(mesh, points, i, cells, CLOSE * mesh.diameters[cells] + rounding)
-            on, a, b, t = sides.nearest()
-            starts[on], ends[on], along[on] = a, b, t
-            found.append(np.stack([i, cells])[:, sides.holds])
-    held, holding = np.concatenate(found, axis=1)
-    return Location(held, holding, starts, ends, along)
-
-
-class _Sides:
-    """The sides of candidates: pairs of a point i and a cell that may hold it, within `reach` of its sides."""
-
-    def __init__(self, mesh: PolygonMesh, points: Floats, i: Ints, cells: Ints, reach: Floats):
-        counts = np.diff(mesh.offsets)[cells]
-        corner = spans(mesh.offsets[cells], counts)
-        self._begin = np.cumsum(counts) - counts
-        self._point = np.repeat(i, counts)
-        self._a, self._b = mesh.vertices[corner], next_vertex(mesh.offsets, mesh.vertices)[corner]
-        a, b = (mesh.points[ends] - points[self._point] for ends in (self._a, self._b))
-        side = b - a
-        self._along = np.clip(-np.einsum("sd,sd->s", a, side) / np.einsum("sd,sd->s", side, side), 0.0, 1.0)
-        self._distance = np.linalg.norm(a + self._along[:, None] * side, axis=1)
-        self._on = self._distance <= np.repeat(reach, counts)
-        # The ray to the right meets a side from below to above if the point lies left of it, and so on.
-        left = cross(a, b) > 0
-        self._crossed = ((a[:, 1] > 0) != (b[:, 1] > 0)) & (left == (b[:, 1] > a[:, 1]))
-        if mesh.interfaces:
-            first = np.repeat(~self._of_second_bodies(mesh, i), counts)
-            self._on, self._crossed = self._on & first, self._crossed & first
-
-    @property
-    def holds(self) -> Bools:
-        """True if each candidate's closed cell holds its point."""
-        odd: Bools = np.add.reduceat(self._crossed.astype(np.int64), self._begin) % 2 == 1
-        return odd | np.logical_or.reduceat(self._on, self._begin)
-
-    def _of_second_bodies(self, mesh: PolygonMesh, i: Ints) -> Bools:
-        """Return True if a candidate's point lies on a side of its cell that is the second body's of an interface.
-
-        Not where that is so of all candidates of a point.
-        """
-        n = mesh.n_nodes
-        second = np.concatenate([joint.partners[:, 1] * n + joint.partners[:, 0] for joint in mesh.interfaces.values()])
-        there = self._on & np.isin(self._a * n + self._b, second)
-        found: Bools = np.logical_or.reduceat(there, self._begin)
-        others = np.bincount(i[~found], minlength=i.max() + 1)[i] > 0
-        return found & others
-
-    def nearest(self) -> tuple[Ints, Ints, Ints, Floats]:
-        """Points on sides, without repetition; the ends of the nearest side of each, and the place on it."""
-        on = np.flatnonzero(self._on)
-        on = on[np.lexsort([self._distance[on], self._point[on]])]
-        points, first = np.unique(self._point[on], return_index=True)
-        side = on[first]
-        return points, self._a[side], self._b[side], self._along[side]
-
-
-# Points of the body as averages over nodes and cells.
-#
-# On an edge u_h is known: linear between its nodes, whose own values it takes at the ends; on faces of polyhedra it
-# is piecewise linear. Inside a cell it is not known, and its projection Pi u_h, (3.11), stands for it. What is
-# constant on cells is averaged over all cells that hold the point, so that a mirror image gives the mirror image.
+    i, cells = overlapping_boxes(points - reach, points + reach, low, high)
+    if len(i) == 0:
+        return Location(i, cells, starts, ends, along)
+    i, cells = np.column_stack([i, cells])[np.lexsort([cells, i])].T
+    counts = np.diff(mesh.offsets)[cells]
+    corner, begin, point = spans(mesh.offsets[cells], counts), np.cumsum(counts) - counts, np.repeat(i, counts)
+    nodes = mesh.vertices[corner], next_vertex(mesh.offsets, mesh.vertices)[corner]
+    a, b = (mesh.points[node] - points[point] for node in nodes)
+    side = b - a
+    before = np.clip(-np.einsum("sd,sd->s", a, side) / np.einsum("sd,sd->s", side, side), 0.0, 1.0)
+    distance = np.linalg.norm(a + before[:, None] * side, axis=1)
+    on = distance <= np.repeat(CLOSE * mesh.diameters[cells] + rounding, counts)
+    # The ray to the right meets a side from below to above if the point lies left of it, and so on.
+    crossed = ((a[:, 1] > 0) != (b[:, 1] > 0)) & ((cross(a, b) > 0) == (b[:, 1] > a[:, 1]))
+    if mesh.interfaces:
+        # A point on an interface counts with the first body, unless all of its candidates are of second ones.
+        seconds = np.concatenate([joint.partners[:, ::-1] for joint in mesh.interfaces.values()]) @ [mesh.n_nodes, 1]
+        second = np.logical_or.reduceat(on & np.isin(nodes[0] * mesh.n_nodes + nodes[1], seconds), begin)
+        first = np.repeat(~(second & (np.bincount(i[~second], minlength=len(points))[i] > 0)), counts)
+        on, crossed = on & first, crossed & first
+    holds = (np.add.reduceat(crossed.astype(np.int64), begin) % 2 == 1) | np.logical_or.reduceat(on, begin)
+    nearest = np.flatnonzero(on)
+    nearest = nearest[np.lexsort([distance[nearest], point[nearest]])]
+    nearest = nearest[np.unique(point[nearest], return_index=True)[1]]
+    for values, found in ((starts, nodes[0]), (ends, nodes[1]), (along, before)):
+        values[point[nearest]] = found[nearest]
+    return Location(i[holds], cells[holds], starts, ends, along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +136,10 @@ def places(mesh: AnyMesh, points: ArrayLike, subject: str) -> Places:
 
 
 def _in_plane(mesh: PolygonMesh, x: Floats) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Values at the points x (p, 2) from values at nodes, and from values on cells."""
     found = locate(mesh, x)
     shares = 1.0 / np.bincount(found.points, minlength=len(x))[found.points]
     cells = sp.csr_matrix((shares, (found.points, found.cells)), shape=(len(x), mesh.n_cells))
-    return _nodes(mesh, x, found), cells
-
-
-def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
-    """Values at the points from values at nodes."""
     on = np.flatnonzero(found.starts >= 0)
     row, part = np.tile(on, 2), np.concatenate([1.0 - found.along[on], found.along[on]])
     ends = np.concatenate([found.starts[on], found.ends[on]])
@@ -185,7 +149,7 @@ def _nodes(mesh: PolygonMesh, x: Floats, found: Location) -> sp.csr_matrix:
     inside = found.starts[inner] < 0
     inner, cell = inner[inside], found.cells[first[inside]]
     spread = sp.csr_matrix((np.ones(len(inner)), (inner, np.arange(len(inner)))), shape=(len(x), len(inner)))
-    return sp.csr_matrix(edges + spread @ projected_values(mesh, cell, x[inner]))
+    return sp.csr_matrix(edges + spread @ projected_values(mesh, cell, x[inner])), cells
 
 
 def _points(points: ArrayLike, dim: int, subject: str) -> Floats:
@@ -209,11 +173,6 @@ def _outside(mesh: AnyMesh, x: Floats, out: Ints, subject: str) -> str:
     )
 
 
-# A field along a straight line of the body.
-
-
-MOST = 10**7
-"""Points on a line beyond which it is a slip of the keyboard."""
 ON_CELLS = ("stress", "out_of_plane_stress", "von_mises", "principal_stresses")
 
 
@@ -238,7 +197,7 @@ def profile(history: Results, start: ArrayLike, end: ArrayLike, count: int, fiel
         raise SceneError(
             f"along: there is no field {field!r}; there are 'displacement', {', '.join(map(repr, ON_CELLS))}."
         )
-    if not is_whole(count) or not 2 <= count <= MOST:
+    if not is_whole(count) or not 2 <= count <= 10**7:
         raise SceneError(f"along: found count = {brief(count)}; wanted the number of points, 2 or more.")
     dim = history.mesh.points.shape[1]
     first, last = (_end(point, dim, name) for point, name in ((start, "start"), (end, "end")))

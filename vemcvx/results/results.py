@@ -9,8 +9,9 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints, brief, is_whole, summed_columns
+from vemcvx.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
 from vemcvx.errors import HistoryError, SceneError, SceneWarning
 from vemcvx.meshes import AnyMesh
 from vemcvx.program import SolvedProgram
@@ -209,6 +210,18 @@ class Results:
             kept = np.array2string(self.stored, threshold=8)
             raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
         return stored.index(wanted)
+
+
+RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}
+"""Records whose arrays make up a history, under the first part of the names that their arrays have in files."""
+
+
+def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
+    """Give every array of a history with its name and what there is to say of it."""
+    for prefix, record in zip(RECORDS, (history, history.contact, history.trajectory), strict=True):
+        for name, of in quantities(type(record)).items():
+            if (values := getattr(record, name)) is not None:
+                yield prefix + name, values, of
 
 
 CLOSED = 1e-6

@@ -13,7 +13,7 @@ from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.outline import Lines, Outline, csv_text
 from vemcvx.results.contact import Contact
 from vemcvx.results.probe import places
-from vemcvx.results.results import Results
+from vemcvx.results.results import Results, labelled
 from vemcvx.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -110,11 +110,9 @@ def dataset(history: Results) -> Dataset:
     except ImportError:
         raise VemcvxError("to_xarray needs xarray, which is not installed: pip install 'vemcvx[xarray]'") from None
     arrays = {}
-    for prefix, record in (("", history), ("contact.", history.contact), ("trajectory.", history.trajectory)):
-        for name, of in quantities(type(record)).items():
-            if (values := getattr(record, name)) is not None:
-                sizes = [f"of_{size}" if size.isdecimal() else DIMENSIONS.get(size, size) for size in of.sizes]
-                arrays[prefix + name] = sizes, values, {"units": of.unit, "long_name": of.meaning}
+    for name, values, of in labelled(history):
+        sizes = [f"of_{size}" if size.isdecimal() else DIMENSIONS.get(size, size) for size in of.sizes]
+        arrays[name] = sizes, values, {"units": of.unit, "long_name": of.meaning}
     axes = list("xyz")[: history.mesh.points.shape[1]]
     coordinates = {"step": history.stored, "instant": history.trajectory.times, "axis": axes}
     return Dataset(arrays, {**coordinates, "time": ("step", history.times)}, {"solver": history.solver})

@@ -15,13 +15,12 @@ from vemcvx.errors import HistoryError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.results.contact import Contact
-from vemcvx.results.results import Results
+from vemcvx.results.results import RECORDS, Results, labelled
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import component_names
 
 NAME = "vemcvx history"
 FORMAT = f"{NAME} 4"
-RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}
 SHAPES = {prefix + name: shape for prefix, record in RECORDS.items() for name, shape in sizes_of(record).items()}
 
 
@@ -37,17 +36,14 @@ def write_archive(history: Results, path: Path) -> None:
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
-    records = {"": history, "contact.": history.contact, "trajectory.": history.trajectory}
     arrays = {
         "about": np.array(json.dumps(about)),
         **{f"mesh.{name}": getattr(mesh, name) for name in mesh.ARRAYS},
         **{f"boundary.{name}": edges for name, edges in mesh.boundaries.items()},
         **{f"partners.{name}": found.partners for name, found in mesh.interfaces.items()},
         **{f"cell_data.{name}": values for name, values in mesh.cell_data.items()},
+        **{name: values for name, values, _ in labelled(history)},
     }
-    for prefix, record in records.items():
-        found = {prefix + name: getattr(record, name) for name in sizes_of(RECORDS[prefix])}
-        arrays |= {name: values for name, values in found.items() if values is not None}
     np.savez(path, **arrays)
 
 

@@ -33,17 +33,19 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
 
 Parts = dict[str, Matrix]
-VECTORS = "g", "w", "b", "e", "c"
+SIZES = {
+    **{"K": ("n", "n"), "B": ("rows", "n"), "D": ("limits", "n"), "g": ("n",), "w": ("terms",), "b": ("rows",)},
+    **{"e": ("limits",), "c": ("limits",), "N": ("n", "motions"), "anchor": ("n",)},
+}
+"""The arrays of a program in every format, and names of their sizes; b has a block of rows a term."""
 
 
 def parts_of(program: StepProgram) -> Parts:
-    """K, B, D, g, w, b, e, and c the compliances; with a kernel also N, its motions, and the anchors' stiffness."""
-    operators = program.operators
-    parts: Parts = {"K": operators.K, "B": operators.B, "D": operators.D}
-    parts |= {"g": program.g, "w": program.w, "b": program.b, "e": program.e, "c": operators.compliance}
-    if operators.kernel is not None and operators.anchor is not None:
-        parts |= {"N": operators.kernel, "anchor": operators.anchor}
-    return parts
+    """Return the arrays of a program; N and the stiffness of anchors there are where K has a kernel."""
+    of = program.operators
+    parts = {"K": of.K, "B": of.B, "D": of.D, "c": of.compliance, "N": of.kernel, "anchor": of.anchor}
+    parts |= {name: getattr(program, name) for name in "gwbe"}
+    return {name: part for name in SIZES if (part := parts[name]) is not None}
 
 
 def put_together(parts: Mapping[str, Matrix]) -> StepProgram:
@@ -56,18 +58,21 @@ def put_together(parts: Mapping[str, Matrix]) -> StepProgram:
     """
     for name in ("K", "g"):
         if name not in parts:
-            raise ProgramError(f"found no {name}; a program has {', '.join(('K', 'B', 'D', *VECTORS))}.")
+            raise ProgramError(
+                f"found no {name}; a program has {', '.join(name for name in SIZES if len(name) == 1 and name != 'N')}."
+            )
     try:
-        g, w, b, e, c = (_array(parts, name).ravel() for name in VECTORS)
+        g, w, b, e, c = (_array(parts, name).ravel() for name in "gwbec")
         n, terms = len(g), len(w)
-        rows = {"K": n, "B": len(b), "D": len(e)}
-        shapes = {name: parts[name].shape for name in rows if name in parts}
-        fits = all(shape == (rows[name], n) for name, shape in shapes.items())
-        if not fits or len(c) != len(e) or (terms and len(b) % terms) or (len(b) and not terms):
+        sizes = {"n": n, "rows": len(b), "limits": len(e)}
+        wanted = {name: (sizes[SIZES[name][0]], n) for name in "KBD"}
+        shapes = {name: parts[name].shape for name in "KBD" if name in parts}
+        fits = all(shape == wanted[name] for name, shape in shapes.items()) and len(c) == len(e)
+        if not fits or (terms and len(b) % terms) or (len(b) and not terms):
             found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
             raise ProgramError(f"{found}, g {n}, w {terms}, b {len(b)}, e {len(e)} and c {len(c)} fit no program.")
         K = _array(parts, "K") if isinstance(parts["K"], np.ndarray) else checked_matrix(parts["K"], "K")
-        B, D = (checked_matrix(parts.get(name, sp.csr_matrix((rows[name], n))), name) for name in "BD")
+        B, D = (checked_matrix(parts.get(name, sp.csr_matrix(wanted[name])), name) for name in "BD")
         if n:
             check_symmetric(sp.csr_matrix(K), "K")
         if (w < 0).any() or (c < 0).any():
@@ -142,7 +147,7 @@ def to_npz(program: StepProgram) -> dict[str, bytes]:
 def from_npz(path: Path) -> StepProgram:
     """The program, solved if the file has the answer."""
     kept = read_arrays(path)
-    parts: Parts = {name: kept[name] for name in ("K", "g", "w", "b", "e", "c", "N", "anchor") if name in kept}
+    parts: Parts = {name: kept[name] for name in SIZES if name in kept}
     for name in "KBD":
         members = [f"{name}_{k}" for k in CSR]
         if any(member in kept for member in members):
@@ -161,7 +166,6 @@ def from_npz(path: Path) -> StepProgram:
     return SolvedProgram.of(program, Answer(d, lam, 0, "read from a file", p=p), int(step), float(t))
 
 
-OTHERS = "B", "D", "g", "w", "b", "e", "c", "N", "anchor"
 HEAD = re.compile(
     r"%%MatrixMarket\s+matrix\s+(coordinate|array)\s+(real|double|integer|unsigned-integer|pattern)\s+"
     r"(general|symmetric|skew-symmetric)\s*",
@@ -171,7 +175,7 @@ HEAD = re.compile(
 
 def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
     """The files, under the ends of their names; None of those that are not to be there."""
-    made: dict[str, bytes | None] = {f"_{name}.mtx": None for name in OTHERS}
+    made: dict[str, bytes | None] = {f"_{name}.mtx": None for name in SIZES if name != "K"}
     for name, part in parts_of(program).items():
         rows = part.shape[0]
         if rows:
@@ -185,9 +189,9 @@ def to_matrix_market(program: StepProgram) -> dict[str, bytes | None]:
 def from_matrix_market(path: Path) -> StepProgram:
     """The program of the file of K and those beside it."""
     parts: Parts = {"K": read_matrix(path, "K")}
-    for name in OTHERS:
+    for name in SIZES:
         beside = path.with_name(f"{path.stem}_{name}.mtx")
-        if beside.exists():
+        if name != "K" and beside.exists():
             parts[name] = read_matrix(beside, name)
     return put_together(parts)
 

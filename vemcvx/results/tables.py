@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Floats, Ints, brief, quantities
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.outline import Lines, Outline, csv_text
-from vemcvx.results.contact import Contact
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
-from vemcvx.stepping.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -42,7 +40,7 @@ def table(history: Results, name: object, points: ArrayLike | None = None) -> Co
 
 def _steps(history: Results) -> Columns:
     run = history.trajectory
-    names = [name for name, of in quantities(Trajectory).items() if of.sizes == ("N",) and name != "times"]
+    names = [name for name, of in quantities(type(run)).items() if of.sizes == ("N",) and name != "times"]
     found = {name: getattr(run, name) for name in (*names, *DERIVED)}
     columns = {"step": np.arange(len(run.times)), "time": run.times}
     return columns | {name: values for name, values in found.items() if values is not None}
@@ -52,7 +50,7 @@ def _contact(history: Results) -> Columns:
     """Every array of contact; those that do not change in time are repeated at every step, named after one node."""
     contact, steps = history.contact, len(history.stored)
     columns = _when(history, len(contact.nodes))
-    for name, of in quantities(Contact).items():
+    for name, of in quantities(type(contact)).items():
         values = getattr(contact, name)
         if of.sizes[0] == "S":
             columns |= _by_axis(name, values.reshape(-1, *values.shape[2:]))

@@ -44,7 +44,6 @@ from vemcvx.arrays import Floats, brief, quantities
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes.io.vtu import write_cells
 from vemcvx.owned_files import DRAFTS, Owned, path_of
-from vemcvx.results.contact import Contact
 from vemcvx.results.io.archive import FORMAT, NAME, is_archive, read_archive, write_archive
 from vemcvx.results.results import Results
 from vemcvx.results.tables import FILES, write_tables
@@ -247,7 +246,7 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
     """Displacement, and contact as fields of the whole body: vectors are opposite on the second of two bodies."""
     contact, u = history.contact, history.displacement[row]
     fields, joined = {"displacement": u}, contact.partners >= 0
-    for name in (name for name, of in quantities(Contact).items() if of.sizes[0] == "S"):
+    for name in (name for name, of in quantities(type(contact)).items() if of.sizes[0] == "S"):
         values = getattr(contact, name)[row]
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
         fields[name][contact.partners[joined]] = values[joined] if values.ndim == 1 else -values[joined]

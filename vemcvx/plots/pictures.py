@@ -114,7 +114,7 @@ MARKS = {
 
 
 def _shows(history: Results) -> dict[str, bool]:
-    """Which pictures a history has something to show for."""
+    """Names of all pictures; true of those that a history has something to show for."""
     contact, solid = history.contact, isinstance(history.mesh, PolyhedralMesh)
     touches, moves = len(contact.nodes) > 0, bool((history.stored > 0).any())
     face = solid and touches and seen(contact)

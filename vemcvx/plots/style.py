@@ -1,4 +1,4 @@
-"""What pictures share: colours by their meaning, names of axes and units, and one scale for all stored steps.
+"""The ground of all pictures: colours by their meaning, names of axes and units, and one scale for all stored steps.
 
 Colours are apart for colour-blind eyes (after Okabe and Ito) and, as areas, in grey print. Labels name the unit of a
 quantity where the reader has given one, and else the quantity itself. Magnifications, colour scales and frames do not

@@ -117,7 +117,7 @@ def dataset(history: Results) -> Dataset:
 
 
 WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
-"""What keeps certificates from being bounds; see :mod:`vemcvx.stepping.fixed_point`."""
+"""Reason why certificates are no bounds; see :mod:`vemcvx.stepping.fixed_point`."""
 
 
 def in_words(history: Results) -> Outline:

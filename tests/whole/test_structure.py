@@ -48,6 +48,7 @@ HEAVY = {
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},
+    "shapely": {"meshes/polygons/geometry.py"},
     "pandas": {"results/tables.py"},
     "xarray": {"results/tables.py"},
     "marimo": {"cli/live_page.py"},
@@ -167,7 +168,8 @@ def test_names_of_functions_hide_no_modules():
 
 
 def test_importing_the_package_imports_nothing_heavy():
-    heavy = {"cvxpy", "matplotlib", "meshio", "pandas", "clarabel", "osqp", "scipy.spatial", "scipy.optimize"}
+    heavy = {"cvxpy", "matplotlib", "meshio", "pandas", "clarabel", "osqp", "shapely"}
+    heavy |= {"scipy.spatial", "scipy.optimize"}
     code = f"import sys, vemcvx; print({heavy} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"

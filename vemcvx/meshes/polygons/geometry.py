@@ -1,21 +1,34 @@
-"""Geometry of segments, polygons and triangles in the plane: crossings, distances, areas, centroids, diameters."""
+"""Geometry of segments, polygons and triangles in the plane: crossings, distances, areas, centroids, diameters.
+
+The sign of (b - a) x (p - a) says on which side of the line through a and b the point p lies. Differences of
+coordinates are exact up to the rounding of the coordinates themselves, so distances below `TOLERANCE` times the
+coordinates mean nothing and count as zero. Areas and centroids take coordinates relative to the first vertex o of each
+cell (d_i = x_i - o):
+
+    area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
+    centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
+
+so a mesh far from the origin loses nothing, whereas products of coordinates near 1e6 would leave four digits of the
+area of a cell of size 1e-3.
+
+Convex polygons are cut into fans of triangles, simple ones by clipping ears. An ear is a vertex whose triangle with its
+two neighbours turns left and holds no other vertex; every simple polygon of more than three vertices has two (Meisters,
+Amer. Math. Monthly 82 (1975)). The ear taken is the one that other vertices stay away from most, which needs no
+tolerance, and takes vertices on straight sides first.
+
+Shapely and SciPy's spatial structures are imported when somebody looks: they take .1 and .3 s.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.topology import next_corner
-
-# Segments in the plane, and boxes: which cross, how far a point is from one, which boxes overlap.
-#
-# The sign of (b - a) x (p - a) says on which side of the line through a and b the point p lies. Differences of
-# coordinates are exact up to the rounding of the coordinates themselves, so distances below `TOLERANCE` times the
-# coordinates mean nothing and count as zero.
-
+from vemcvx.meshes.polygons.topology import cell_of_corner, next_corner
 
 # Four units in the last place: the middle and the thirds of an edge, computed in any order, stay below two.
 TOLERANCE = 4.0 * np.finfo(float).eps
@@ -65,42 +78,49 @@ def crossing(points: Floats, first: Ints, second: Ints) -> Bools:
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
-    """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j]; boxes are (m, d).
+    """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j], by i; boxes are (m, d).
 
-    The second set goes into a balanced binary tree of enclosing boxes, halved by turns along the axes; all queries
-    descend it together. Cost near (m + pairs) log m also for meshes graded over many orders of length.
+    A tree finds the pairs that meet along the two longest axes of all boxes together.
     """
-    order, levels = _box_tree(tree_low, tree_high)
-    query, node = np.arange(len(low)), np.zeros(len(low), dtype=np.int64)
-    for depth, (lower, upper) in enumerate(levels):
-        if depth:
-            query, node = np.repeat(query, 2), np.repeat(2 * node, 2)
-            node[1::2] += 1
-        meets = ((low[query] <= upper[node]) & (high[query] >= lower[node])).all(axis=1)
-        query, node = query[meets], node[meets]
-    return query, order[node]
+    from shapely import STRtree, box
+
+    if not len(low) or not len(tree_low):
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    u, v = np.argsort(tree_low.min(axis=0) - tree_high.max(axis=0), kind="stable")[:2]
+    boxes, tree = (box(a[:, u], a[:, v], b[:, u], b[:, v]) for a, b in ((low, high), (tree_low, tree_high)))
+    i, j = STRtree(tree).query(boxes)
+    meet = ((low[i] <= tree_high[j]) & (high[i] >= tree_low[j])).all(axis=1)
+    return i[meet], j[meet]
 
 
-def _box_tree(low: Floats, high: Floats) -> tuple[Ints, list[tuple[Floats, Floats]]]:
-    """Order of the leaves, and the enclosing boxes of each level from the root down."""
-    dimension = low.shape[1]
-    depth = max(0, int(np.ceil(np.log2(max(1, len(low))))))
-    empty = 2**depth - len(low)  # boxes that meet nothing fill the tree up
-    low = np.concatenate([low, np.full((empty, dimension), np.inf)])
-    high = np.concatenate([high, np.full((empty, dimension), -np.inf)])
-    place = np.where(np.isfinite(low), low, np.inf)
-    order = np.arange(2**depth)
-    for level in range(depth):
-        blocks = order.reshape(2**level, -1)
-        order = np.take_along_axis(blocks, np.argsort(place[blocks, level % dimension], axis=1), axis=1).ravel()
-    levels = [(low[order], high[order])]
-    while len(levels[0][0]) > 1:
-        lower, upper = (pair.reshape(-1, 2, dimension) for pair in levels[0])
-        levels.insert(0, (lower.min(axis=1), upper.max(axis=1)))
-    return order, levels
+def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
+    """The polygons (n_cells,) as objects of Shapely."""
+    import shapely
+
+    rings = shapely.linearrings(points[vertices], indices=cell_of_corner(offsets))
+    return np.asarray(shapely.polygons(rings))
 
 
-# The door to SciPy's spatial structures, opened when somebody looks: importing them takes 0.3 s.
+def clearances(polygons: NDArray[Any]) -> Floats:
+    """The distance (n,) by which a vertex of each polygon can move before the outline meets itself; 0 if it does."""
+    import shapely
+
+    return np.where(shapely.is_valid(polygons), shapely.minimum_clearance(polygons), 0.0)
+
+
+def distances(polygons: NDArray[Any], places: Floats) -> Floats:
+    """Distance (n,) of a place (n, 2) each from closed polygons (n,): 0 inside."""
+    import shapely
+
+    return np.asarray(shapely.distance(polygons, shapely.points(places)))
+
+
+def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
+    """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
+    import shapely
+
+    i, j = shapely.STRtree(polygons).query(shapely.points(places), predicate="intersects")
+    return i, j
 
 
 def close_pairs(points: Floats, distance: float) -> Ints:
@@ -139,20 +159,6 @@ def voronoi_faces(sites: Floats) -> tuple[Floats, Ints, list[list[int]]]:
     return found.vertices, found.ridge_points.astype(np.int64), found.ridge_vertices
 
 
-# Areas and centroids of polygons, and diameters of cells.
-#
-# Shoelace formula with coordinates taken relative to the first vertex o of each cell (d_i = x_i - o):
-#
-#     area     = 1/2 sum_i d_i x d_{i+1}                          (counter-clockwise positive)
-#     centroid = o + 1/(6 area) sum_i (d_i + d_{i+1}) (d_i x d_{i+1})
-#
-# so a mesh far from the origin loses nothing: the differences of neighbouring coordinates are exact, whereas products
-# of coordinates near 1e6 would leave four digits of the area of a cell of size 1e-3.
-
-
-ENTRIES_AT_ONCE = 2_000_000  # about 50 MB of temporaries
-
-
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:
     """Signed areas (n_cells,) and centroids (n_cells, 2); the centroid of a cell without area is its first vertex."""
     origin = points[vertices[offsets[:-1]]]
@@ -167,37 +173,21 @@ def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[
 
 def polygon_centroids(corners: Floats) -> tuple[Floats, Floats]:
     """Signed areas (c,) and centroids (c, 2) of polygons of n vertices each, (c, n, 2)."""
-    arms = corners - corners[:, :1]
-    after = np.roll(arms, -1, axis=1)
-    part = cross(arms, after)
-    doubled: Floats = part.sum(axis=1)
-    moments = np.einsum("ci,cia->ca", part, arms + after)
-    shift = np.divide(moments, 3.0 * doubled[:, None], out=np.zeros_like(moments), where=doubled[:, None] != 0.0)
-    return 0.5 * doubled, corners[:, 0] + shift
+    c, n, _ = corners.shape
+    return areas_and_centroids(corners.reshape(-1, 2), np.arange(c + 1) * n, np.arange(c * n))
 
 
 def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
     """Largest distance of two vertices of each cell, (n_cells,); each cell's vertices as a row, in any order."""
     counts = np.diff(offsets)
-    result = np.empty(len(counts))
+    squared = np.zeros(len(counts))
     for count in np.unique(counts):
-        members = np.flatnonzero(counts == count)
-        for cells in np.array_split(members, 1 + len(members) * count // ENTRIES_AT_ONCE):
-            corner = points[vertices[offsets[cells, None] + np.arange(count)]]
-            squared = np.zeros(len(cells))
-            for step in range(1, count // 2 + 1):  # in a ring, every pair is at most half a turn apart
-                apart = corner - np.roll(corner, -step, axis=1)
-                np.maximum(squared, np.einsum("cij,cij->ci", apart, apart).max(axis=1), out=squared)
-            result[cells] = np.sqrt(squared)
-    return result
-
-
-# Triangles (t, 3, 2), counter-clockwise: areas, places given by barycentric coordinates, and polygons cut into them.
-#
-# Convex polygons are cut into fans, simple ones by clipping ears. An ear is a vertex whose triangle with its two
-# neighbours turns left and holds no other vertex; every simple polygon of more than three vertices has two (Meisters,
-# Amer. Math. Monthly 82 (1975)). The ear taken is the one that other vertices stay away from most, which needs no
-# tolerance, and takes vertices on straight sides first.
+        cells = np.flatnonzero(counts == count)
+        corner = points[vertices[offsets[cells, None] + np.arange(count)]]
+        for step in range(1, count // 2 + 1):  # in a ring, every pair is at most half a turn apart
+            apart = corner - np.roll(corner, -step, axis=1)
+            squared[cells] = np.maximum(squared[cells], np.einsum("cij,cij->ci", apart, apart).max(axis=1))
+    return np.sqrt(squared)
 
 
 # Barycentric coordinates of the inner three-point rule of degree 2; its weights are equal.

@@ -1,4 +1,19 @@
-"""Polyhedra: their faces joined, areas, normals and volumes, and how points and edges lie to faces."""
+"""Polyhedra: their faces joined, areas, normals and volumes, and angles under which faces are seen.
+
+Two listed faces are the same if they have the same vertices. Faces are numbered as they first appear, so the first cell
+of a face is the one of lower number, whose listing the face keeps.
+
+A face is summed over the fan of triangles from its first vertex o (d_i = x_i - o), with signed areas along its normal:
+
+    area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
+
+exact for plane faces, convex or not. A cell is summed over the pyramids from the mean p of the centroids of its faces,
+with a the area vectors outwards and c the centroids of faces:
+
+    volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
+
+Coordinates are taken relative to a vertex or a mean nearby, so a mesh far from the origin loses nothing.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.geometry import TOLERANCE
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     next_corner,
-    next_vertex,
     offsets_of,
     rows_in_order,
-    spans,
     turned,
 )
-
-# Faces that cells list one by one, joined: every face once, with the cells on its two sides.
-#
-# Two listed faces are the same if they have the same vertices. Faces are numbered as they first appear, so the first
-# cell of a face is the one of lower number, whose listing the face keeps.
 
 
 class Listed(NamedTuple):
@@ -101,21 +108,6 @@ def nodes_of_cells(faces: Faces, n_nodes: int) -> tuple[Ints, Ints]:
     return offsets_of(np.bincount(keys // n_nodes)), keys % n_nodes
 
 
-# Areas, normals and centroids of plane polygons in space; volumes and centroids of polyhedra.
-#
-# A face is summed over the fan of triangles from its first vertex o (d_i = x_i - o), with signed areas along its
-# normal:
-#
-#     area vector = 1/2 sum_i d_i x d_{i+1},      centroid = o + sum_i s_i (d_i + d_{i+1}) / 3 / sum_i s_i,
-#
-# exact for plane faces, convex or not. A cell is summed over the pyramids from the mean p of the centroids of its
-# faces, with a the area vectors outwards and c the centroids of faces:
-#
-#     volume = 1/3 sum_f a_f . (c_f - p),         centroid = p + 3/4 sum_f V_f (c_f - p) / sum_f V_f.
-#
-# Coordinates are taken relative to a vertex or a mean nearby, so a mesh far from the origin loses nothing.
-
-
 class FaceShapes(NamedTuple):
     """Areas (n_faces,), unit normals and centroids (n_faces, 3); zero, zero and the first vertex of a flat face."""
 
@@ -160,91 +152,14 @@ def _divided(rows: Floats, by: Floats) -> Floats:
     return np.divide(rows, by[:, None], out=np.zeros_like(rows), where=by[:, None] != 0.0)
 
 
-# Faces of the cells that are usually given by their vertices, outwards.
-#
-# The bottom runs counter-clockwise seen from above; over it are, in the same order, the vertices of the top, or the
-# apex.
-
-
+# Faces, outwards, of cells that are usually given by their vertices: the bottom runs counter-clockwise seen from above,
+# and over it are, in the same order, the vertices of the top, or the apex.
 FACES = {
     "tetra": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
     "wedge": ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
 }
-
-
-# Points, edges and plane faces in space: how far a point is from a face, which edges pierce or cross what.
-#
-# A point is inside the outline of a face if a line from it in the plane of two coordinates (the one left out is that
-# in which the normal is longest) crosses the outline an odd number of times.
-
-
-PAIRS_AT_ONCE = 200_000
-PARALLEL = 1e-12
-"""Squared sine of the angle below which two edges count as parallel: they touch in end points only."""
-
-
-def beside_faces(
-    places: Floats, faces: Ints, points: Floats, offsets: Ints, vertices: Ints, normals: Floats
-) -> tuple[Floats, Bools]:
-    """Distance (m,) of places (m, 3) from the outlines of faces (m,), and whether they are inside these, seen along."""
-    follow = next_vertex(offsets, vertices)
-    distance, inside = np.empty(len(places)), np.empty(len(places), dtype=bool)
-    for start in range(0, len(places), PAIRS_AT_ONCE):
-        part = slice(start, start + PAIRS_AT_ONCE)
-        counts = np.diff(offsets)[faces[part]]
-        corner = spans(offsets[faces[part]], counts)
-        rows = np.cumsum(counts) - counts
-        at = np.repeat(places[part], counts, axis=0)
-        a, b = points[vertices[corner]] - at, points[follow[corner]] - at
-        distance[part] = np.minimum.reduceat(_from_origin(a, b), rows)
-        longest = np.repeat(np.argmax(np.abs(normals[faces[part]]), axis=1), counts)[:, None]
-        (au, bu), (av, bv) = (
-            [np.take_along_axis(x, (longest + shift) % 3, axis=1)[:, 0] for x in (a, b)] for shift in (1, 2)
-        )
-        astride = (av > 0.0) != (bv > 0.0)
-        # Where the outline crosses the line v = 0: at u = au - av (bu - au) / (bv - av).
-        beyond = (au * bv - bu * av) * np.sign(bv - av) > 0.0
-        inside[part] = np.add.reduceat(astride & beyond, rows, dtype=np.int64) % 2 == 1
-    return distance, inside
-
-
-def _from_origin(a: Floats, b: Floats) -> Floats:
-    """Distance (m,) of the origin from segments (m, 3)."""
-    edge = b - a
-    length = np.einsum("ij,ij->i", edge, edge)
-    along = np.clip(-np.einsum("ij,ij->i", a, edge) / length, 0.0, 1.0)
-    distance: Floats = np.linalg.norm(a + along[:, None] * edge, axis=1)
-    return distance
-
-
-def crossing_distance(points: Floats, first: Ints, second: Ints) -> Floats:
-    """The distances of edges (m, 2) from others (m, 2) that are nearest in inner points; elsewhere infinite."""
-    a, c = points[first[:, 0]], points[second[:, 0]]
-    one, other, apart = points[first[:, 1]] - a, points[second[:, 1]] - c, a - c
-    aa, bb, ab = (np.einsum("ij,ij->i", x, y) for x, y in ((one, one), (other, other), (one, other)))
-    ar, br = np.einsum("ij,ij->i", one, apart), np.einsum("ij,ij->i", other, apart)
-    square = aa * bb - ab * ab
-    skew = square > PARALLEL * aa * bb
-    divisor = np.where(skew, square, 1.0)
-    s, t = (ab * br - bb * ar) / divisor, (aa * br - ab * ar) / divisor
-    inner = skew & (s > 0.0) & (s < 1.0) & (t > 0.0) & (t < 1.0)
-    return np.where(inner, np.linalg.norm(apart + s[:, None] * one - t[:, None] * other, axis=1), np.inf)
-
-
-def piercing(start: Floats, end: Floats, height_start: Floats, height_end: Floats) -> tuple[Bools, Floats]:
-    """Return True if edges (m, 3) leave a plane on both sides beyond rounding, and where they cross it, (m, 3)."""
-    slack = TOLERANCE * np.maximum(np.abs(start).max(axis=1), np.abs(end).max(axis=1))
-    low, high = np.minimum(height_start, height_end), np.maximum(height_start, height_end)
-    through = (low < -slack) & (high > slack)
-    part = np.divide(height_start, height_start - height_end, out=np.zeros_like(slack), where=through)
-    return through, start + part[:, None] * (end - start)
-
-
-def solid_angles(places: Floats, triangles: Floats) -> Floats:
-    """Solid angles (m, t) of triangles (t, 3, 3) seen from places (m, 3), positive where normals point away."""
-    return angles_seen(triangles[None] - places[:, None, None])
 
 
 def angles_seen(arms: Floats) -> Floats:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vemcvx.arrays import Floats, Ints, brief, is_real
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_boundaries, check_cell_data, check_name
-from vemcvx.meshes.checks.plane import NARROW_BETWEEN_BODIES, Misfit, check_cells, misfit_of, shortest_edges
+from vemcvx.meshes.checks.plane import NARROW_BETWEEN_BODIES, Misfit, check_cells, covering, misfit_of, shortest_edges
 from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.geometry import TOLERANCE, beside, close_pairs, cross, overlapping_boxes, rounding
+from vemcvx.meshes.polygons.geometry import TOLERANCE, beside, close_pairs, cross, outlines, overlapping_boxes, rounding
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -269,9 +269,10 @@ def check_apart(whole: SideBySide, place: Ints, *, moved: bool) -> None:
     Outlines without the edges that two bodies have in one place, in opposite directions, bound all bodies together, and
     what is true of the boundary of one mesh must be true of them. If nodes were moved, so are cells, and checked again.
     """
+    polygons = outlines(whole.points, whole.offsets, whole.vertices)
     if moved:
         try:
-            check_cells(whole.points, whole.offsets, whole.vertices)
+            check_cells(whole.points, whole.offsets, whole.vertices, polygons)
         except MeshError as error:
             raise MeshError(f"bodies: nodes that were moved to an interface spoil a cell; {error}") from None
     one, other = edges_in_one_place(whole, place)
@@ -284,9 +285,14 @@ def check_apart(whole: SideBySide, place: Ints, *, moved: bool) -> None:
         raise MeshError(_overlap(whole, body[[edge, another]], whole.points[ends[edge]].mean(axis=0)))
     free = np.setdiff1d(np.arange(len(ends)), np.concatenate([one, other]))
     shortest = shortest_edges(whole.points, place[directed_edges(whole.offsets, whole.vertices)])
-    misfit = misfit_of(whole.points, ends[free], shortest, body[free])
+    ends, body = ends[free], body[free]
+    misfit = misfit_of(whole.points, ends, shortest, bodies=body)
     if misfit:
-        raise MeshError(_sentence(whole, misfit, ends[free], body=body[free], shortest=shortest))
+        raise MeshError(_sentence(whole, misfit, ends, body))
+    covered = covering(whole.points, ends, cell_of_corner(whole.offsets)[whole.corners[free]], polygons)
+    if covered:
+        pair = np.array([body[covered[0]], whole.body_of_cell[covered[1]]])
+        raise MeshError(_overlap(whole, pair, whole.points[ends[covered[0]]].mean(axis=0)))
 
 
 def check_points_of_contact(whole: SideBySide, place: Ints, interfaces: Mapping[str, Interface]) -> None:
@@ -302,25 +308,18 @@ def check_points_of_contact(whole: SideBySide, place: Ints, interfaces: Mapping[
         )
 
 
-def _sentence(whole: SideBySide, misfit: Misfit, ends: Ints, *, body: Ints, shortest: Floats) -> str:
+def _sentence(whole: SideBySide, misfit: Misfit, ends: Ints, body: Ints) -> str:
     """A misfit of edges (as places) of the given bodies in words."""
-    a, b = whole.points[ends[misfit.edge]]
-    c, d = whole.points[ends[misfit.other]]
     if misfit.kind == "crossing":
+        (a, b), (c, d) = whole.points[ends[[misfit.edge, misfit.other]]]
         at = a + cross(c - a, d - c) / cross(b - a, d - c) * (b - a)
         return _overlap(whole, body[[misfit.edge, misfit.other]], at)
-    if misfit.kind == "covered":
-        own = body[misfit.edge]
-        for another in np.setdiff1d(body, own):
-            two = np.isin(body, (own, another))
-            found = misfit_of(whole.points, ends[two], shortest, body[two])
-            if found and found.kind == "covered":
-                return _overlap(whole, np.array([own, another]), 0.5 * (a + b))
     names = " and ".join(repr(whole.names[k]) for k in body[[misfit.edge, misfit.other]])
     return (
-        f"bodies: {names} are apart by {misfit.distance:.3g} near {_at(c)}, less than {NARROW_BETWEEN_BODIES:g} of the "
-        "edges there, and without an interface never in contact. Bring them together (tolerance= matches what is "
-        "farther apart than rounding; a clearance is the gap= of a contact), or leave a larger gap."
+        f"bodies: {names} are apart by {misfit.distance:.3g} near {_at(whole.points[misfit.node])}, less than "
+        f"{NARROW_BETWEEN_BODIES:g} of the edges there, and without an interface never in contact. Bring them together "
+        "(tolerance= matches what is farther apart than rounding; a clearance is the gap= of a contact), or leave a "
+        "larger gap."
     )
 
 

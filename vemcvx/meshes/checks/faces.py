@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints, plain
+from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.plane import brief_row, check_polygons, fault_of
-from vemcvx.meshes.polygons.geometry import TOLERANCE, diameters
+from vemcvx.meshes.checks.plane import brief_row, check_polygons, fault_in_words, fault_of, laid_flat
+from vemcvx.meshes.polygons.geometry import TOLERANCE, diameters, outlines
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -70,38 +70,13 @@ def _flattened(cells: Any) -> Listed:
     except Exception:  # of whatever a user hands in
         raise MeshError(f"{WANTED}; got {type(cells).__name__}. {BY_VERTICES}") from None
     cell_offsets = offsets_of(np.array([len(cell) for cell in listed], dtype=np.int64))
+
+    def fault(number: int, row: NDArray[Any] | None) -> str:
+        found = type(faces[number]).__name__ if row is None else f"{row.dtype} of shape {row.shape}"
+        return f"{_face(number, cell_offsets)} must be a list of node numbers; got {found}. {BY_VERTICES}"
+
     faces = list(chain.from_iterable(listed))
-    found = _numbers(faces)
-    if found is None:
-        found = _one_by_one(faces, cell_offsets)
-    return Listed(*found, cell_offsets)
-
-
-def _numbers(faces: Sequence[Any]) -> tuple[Ints, Ints] | None:
-    """Offsets and numbers of plain lists of integers, all at once; None if something else is among them."""
-    if not all(type(face) in (list, tuple, np.ndarray) for face in faces):
-        return None
-    try:
-        sizes = np.array([len(face) for face in faces], dtype=np.int64)
-        listed = list(chain.from_iterable(faces))
-        flat: NDArray[Any] = np.array(listed)
-    except Exception:  # ragged, or no numbers: told face by face
-        return None
-    whole = flat.ndim == 1 and flat.dtype.kind in "iu" and not {bool, np.bool_} & set(map(type, listed))
-    return (offsets_of(sizes), flat.astype(np.int64)) if whole else None
-
-
-def _one_by_one(faces: Sequence[Any], cell_offsets: Ints) -> tuple[Ints, Ints]:
-    rows = []
-    for number, face in enumerate(faces):
-        row = plain(face)
-        if row is None or row.ndim != 1 or (row.dtype.kind not in "iu" and row.size):
-            found = type(face).__name__ if row is None else f"{row.dtype} of shape {row.shape}"
-            raise MeshError(f"{_face(number, cell_offsets)} must be a list of node numbers; got {found}. {BY_VERTICES}")
-        rows.append(row)
-    sizes = np.array([len(row) for row in rows], dtype=np.int64)
-    whole = np.concatenate([np.empty(0, dtype=np.int64), *rows], dtype=np.int64, casting="unsafe")
-    return offsets_of(sizes), whole
+    return Listed(*laid_flat(faces, fault), cell_offsets)
 
 
 # Do the faces of every cell close, and which way do they run? Each edge of a cell is in exactly two of its faces.
@@ -205,38 +180,60 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
     return shapes
 
 
+@dataclass(frozen=True, eq=False)
+class Flat:
+    """Plane faces as polygons, each in a frame of its own.
+
+    Attributes
+    ----------
+    origins : (n_faces, 3) float
+        The centroids.
+    axes : (n_faces, 3, 3) float
+        Two axes in the plane, and the normal: right-handed unit vectors, a row each.
+    polygons : (n_faces,) objects of Shapely
+        The faces in the coordinates along the first two axes.
+    """
+
+    origins: Floats
+    axes: Floats
+    polygons: NDArray[Any]
+
+    @classmethod
+    def of(cls, points: Floats, offsets: Ints, vertices: Ints, shapes: FaceShapes) -> Flat:
+        """Lay faces of the given shapes flat."""
+        across = np.eye(3)[np.argmin(np.abs(shapes.normals), axis=1)]
+        first = np.cross(shapes.normals, across)
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        axes = np.stack([first, np.cross(shapes.normals, first), shapes.normals], axis=1)
+        bare = cls(shapes.centroids, axes, np.empty(0))
+        plane = bare.seen(points[vertices], cell_of_corner(offsets))[:, :2]
+        return replace(bare, polygons=outlines(plane, offsets, np.arange(len(vertices))))
+
+    def seen(self, places: Floats, faces: Ints) -> Floats:
+        """Coordinates (m, 3) of places (m, 3), each in the frame of its face."""
+        coordinates: Floats = np.einsum("mai,mi->ma", self.axes[faces], places - self.origins[faces])
+        return coordinates
+
+
 def _check_outlines(points: Floats, offsets: Ints, vertices: Ints, cells: Ints, shapes: FaceShapes) -> None:
     """MeshError at a face whose outline meets itself; looked at in its own plane."""
     several = np.flatnonzero(np.diff(offsets) > 3)
     if not len(several):
         return
     rows, corners = rows_in_order(offsets, vertices, several)
-    face = np.repeat(several, np.diff(rows))
-    arm = points[corners] - shapes.centroids[face]
-    first, second = frames(shapes.normals[several])
-    row = np.repeat(np.arange(len(several)), np.diff(rows))
-    plane = np.column_stack([np.einsum("ij,ij->i", arm, axis[row]) for axis in (first, second)])
-    fault = fault_of(plane, rows, np.arange(len(corners)))[1]
-    if fault is None:
+    flat = Flat.of(points, rows, corners, FaceShapes(*(values[several] for values in shapes)))
+    plane = flat.seen(points[corners], cell_of_corner(rows))[:, :2]
+    found = fault_of(plane, rows, np.arange(len(corners)), flat.polygons)
+    if found is None:
         return
-    said = _named(several[fault.cell], offsets, vertices, cells)
-    edge, other = (brief_row(corners[list(pair)]) for pair in (fault.edge, fault.other))
-    if fault.kind == "crossing":
-        raise MeshError(
-            f"{said} crosses itself: its edges {edge} and {other} intersect. List its vertices in order around it."
-        )
-    node = corners[fault.beside if fault.kind == "spike" else fault.node]
+    misfit, number, edge, other = found
+    said = _named(several[number], offsets, vertices, cells)
+    if misfit.kind == "crossing":
+        raise MeshError(said + fault_in_words(misfit, corners[edge], corners[other]))
     raise MeshError(
-        f"{said} touches itself: its node {node} lies on its edge {edge}. Split the face, or move the node."
+        f"{said} touches itself: its node {corners[misfit.node]} lies on its edge {brief_row(corners[edge])}. Split "
+        "the face, or move the node."
     )
-
-
-def frames(normals: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors (m, 3) each that make a right-handed frame with a unit normal."""
-    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = np.cross(normals, axis)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return first, np.cross(normals, first)
 
 
 def _named(face: int, offsets: Ints, vertices: Ints, cells: Ints) -> str:

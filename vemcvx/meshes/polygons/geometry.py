@@ -115,6 +115,20 @@ def distances(polygons: NDArray[Any], places: Floats) -> Floats:
     return np.asarray(shapely.distance(polygons, shapely.points(places)))
 
 
+def inner_points(polygons: NDArray[Any]) -> Floats:
+    """A point (n, 2) in the interior of each polygon."""
+    import shapely
+
+    return np.asarray(shapely.get_coordinates(shapely.point_on_surface(polygons)))
+
+
+def run_through(polygons: NDArray[Any], segments: Floats) -> Bools:
+    """Return True where a segment (n, 2, 2) has inner points in the interior of its polygon (n,)."""
+    import shapely
+
+    return np.asarray(shapely.relate_pattern(shapely.linestrings(segments), polygons, "T********"))
+
+
 def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
     """Pairs (i, j) where place i of (n, 2) lies in the closed polygon j, by i."""
     import shapely

@@ -17,7 +17,7 @@ from vemcvx.outline import Outline, Outlined
 from vemcvx.plots import animate
 from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram
-from vemcvx.results.io.folder import read_results, write_results
+from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, dataset, frame, in_words, table
@@ -199,7 +199,7 @@ class History(Results, Outlined):
         return "\n".join([words.title, *(f"{name:<12}{said}" for name, said in words.lines)])
 
     def write(self, folder: str | Path, *, probes: ArrayLike | None = None) -> Path:
-        """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.io.folder`."""
+        """Write the history to a folder, with displacements at probes (p, dim): see :mod:`vemcvx.results.files`."""
         return write_results(self, folder, probes=probes)
 
 

@@ -29,8 +29,7 @@ from vemcvx.cost.sweeping import finished_row, seconds_left
 from vemcvx.cost.table import table
 from vemcvx.cost.workers import alone, append, read_journal
 from vemcvx.estimate.measures import energy_distance
-from vemcvx.results.io.archive import read_archive
-from vemcvx.results.io.folder import peak_memory_mb
+from vemcvx.results.files import peak_memory_mb, read_archive
 
 ROOT = Path(vx.__file__).parent.parent
 PROBLEM = str(ROOT / "problems" / "feng_han_huang.py")

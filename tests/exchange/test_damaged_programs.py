@@ -15,7 +15,7 @@ import vemcvx as vx
 from vemcvx.exchange.arrays import read_matrix
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.results.io.archive import read_archive
+from vemcvx.results.files import read_archive
 
 FORMS = "npz", "mtx", "cbf", "qps"
 

@@ -21,7 +21,7 @@ from vemcvx.arrays import EPS
 from vemcvx.linear import DenseCholesky, Multigrid, Pardiso, Scaled, SuperLU, choose_linear
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.kernel import Kernel
-from vemcvx.results.io.folder import peak_memory_mb
+from vemcvx.results.files import peak_memory_mb
 from vemcvx.scene import pose_scene
 
 DIRECT = [SuperLU(), pytest.param(Pardiso(), marks=needs("pymklpardiso"))]
@@ -228,7 +228,7 @@ def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
 OF_MANY_FACTORS = """
 import numpy as np, vemcvx as vx
 from vemcvx.linear.factor import minimum_degree
-from vemcvx.results.io.folder import peak_memory_mb
+from vemcvx.results.files import peak_memory_mb
 from vemcvx.vem import Space, stiffness
 mesh = vx.meshes.squares(48)
 K = stiffness(Space(mesh), np.ones(mesh.n_cells), np.ones(mesh.n_cells))[98:, 98:].tocsr()

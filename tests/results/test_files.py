@@ -17,8 +17,7 @@ import vemcvx as vx
 from vemcvx.errors import HistoryError
 from vemcvx.history import read_history
 from vemcvx.owned_files import Owned
-from vemcvx.results.io.archive import SHAPES
-from vemcvx.results.io.folder import Origin, write_results
+from vemcvx.results.files import SHAPES, Origin, write_results
 from vemcvx.vem import Space, strains
 
 TIMES = np.linspace(0.0, 1.0, 9)

@@ -13,7 +13,7 @@ from scenes import paper_scene, small
 
 import vemcvx as vx
 from vemcvx.owned_files import MARK
-from vemcvx.results.io.folder import WRITING
+from vemcvx.results.files import WRITING
 from vemcvx.stepping.trajectory import Folder
 
 TIMES = np.linspace(0.0, 1.0, 4)
@@ -177,7 +177,7 @@ def test_a_process_that_dies_before_all_is_made_leaves_the_older_history(tmp_pat
         old.write(tmp_path)
     kept = everything(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr("vemcvx.results.io.folder.summary", lambda *_, **__: os._exit(3))
+        patch.setattr("vemcvx.results.files.summary", lambda *_, **__: os._exit(3))
         if (child := os.fork()) == 0:
             history(bound=1.0).write(tmp_path)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
@@ -229,7 +229,7 @@ def test_a_folder_for_reading_only_gives_the_new_history(tmp_path, monkeypatch):
     def refused(*_):
         raise vx.HistoryError("read-only")
 
-    monkeypatch.setattr("vemcvx.results.io.folder.Owned", refused)
+    monkeypatch.setattr("vemcvx.results.files.Owned", refused)
     assert np.array_equal(vx.read_history(tmp_path).displacement, new.displacement)
 
 

@@ -12,7 +12,7 @@ from solids import SOLIDS, solid
 
 import vemcvx as vx
 from vemcvx import plots
-from vemcvx.results.io.archive import read_archive, write_archive
+from vemcvx.results.files import read_archive, write_archive
 from vemcvx.results.probe import places
 
 AREA = SIZE[0] * SIZE[1]
@@ -127,9 +127,7 @@ def test_probes_lines_and_tables_of_a_run(history):
 
 @pytest.mark.parametrize("x", [[9.0, 9.0, 9.0], [0.5, 0.5, -1e-6]])
 def test_a_probe_outside_says_so(history, x):
-    with pytest.raises(
-        vx.SceneError, match=r"^probe: point 1 at .* lies outside the body; .* of the polyhedra"
-    ):
+    with pytest.raises(vx.SceneError, match=r"^probe: point 1 at .* lies outside the body; .* of the polyhedra"):
         history.probe([[0.5, 0.5, 0.5], x])
 
 

@@ -27,7 +27,7 @@ READER = textwrap.dedent(
     from pathlib import Path
     resource.setrlimit(resource.RLIMIT_AS, (4 * int(sys.argv[1]),) * 2)
     import vemcvx as vx
-    from vemcvx.results.io.archive import read_archive
+    from vemcvx.results.files import read_archive
     warnings.simplefilter("ignore")
     read = {"mesh": vx.meshes.read, "program": vx.read_program, "history": lambda path: read_archive(Path(path))}
     for path in sys.argv[3:]:

@@ -20,7 +20,7 @@ from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
 from vemcvx.owned_files import Owned
 from vemcvx.program import SolvedProgram
-from vemcvx.results.io.folder import (
+from vemcvx.results.files import (
     ARCHIVE,
     SERIES,
     SUMMARY,

@@ -25,8 +25,7 @@ from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.results.io.archive import read_archive, write_archive
-from vemcvx.results.io.folder import finite_or_none, peak_memory_mb
+from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
 from vemcvx.simulation import simulate
 
 # Run one point, in the process it is called in: seconds, memory, certificate, estimate, and the answer itself.

@@ -9,7 +9,7 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.results.probe import CHUNK, locate, places
+from vemcvx.results.probe import locate, places
 from vemcvx.vem.projection import vertex_values
 
 TIMES = np.linspace(0.0, 1.0, 4)
@@ -132,8 +132,8 @@ def test_edges_of_rounding_errors_keep_their_ends_apart():
     assert np.array_equal(places(mesh, mesh.points, "probe").at_nodes(u), u)
 
 
-def test_many_points_go_in_pieces():
-    mesh, x = small("squares", 3), points_in(2 * CHUNK + 5)
+def test_many_points_at_once():
+    mesh, x = small("squares", 3), points_in(2**15 + 5)
     found = locate(mesh, x)
     assert np.array_equal(found.points, np.arange(len(x)))
     columns = np.floor(3 * x).astype(int)

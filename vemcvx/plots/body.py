@@ -384,7 +384,7 @@ def _rendered(
     points, offsets, vertices = surface
     drawn = pyvista.PolyData(points, np.insert(vertices, offsets[:-1], np.diff(offsets)))
     drawn.cell_data["values"] = values
-    up = np.array([0.0, 0.0, 1.0])
+    up = (0.0, 0.0, 1.0)
     right = np.cross(up, towards)
     across = np.stack([right, np.cross(towards, right)]) / np.linalg.norm(right)
     size = 1.03 * np.abs(across) @ np.ptp(frame, axis=0)

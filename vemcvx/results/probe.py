@@ -4,9 +4,8 @@ On an edge u_h is known: linear between its nodes, whose own values it takes at 
 piecewise linear. Inside a cell it is not known, and its projection Pi u_h, (3.11), stands for it. Fields that are
 constant on cells are averaged over all cells that hold the point, so that a mirror image gives the mirror image.
 
-In the plane a point lies inside a simple polygon if a ray from it crosses the sides an odd number of times (Shimrat,
-Algorithm 112, Comm. ACM 5 (1962)). It lies on a side, where parity is a matter of rounding, if it is as close as
-rounding brings it: then all cells there hold it.
+In the plane Shapely says which cells hold a point. It lies on a side if it is as close as rounding brings it: then all
+cells there hold it.
 """
 
 from __future__ import annotations
@@ -22,14 +21,11 @@ from vemcvx.arrays import Floats, Ints, as_real_array, brief, is_whole, shape_in
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.geometry import cross, overlapping_boxes
-from vemcvx.meshes.polygons.topology import next_vertex, spans
+from vemcvx.meshes.polygons.geometry import holding, outlines, overlapping_boxes
+from vemcvx.meshes.polygons.topology import cell_of_corner, next_vertex
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, solid_places
 from vemcvx.vem.points_in_solids import CLOSE, POINT_ROUNDING
-
-CHUNK = 2**14
-"""Points in one go: temporaries of some ten megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,44 +51,32 @@ class Location:
 
 def locate(mesh: PolygonMesh, points: Floats) -> Location:
     """Find the finite points (p, 2) in the mesh; those outside are in no cell."""
-    found = [(k, _located(mesh, points[k : k + CHUNK])) for k in range(0, max(len(points), 1), CHUNK)]
-    shifted = [(k + part.points, part.cells, part.starts, part.ends, part.along) for k, part in found]
-    return Location(*(np.concatenate(column) for column in zip(*shifted, strict=True)))
-
-
-def _located(mesh: PolygonMesh, points: Floats) -> Location:
-    """The same in one go, over pairs of a point i and a cell whose box it is in, and the sides of that cell."""
-    starts, ends, along = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))
-    low, high = (f.reduceat(mesh.points[mesh.vertices], mesh.offsets[:-1]) for f in (np.minimum, np.maximum))
-    rounding = POINT_ROUNDING * np.abs(mesh.points).max()
-    reach = CLOSE * mesh.h + rounding
-    i, cells = overlapping_boxes(points - reach, points + reach, low, high)
-    if len(i) == 0:
-        return Location(i, cells, starts, ends, along)
-    i, cells = np.column_stack([i, cells])[np.lexsort([cells, i])].T
-    counts = np.diff(mesh.offsets)[cells]
-    corner, begin, point = spans(mesh.offsets[cells], counts), np.cumsum(counts) - counts, np.repeat(i, counts)
-    nodes = mesh.vertices[corner], next_vertex(mesh.offsets, mesh.vertices)[corner]
-    a, b = (mesh.points[node] - points[point] for node in nodes)
-    side = b - a
-    before = np.clip(-np.einsum("sd,sd->s", a, side) / np.einsum("sd,sd->s", side, side), 0.0, 1.0)
-    distance = np.linalg.norm(a + before[:, None] * side, axis=1)
-    on = distance <= np.repeat(CLOSE * mesh.diameters[cells] + rounding, counts)
-    # The ray to the right meets a side from below to above if the point lies left of it, and so on.
-    crossed = ((a[:, 1] > 0) != (b[:, 1] > 0)) & ((cross(a, b) > 0) == (b[:, 1] > a[:, 1]))
+    owner, a, b = cell_of_corner(mesh.offsets), mesh.vertices, next_vertex(mesh.offsets, mesh.vertices)
+    reach = CLOSE * mesh.diameters[owner] + POINT_ROUNDING * np.abs(mesh.points).max()
+    low, high = (f(mesh.points[a], mesh.points[b]) for f in (np.minimum, np.maximum))
+    i, s = overlapping_boxes(points, points, low - reach[:, None], high + reach[:, None])
+    arm, side = points[i] - mesh.points[a[s]], mesh.points[b[s]] - mesh.points[a[s]]
+    along = np.clip(np.einsum("sd,sd->s", arm, side) / np.einsum("sd,sd->s", side, side), 0.0, 1.0)
+    distance = np.linalg.norm(arm - along[:, None] * side, axis=1)
+    order = np.lexsort([distance, i])
+    order = order[distance[order] <= reach[s[order]]]
+    i, s, along = i[order], s[order], along[order]
+    # Pairs of a point and a closed cell that holds it, by point, then by cell.
+    inside = holding(outlines(mesh.points, mesh.offsets, mesh.vertices), points)
+    on = i * mesh.n_cells + owner[s]
+    pairs = np.union1d(inside[0] * mesh.n_cells + inside[1], on)
     if mesh.interfaces:
-        # A point on an interface counts with the first body, unless all of its candidates are of second ones.
+        # A point on an interface counts with the first body, unless only cells of second ones hold it.
         seconds = np.concatenate([joint.partners[:, ::-1] for joint in mesh.interfaces.values()]) @ [mesh.n_nodes, 1]
-        second = np.logical_or.reduceat(on & np.isin(nodes[0] * mesh.n_nodes + nodes[1], seconds), begin)
-        first = np.repeat(~(second & (np.bincount(i[~second], minlength=len(points))[i] > 0)), counts)
-        on, crossed = on & first, crossed & first
-    holds = (np.add.reduceat(crossed.astype(np.int64), begin) % 2 == 1) | np.logical_or.reduceat(on, begin)
-    nearest = np.flatnonzero(on)
-    nearest = nearest[np.lexsort([distance[nearest], point[nearest]])]
-    nearest = nearest[np.unique(point[nearest], return_index=True)[1]]
-    for values, found in ((starts, nodes[0]), (ends, nodes[1]), (along, before)):
-        values[point[nearest]] = found[nearest]
-    return Location(i[holds], cells[holds], starts, ends, along)
+        second = np.isin(pairs, on[np.isin(a[s] * mesh.n_nodes + b[s], seconds)])
+        kept = ~(second & np.isin(pairs // mesh.n_cells, pairs[~second] // mesh.n_cells))
+        pairs, known = pairs[kept], np.isin(on, pairs[kept])
+        i, s, along = i[known], s[known], along[known]
+    nearest = np.unique(i, return_index=True)[1]
+    starts, ends, shares = np.full(len(points), -1), np.full(len(points), -1), np.zeros(len(points))
+    for values, found in ((starts, a[s]), (ends, b[s]), (shares, along)):
+        values[i[nearest]] = found[nearest]
+    return Location(*np.divmod(pairs, mesh.n_cells), starts, ends, shares)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,9 @@
-"""Boxes that are meshed, and names of sides, parts and data of meshes, checked."""
+"""Boxes that are meshed, and names of sides, parts and data of meshes, checked.
+
+A family of meshes is called with n (cells across the shortest side), a count for each axis or the size of a cell, and
+with a box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)). Counts do not depend on the unit of length.
+Parts of the boundary are edges in the plane, faces in space.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +19,6 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, called, is_real, is_whole,
 from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.topology import edge_keys, offsets_of, spans
 from vemcvx.meshes.polyhedra import Faces, same_faces
-
-# The box and the cell counts that every family of meshes is asked for.
-#
-# A family is called with n (cells across the shortest side), a count for each axis or the size of a cell, and with a
-# box ((x0, x1), (y0, y1)), in space ((x0, x1), (y0, y1), (z0, z1)). Counts do not depend on the unit of length.
-
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]
@@ -38,50 +37,23 @@ UNIT_CUBE: SpaceCorners = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
 
 @dataclass(frozen=True)
 class Box:
-    """The rectangle [left, right] x [bottom, top]."""
-
-    left: float
-    right: float
-    bottom: float
-    top: float
-
-    @property
-    def width(self) -> float:
-        """Length of the bottom side."""
-        return self.right - self.left
-
-    @property
-    def height(self) -> float:
-        """Length of the left side."""
-        return self.top - self.bottom
-
-
-@dataclass(frozen=True)
-class SpaceBox:
-    """The box between two opposite corners in space."""
+    """The box between two opposite corners, in the plane or in space."""
 
     low: tuple[float, ...]
     high: tuple[float, ...]
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """Its edges along x, y and z."""
+        """Lengths of its sides along the axes."""
         return tuple(high - low for low, high in zip(self.low, self.high, strict=True))
 
-
-def check_box(box: Corners) -> Box:
-    """Return the rectangle as four finite numbers, or raise MeshError."""
-    (left, right), (bottom, top) = _intervals(box, 2)
-    return Box(left, right, bottom, top)
+    def ticks(self, *counts: int) -> list[Floats]:
+        """Equally spaced coordinates along each axis, one more than the counts, or MeshError if they meet."""
+        return [ticks(low, high, count) for low, high, count in zip(self.low, self.high, counts, strict=True)]
 
 
-def check_space_box(box: SpaceCorners) -> SpaceBox:
-    """Return the box in space as two corners of finite numbers, or raise MeshError."""
-    low, high = zip(*_intervals(box, 3), strict=True)
-    return SpaceBox(low, high)
-
-
-def _intervals(box: Any, dimension: int) -> list[tuple[float, float]]:
+def check_box(box: Any, dimension: int = 2) -> Box:
+    """Return the box between two corners of finite numbers, or raise MeshError."""
     try:
         given = [(low, high) for low, high in box]
         values = [(float(low), float(high)) for low, high in given]
@@ -101,7 +73,7 @@ def _intervals(box: Any, dimension: int) -> list[tuple[float, float]]:
                 f"box must have sides above {SHORTEST:g} and coordinates below {LARGEST:g}, or areas underflow and "
                 f"overflow; got {axis}0 = {low:g} and {axis}1 = {high:g}. Choose other units."
             )
-    return values
+    return Box(*zip(*values, strict=True))
 
 
 def check_whole(name: str, value: Any, least: int = 1, most: float = 1e100) -> int:
@@ -124,31 +96,19 @@ def check_fraction(name: str, value: Any, high: float, *, closed: bool = False) 
     return float(value)
 
 
-def cell_counts(
-    n: Count | None, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1
-) -> tuple[int, int]:
-    """Cells along x and y, at least one: the given pair, or as many as squares so wide fill the box.
+def cell_counts(n: Any, box: Box, size: float | None = None, stretch: float = 1.0, each: int = 1) -> tuple[int, ...]:
+    """Cells along each axis, at least one: those given, or as many as squares or cubes so wide fill the box.
 
     `stretch` is how much wider than squares, and lower, the cells of a family are; `each`, how many cells it may make
     of one of them.
     """
     if listed(n) and size is None:
-        nx, ny = _given_counts(n, 2)
+        counts = _given_counts(n, len(box.low))
     else:
-        along_x, along_y = _cells_along(n, (box.width, box.height), size)
-        nx, ny = max(1, round(along_x / stretch)), max(1, round(along_y * stretch))
-    check_total(each * nx * ny)
-    return nx, ny
-
-
-def space_counts(n: SpaceCount | None, box: SpaceBox, size: float | None = None, each: int = 1) -> tuple[int, int, int]:
-    """Cells along x, y and z, at least one: those given, or as many as cubes so wide fill the box."""
-    if listed(n) and size is None:
-        nx, ny, nz = _given_counts(n, 3)
-    else:
-        nx, ny, nz = (max(1, round(along)) for along in _cells_along(n, box.lengths, size))
-    check_total(each * nx * ny * nz)
-    return nx, ny, nz
+        along_x, along_y, *above = _cells_along(n, box.lengths, size)
+        counts = [max(1, round(along)) for along in (along_x / stretch, along_y * stretch, *above)]
+    check_total(each * math.prod(counts))
+    return tuple(counts)
 
 
 def listed(n: object) -> bool:
@@ -203,32 +163,13 @@ def placed(points: Floats, size: Floats, low: Floats, high: Floats) -> Floats:
     return np.where(points == size, high, moved)
 
 
-# Names of parts of a mesh, in the plane and in space, checked.
-
-
 WHOLE = "boundary"
+# Names of the two sides across each axis, in the plane and in space.
+SIDES = {
+    2: (("left", "right"), ("bottom", "top")),
+    3: (("left", "right"), ("front", "back"), ("bottom", "top")),
+}
 T = TypeVar("T")
-
-
-def side_edges(points: Floats, boundary: Ints, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
-    """Boundary edges on each side of the box; the families put points on its sides to the bit."""
-    start, end = points[boundary[:, 0]], points[boundary[:, 1]]
-    along = np.argmax(np.abs(end - start), axis=1)
-    sides = {"left": (0, box.left), "right": (0, box.right), "bottom": (1, box.bottom), "top": (1, box.top)}
-    named = {}
-    for name, (axis, place) in sides.items():
-        off = np.maximum(np.abs(start[:, axis] - place), np.abs(end[:, axis] - place))
-        named[name] = read_only(boundary[(off <= tolerance) & (along != axis)])
-    return named
-
-
-def straight_sides(points: Floats, boundary: Ints) -> dict[str, Ints]:
-    """Boundary edges that lie where x or y is extreme, by the names that families give them; those that there are."""
-    (left, bottom), (right, top) = points[boundary].min(axis=(0, 1)), points[boundary].max(axis=(0, 1))
-    # A mesh that was moved or scaled into place has straight sides to its digits.
-    rounding = 1e-9 * max(right - left, top - bottom)
-    sides = side_edges(points, boundary, Box(left, right, bottom, top), rounding)
-    return {name: edges for name, edges in sides.items() if len(edges)}
 
 
 def check_name(name: object) -> str:
@@ -377,33 +318,6 @@ def _array(values: ArrayLike) -> NDArray[Any]:
     """Values as an array; what makes none as an array of objects, which every check refuses."""
     array = plain(values)
     return np.empty(0, dtype=object) if array is None else array
-
-
-# Named parts of the boundary of a mesh in space: faces, by number or by their vertices.
-
-
-SIDES = (("left", "right"), ("front", "back"), ("bottom", "top"))
-"""Names of the two sides across each axis."""
-
-
-def box_sides(corners: Floats, offsets: Ints, box: SpaceBox, tolerance: float = 0.0) -> dict[str, Bools]:
-    """The faces on each side of the box; families put points on its sides to the bit."""
-    on = {}
-    for axis, names in enumerate(SIDES):
-        for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):
-            on[name] = np.logical_and.reduceat(np.abs(corners[:, axis] - place) <= tolerance, offsets[:-1])
-    return on
-
-
-def extreme_faces(points: Floats, faces: Faces) -> dict[str, Ints]:
-    """Boundary faces that lie where x, y or z is extreme, by the names that families give them; those there are."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    # A mesh that was moved or scaled into place has plane sides to its digits.
-    rounding = 1e-9 * float((high - low).max())
-    box = SpaceBox(tuple(low.tolist()), tuple(high.tolist()))
-    on = box_sides(points[faces.face_vertices], faces.face_offsets, box, rounding)
-    sides = {name: np.flatnonzero(flags & (faces.face_cells[:, 1] < 0)) for name, flags in on.items()}
-    return {name: numbers for name, numbers in sides.items() if len(numbers)}
 
 
 def check_face_boundaries(

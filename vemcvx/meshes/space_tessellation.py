@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.errors import MeshWarning
 from vemcvx.meshes import polyhedra
-from vemcvx.meshes.box import SpaceBox, box_sides, check_cell_data, check_face_boundaries
+from vemcvx.meshes.box import Box, check_cell_data, check_face_boundaries
 from vemcvx.meshes.checks.space import checked_in_space
 from vemcvx.meshes.polygons.geometry import diameters
+from vemcvx.meshes.polygons.topology import rows_in_order
 from vemcvx.meshes.tessellation import Mesh
 
 
@@ -35,7 +36,7 @@ class SpaceTessellation(Mesh):
     cell_offsets: Ints
     cell_faces: Ints
     face_cells: Ints
-    _box: SpaceBox | None
+    _box: Box | None
 
     ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
     PARTS = "faces"
@@ -64,7 +65,7 @@ class SpaceTessellation(Mesh):
         cell_offsets: Ints,
         cell_faces: Ints,
         face_cells: Ints,
-        box: SpaceBox | None = None,
+        box: Box | None = None,
     ) -> Self:
         """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
         mesh = object.__new__(cls)
@@ -156,13 +157,9 @@ class SpaceTessellation(Mesh):
     def _boundary(self) -> Ints:
         return read_only(np.flatnonzero(self.face_cells[:, 1] < 0))
 
-    @cached_property
-    def boundaries(self) -> Mapping[str, Ints]:
-        """Named parts of the boundary: name -> face numbers (m,), ascending; "boundary" is all of it."""
-        sides = {} if self._box is None else box_sides(self.points[self.face_vertices], self.face_offsets, self._box)
-        inside = self.face_cells[:, 1] >= 0
-        named = {name: read_only(np.flatnonzero(on & ~inside)) for name, on in sides.items()}
-        return MappingProxyType({**named, **self._named, "boundary": self._boundary})
+    @property
+    def _outlines(self) -> tuple[Ints, Ints]:
+        return rows_in_order(self.face_offsets, self.face_vertices, self._boundary)
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:

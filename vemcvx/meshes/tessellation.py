@@ -1,4 +1,9 @@
-"""A mesh: what those of plane and space share; polygons with their edges, neighbours and boundaries."""
+"""A mesh: points, cells, named parts of the boundary, data on cells; immutable.
+
+In the plane cells are simple polygons listed counter-clockwise; two cells meet in whole edges and vertices of both. A
+vertex may lie on a straight line between its neighbours (a hanging node of the cell next door) and cells need not be
+convex.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints, read_only
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.box import (
-    Box,
-    SpaceBox,
-    check_boundaries,
-    check_cell_data,
-    check_datum_name,
-    chosen_parts,
-    side_edges,
-)
+from vemcvx.meshes.box import SIDES, Box, check_boundaries, check_cell_data, check_datum_name, chosen_parts
 from vemcvx.meshes.checks.plane import checked
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.polygons import geometry, topology
 from vemcvx.outline import Outline, in_a_line
-
-# What meshes of the plane and of space have in common: points, names, data on cells, copies, how they are shown.
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -42,7 +37,7 @@ class Mesh(ABC):
     interfaces: Mapping[str, Interface]
     node_map: Ints | None
     _named: Mapping[str, Ints]
-    _box: Box | SpaceBox | None
+    _box: Box | None
 
     ARRAYS: ClassVar[tuple[str, ...]]
     """Names of the arrays that make it."""
@@ -61,8 +56,13 @@ class Mesh(ABC):
 
     @property
     @abstractmethod
-    def boundaries(self) -> Mapping[str, Ints]:
-        """Named parts of the boundary."""
+    def _boundary(self) -> Ints:
+        """The parts of the boundary: edges (m, 2), or numbers of faces (m,)."""
+
+    @property
+    @abstractmethod
+    def _outlines(self) -> tuple[Ints, Ints]:
+        """Offsets and vertices of the parts of the boundary."""
 
     @property
     def n_nodes(self) -> int:
@@ -73,6 +73,29 @@ class Mesh(ABC):
     def h(self) -> float:
         """Mesh size: the largest cell diameter."""
         return float(self.diameters.max())
+
+    @cached_property
+    def boundaries(self) -> Mapping[str, Ints]:
+        """Named parts of the boundary: name -> edges (m, 2), in space face numbers (m,); "boundary" is all of it.
+
+        An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
+        The name of an interface means its edges of the first body; "boundary" has those of both.
+        """
+        sides = {} if self._box is None else self._sides(self._box)
+        joints = {name: interface.edges for name, interface in self.interfaces.items()}
+        return MappingProxyType({**sides, **self._named, **joints, "boundary": self._boundary})
+
+    def _sides(self, box: Box, tolerance: float = 0.0) -> dict[str, Ints]:
+        """Parts of the boundary on each side of a box; families put points on its sides to the bit."""
+        offsets, vertices = self._outlines
+        low, high = (f.reduceat(self.points[vertices], offsets[:-1]) for f in (np.minimum, np.maximum))
+        longest = np.argmax(high - low, axis=1)  # shorter than the tolerance, parts are on sides that they run along
+        named = {}
+        for axis, names in enumerate(SIDES[len(box.low)]):
+            for name, place in zip(names, (box.low[axis], box.high[axis]), strict=True):
+                off = np.maximum(np.abs(low[:, axis] - place), np.abs(high[:, axis] - place))
+                named[name] = read_only(self._boundary[(off <= tolerance) & (longest != axis)])
+        return named
 
     @property
     @abstractmethod
@@ -174,10 +197,13 @@ class Mesh(ABC):
         return Outline(f"{type(self).__name__}: {self.n_cells} cells, h = {self.h:.4g}", [*names, *data]).html()
 
 
-# What a polygonal mesh is: points, cells, named parts of the boundary, data on cells; immutable.
-#
-# Cells are simple polygons listed counter-clockwise; two cells meet in whole edges and vertices of both. A vertex may
-# lie on a straight line between its neighbours (a hanging node of the cell next door) and cells need not be convex.
+def straight_sides(mesh: Mesh) -> dict[str, Ints]:
+    """Parts of the boundary that lie where a coordinate is extreme, by the names that families give them, if any."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    # A mesh that was moved or scaled into place has straight sides to its digits.
+    rounding = 1e-9 * float((high - low).max())
+    sides = mesh._sides(Box(tuple(low.tolist()), tuple(high.tolist())), rounding)
+    return {name: parts for name, parts in sides.items() if len(parts)}
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -256,16 +282,9 @@ class Tessellation(Mesh):
         edges = topology.directed_edges(self.offsets, self.vertices)
         return read_only(edges[self.shared_edges.alone])
 
-    @cached_property
-    def boundaries(self) -> Mapping[str, Ints]:
-        """Named parts of the boundary: name -> edges (m, 2); "boundary" is all of it.
-
-        An edge (a, b) runs as in its counter-clockwise cell: the outward normal is (y_b - y_a, x_a - x_b) / length.
-        The name of an interface means its edges of the first body; "boundary" has those of both.
-        """
-        sides = {} if self._box is None else side_edges(self.points, self._boundary, self._box)
-        joints = {name: interface.edges for name, interface in self.interfaces.items()}
-        return MappingProxyType({**sides, **self._named, **joints, "boundary": self._boundary})
+    @property
+    def _outlines(self) -> tuple[Ints, Ints]:
+        return 2 * np.arange(len(self._boundary) + 1), self._boundary.ravel()
 
     @cached_property
     def neighbours(self) -> Ints:

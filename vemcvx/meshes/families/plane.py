@@ -16,7 +16,6 @@ from vemcvx.meshes.box import (
     check_fraction,
     check_whole,
     listed,
-    ticks,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons.topology import offsets_of
@@ -54,13 +53,14 @@ def squares(
         rectangle.
     """
     rectangle = check_box(box)
-    points, corners = square_grid(*cell_counts(n, rectangle, size), rectangle)
+    nx, ny = cell_counts(n, rectangle, size)
+    points, corners = square_grid(nx, ny, rectangle)
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
 
 
 def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
     """Return nodes ((nx + 1)(ny + 1), 2) row by row, and the corners (nx ny, 4) of the cells, counter-clockwise."""
-    x, y = ticks(box.left, box.right, nx), ticks(box.bottom, box.top, ny)
+    x, y = box.ticks(nx, ny)
     points = np.column_stack([np.tile(x, ny + 1), np.repeat(y, nx + 1)])
     first = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
     return points, first[:, None] + np.array([0, 1, nx + 2, nx + 1])
@@ -95,7 +95,8 @@ def triangles(
         Nodes row by row, the lower then the upper triangle of each square.
     """
     rectangle = check_box(box)
-    points, corners = square_grid(*cell_counts(n, rectangle, size, each=2), rectangle)
+    nx, ny = cell_counts(n, rectangle, size, each=2)
+    points, corners = square_grid(nx, ny, rectangle)
     vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
     return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)
 
@@ -140,9 +141,9 @@ def hexagons(
 
 
 def _zigzag_points(columns: int, rows: int, zigzag: Floats, box: Box) -> Floats:
-    x = np.tile(ticks(box.left, box.right, 2 * columns), rows + 1)
-    y = np.repeat(ticks(box.bottom, box.top, rows), 2 * columns + 1)
-    return np.column_stack([x, y + zigzag.ravel() * (box.height / rows / 6.0)])
+    x, y = box.ticks(2 * columns, rows)
+    height = np.repeat(y, 2 * columns + 1) + zigzag.ravel() * (box.lengths[1] / rows / 6.0)
+    return np.column_stack([np.tile(x, rows + 1), height])
 
 
 def _row_of_cells(columns: int, row: int) -> Ints:
@@ -188,7 +189,7 @@ def distorted(
     points, corners = square_grid(nx, ny, rectangle)
     random = np.random.default_rng(check_whole("seed", seed, 0))
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
-    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * [rectangle.width / nx, rectangle.height / ny]
+    inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
     return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
 
 
@@ -305,7 +306,7 @@ def nonconvex(
 def _thirds(points: Floats, nx: int, ny: int, zigzag: float, box: Box) -> Floats:
     """Two nodes an edge, level edges first: off to the left at a third, off to the right at two thirds."""
     grid = points.reshape(ny + 1, nx + 1, 2)
-    pitch = np.array([box.width / nx, box.height / ny])
+    pitch = np.divide(box.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
     return np.concatenate([level.reshape(-1, 2), upright.reshape(-1, 2)])

@@ -10,15 +10,14 @@ import numpy as np
 from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.box import (
     UNIT_CUBE,
-    SpaceBox,
+    Box,
     SpaceCorners,
     SpaceCount,
-    check_space_box,
+    cell_counts,
+    check_box,
     check_total,
     check_whole,
     placed,
-    space_counts,
-    ticks,
 )
 from vemcvx.meshes.families.voronoi import voronoi
 from vemcvx.meshes.polygons.geometry import close_pairs, voronoi_faces
@@ -57,15 +56,15 @@ def cubes(
     MeshError
         n is not a positive whole number, size is not a positive length, both or neither are given, or box is no box.
     """
-    whole = check_space_box(box)
-    points, corners = cube_grid(space_counts(n, whole, size), whole)
+    whole = check_box(box, 3)
+    points, corners = cube_grid(cell_counts(n, whole, size), whole)
     return mesh_of_equal_cells(points, corners[:, np.array(FACES["hexahedron"])], whole)
 
 
-def cube_grid(counts: tuple[int, int, int], box: SpaceBox) -> tuple[Floats, Ints]:
+def cube_grid(counts: tuple[int, ...], box: Box) -> tuple[Floats, Ints]:
     """Nodes, layer by layer, and the corners (n_cells, 8) of the cells: around the bottom, then around the top."""
     nx, ny, nz = counts
-    x, y, z = (ticks(low, high, count) for low, high, count in zip(box.low, box.high, counts, strict=True))
+    x, y, z = box.ticks(*counts)
     level, row, column = np.meshgrid(z, y, x, indexing="ij")
     points = np.column_stack([column.ravel(), row.ravel(), level.ravel()])
     number = np.arange(len(points)).reshape(nz + 1, ny + 1, nx + 1)
@@ -74,7 +73,7 @@ def cube_grid(counts: tuple[int, int, int], box: SpaceBox) -> tuple[Floats, Ints
     return points, np.column_stack(corners)
 
 
-def mesh_of_equal_cells(points: Floats, faces: Ints, box: SpaceBox) -> PolyhedralMesh:
+def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh:
     """The mesh of cells that all have as many faces, of as many vertices: (n_cells, faces, vertices), outwards."""
     cells, each, sides = faces.shape
     joined = joined_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
@@ -106,8 +105,8 @@ def tetrahedra(
     PolyhedralMesh
         Nodes layer by layer, row by row; the six tetrahedra of a cube one after the other.
     """
-    whole = check_space_box(box)
-    points, corners = cube_grid(space_counts(n, whole, size, each=6), whole)
+    whole = check_box(box, 3)
+    points, corners = cube_grid(cell_counts(n, whole, size, each=6), whole)
     cells = corners[:, SIX].reshape(-1, 4)
     return mesh_of_equal_cells(points, cells[:, np.array(FACES["tetra"])], whole)
 
@@ -132,10 +131,10 @@ def prisms(
     PolyhedralMesh
         Nodes and cells layer by layer.
     """
-    whole = check_space_box(box)
-    nx, ny, nz = space_counts(n, whole, size)
-    x, y, (low, high) = box
-    return voronoi((nx, ny), (x, y), seed).extruded(ticks(low, high, nz))
+    whole = check_box(box, 3)
+    nx, ny, nz = cell_counts(n, whole, size)
+    x, y, _ = box
+    return voronoi((nx, ny), (x, y), seed).extruded(whole.ticks(nx, ny, nz)[2])
 
 
 # Truncated octahedra, which fill space: the cells of Kelvin's foam, with plane faces.
@@ -163,8 +162,8 @@ def kelvin(
     PolyhedralMesh
         Cells in the middle of cubes first, then those about nodes, both layer by layer; nodes layer by layer.
     """
-    whole = check_space_box(box)
-    counts = np.array(space_counts(n, whole, size, each=2))
+    whole = check_box(box, 3)
+    counts = np.array(cell_counts(n, whole, size, each=2))
     middles = 4 * _grid(counts) + 2
     corners = 4 * _grid(counts + 1)
     # -1, 0, 1 along each axis: on the lower side of the box, inside, on the upper one.
@@ -185,7 +184,7 @@ def kelvin(
     offsets, vertices = rows_in_order(offsets_of(sizes), vertices, np.argsort(cells, kind="stable"))
     joined = joined_faces(offsets, vertices, offsets_of(np.bincount(cells)))
     at = (used % width, used // width % depth, used // (width * depth))
-    lines = (ticks(low, high, 4 * int(count)) for low, high, count in zip(whole.low, whole.high, counts, strict=True))
+    lines = whole.ticks(*(4 * counts).tolist())
     points = np.column_stack([line[place] for line, place in zip(lines, at, strict=True)])
     return PolyhedralMesh.unchecked(points, **joined._asdict(), box=whole)
 
@@ -272,8 +271,8 @@ def voronoi3(
     MeshError
         As `cubes`.
     """
-    whole = check_space_box(box)
-    counts = space_counts(n, whole, size) if cells is None else (check_total(check_whole("cells", cells)),)
+    whole = check_box(box, 3)
+    counts = cell_counts(n, whole, size) if cells is None else (check_total(check_whole("cells", cells)),)
     count = math.prod(counts)
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     # Lengths below are in widths of a cell, whatever the units of the box.

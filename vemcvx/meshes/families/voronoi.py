@@ -188,8 +188,8 @@ def voronoi(
     relaxations = check_whole("relaxations", relaxations, 0, 10_000)
     shortest = check_fraction("shortest", shortest, 0.1, closed=True)
     # Lengths below are in roots of the mean cell area, whatever the units of the rectangle.
-    scale = np.sqrt(rectangle.width / count) * np.sqrt(rectangle.height)
-    sides = np.array([rectangle.width, rectangle.height]) / scale
+    scale = np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1])
+    sides = np.array(rectangle.lengths) / scale
     seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, 2)) * sides
     seeds = seeds[_by_rows(seeds)]
     for _ in range(relaxations):
@@ -200,7 +200,7 @@ def voronoi(
     rows = _by_rows(points)
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
-    low, high = np.array([rectangle.left, rectangle.bottom]), np.array([rectangle.right, rectangle.top])
+    low, high = np.array(rectangle.low), np.array(rectangle.high)
     return PolygonMesh.unchecked(placed(points[rows], sides, low, high), offsets, number[vertices], rectangle)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.box import WHOLE, extreme_faces, straight_sides
+from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.io.blocks import (
     MARK,
     POLYGONS,
@@ -31,7 +31,7 @@ from vemcvx.meshes.io.blocks import (
 from vemcvx.meshes.io.readers import check_data
 from vemcvx.meshes.io.solids import TYPES, blocks_of_vtk, space_mesh_of
 from vemcvx.meshes.space_tessellation import SpaceTessellation
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import Tessellation, straight_sides
 
 if TYPE_CHECKING:
     import meshio
@@ -48,10 +48,7 @@ def finished(subject: str, made: Callable[[], tuple[Found, list[str]]]) -> Found
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         mesh, notes = made()
-    if isinstance(mesh, Tessellation):
-        sides = straight_sides(mesh.points, mesh.boundaries[WHOLE])
-    else:
-        sides = extreme_faces(mesh.points, mesh.faces)
+    sides = straight_sides(mesh)
     if sides and set(mesh.boundaries) == {WHOLE}:
         mesh = mesh.with_boundaries(sides)
         notes = [*notes, f"no part of the boundary has a name; by their place, sides are called {', '.join(sides)}."]

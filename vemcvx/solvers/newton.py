@@ -1,4 +1,45 @@
-"""Semismooth Newton, by hand: active sets first, a proximal point method when they fail, the gap as judge."""
+"""Semismooth Newton: active sets first, a proximal point method when they fail, the duality gap as the judge of both.
+
+Active sets. On given sets (what sticks, what slips and where to, which limits act) a sticking term gives equations
+B_i d = b_i; a slipping one, with direction q_i and curvature h_i, the linearised multiplier
+lam_i = w_i q_i + h_i (I - q_i q_i') (B_i d - b_i). An acting limit gives D_j d = e_j where it is a bound, and
+p_j = (D_j d - e_j) / c_j where it is soft, so that
+
+    (K + B'HB + D'C^{-1}D) d = g - B'(w q) + B'H b + D'C^{-1}e  on slipping terms and soft limits that act,
+    B_i d = b_i  on the sticking terms,   D_j d = e_j  on the bounds that act.
+
+That is a Newton step on F(d, lam) = (K d - g + B'lam, lam - P_w(lam + a s)), s = B d - b, and likewise for limits. On
+absolute values (block 1) H vanishes, and the answer on the right sets is the solution itself.
+
+Dependent rows, at edges, corners and beside supports, make that system singular: what each of them carries is not
+determined. Bounds that follow from others carry nothing. The forces of discs that share a node are those nearest to
+what they carried before, in the metric sum_i |dlam_i|^2 / w_i^2: with a dependence nu among their rows,
+sum_i nu_i . dlam_i / w_i^2 = 0.
+
+The safeguard is the proximal point method on the multipliers. With centre (lam, p) and shifts a > 0, minimise the
+convex, continuously differentiable function
+
+    psi(d) = 1/2 d'Kd - g'd + sum_i [ |q_i|^2 - (|q_i| - w_i)_+^2 - |lam_i|^2 ] / (2 a_i)    q = lam + a (Bd - b)
+             + sum_j [ (x_j)_+^2 / (1 + a_j c_j) - p_j^2 ] / (2 a_j)                         x = p + a (Dd - e)
+
+(every term replaced by its Moreau envelope), whose gradient is K d - g + B'P_w(q) + D' x_+ / (1 + a c), then move the
+centre to (P_w(q), x_+ / (1 + a c)). The outer iteration is Rockafellar's proximal point algorithm on the dual (SIAM J.
+Control Optim. 14, 1976), which converges from any centre and for any a; the inner one is a semismooth Newton method
+with Armijo's rule on a strongly convex function (Li, Sun and Toh, SIAM J. Optim. 28, 2018), which converges from any
+start, and in finitely many steps where the envelope is piecewise quadratic (block 1). Armijo's rule is read off
+derivatives: psi is convex, so psi(d + v) - psi(d) <= (psi'(d + v / 2) + psi'(d + v)) / 2 along v, which keeps its
+digits where differences of psi are rounding.
+
+The two together, after the adaptive method of Xiao, Li, Wen and Zhang (J. Sci. Comput. 2018; the paper's [24]): a
+Newton point is *accepted* while it brings progress; otherwise a *safeguard* step is taken from the best point so far,
+from which Newton is tried again. Merit and stopping test are one number, the certified duality gap, which is zero only
+at the solution and needs no scaling.
+
+Theorem. The gaps of the best points tend to 0. Proof: if the safeguard is called finitely often, every further Newton
+point but PATIENCE in a row has at most half the best gap. Otherwise the safeguard's iterates are those of the proximal
+point algorithm, which converges; the best gap is at most theirs.  QED. On absolute values the sets are finitely many
+and, where no sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitely many steps.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +66,6 @@ from vemcvx.program.operators import (
 from vemcvx.program.step_program import Answer, StepProgram
 from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
-
-# The answer on given sets: what sticks, what slips and where to, which limits act (one step of an active-set method).
-#
-# Sticking terms give equations B_i d = b_i; a slipping one, with direction q_i and curvature h_i, the linearised
-# multiplier lam_i = w_i q_i + h_i (I - q_i q_i') (B_i d - b_i). An acting limit gives the equation D_j d = e_j where
-# it is a bound and the multiplier p_j = (D_j d - e_j) / c_j where it is soft, so that
-#
-#     (K + B'HB + D'C^{-1}D) d = g - B'(w q) + B'H b + D'C^{-1}e  on slipping terms and soft limits that act,
-#     B_i d = b_i  on the sticking terms,   D_j d = e_j  on the bounds that act.
-#
-# On absolute values (block 1) H vanishes and the answer on the right sets is the solution itself.
-
 
 SHIFT = 0.1
 """Of the sets, in units of one over the flexibilities. At .1 the paper's scene takes 3-7 iterations from a cold start;
@@ -144,21 +173,13 @@ def answer_on(program: StepProgram, sets: Sets, near: Iterate | None = None) -> 
     else:
         columns = np.concatenate([own[0][stick], own[1][stop]])
         iterative = not operators.factor.exact
-        begin = _Near(near.d, sp.csr_matrix(M.shape) if S is None else S) if near and iterative else None
+        begin = (near.d, sp.csr_matrix(M.shape) if S is None else S) if near and iterative else None
         d, reaction, stopped = _held_coordinates(M, load, program, stick, stop, columns=columns, near=begin)
     lam = (at_bound + np.einsum("ijk,ik->ij", H, program.slip(d)) if bends else at_bound).ravel()
     lam[stick] = reaction
     p = spring * program.excess(d)
     p[stop] = stopped
     return Iterate(d, operators.blocks(lam), p)
-
-
-@dataclass(frozen=True)
-class _Near:
-    """The initial guess of an iterative linear solver, and the stiffness that is added to K."""
-
-    d: Floats
-    S: sp.csr_matrix
 
 
 def _held(M: Matrix, load: Floats, program: StepProgram, stick: Ints, stop: Ints) -> tuple[Floats, Floats, Floats]:
@@ -191,17 +212,20 @@ def _held_coordinates(
     stop: Ints,
     *,
     columns: Ints,
-    near: _Near | None = None,
+    near: tuple[Floats, sp.csr_matrix] | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """The same where every row reads its own unknown, those of the rows given `columns`: the held ones are known."""
+    """The same where every row reads its own unknown, those of the rows given `columns`: the held ones are known.
+
+    Iteratively, `near` is the initial guess (n,) and the stiffness that is added to K.
+    """
     operators = program.operators
     coefficient = np.concatenate([operators.B.data[stick], operators.D.data[stop]])
     value = np.concatenate([program.b[stick], program.e[stop]])
-    d = np.zeros(len(load)) if near is None else near.d.copy()
+    d = np.zeros(len(load)) if near is None else near[0].copy()
     d[columns] = value / coefficient
     free = np.ones(len(load), dtype=bool)
     free[columns] = False
-    cycle = None if near is None else operators.factor.cycle(near.S, free)
+    cycle = None if near is None else operators.factor.cycle(near[1], free)
     if cycle is not None:
         d = corrected(M, d, load, free, cycle=cycle, part=INEXACT)
     else:
@@ -211,13 +235,6 @@ def _held_coordinates(
         d[F] = within.solve(rest[F])
     reaction = (load - M @ d)[columns] / coefficient
     return d, reaction[: len(stick)], reaction[len(stick) :]
-
-
-# Sticking terms and acting bounds whose rows depend on others': at edges and corners, and beside supports.
-#
-# With all of their equations a system is singular: what each of them carries is not determined. Bounds that follow
-# from others carry nothing. The forces of discs that share a node are those nearest to what they carried before, in
-# the metric sum_i |dlam_i|^2 / w_i^2: with a dependence nu among their rows, sum_i nu_i . dlam_i / w_i^2 = 0.
 
 
 FOLLOWS = 1e-6
@@ -282,48 +299,29 @@ def independent(rows: Floats) -> Bools:
     return found
 
 
-# The safeguard: the proximal point method on the multipliers, each step by a line-searched Newton method.
-#
-# With centre (lam, p) and shifts a > 0, minimise the convex, continuously differentiable function
-#
-#     psi(d) = 1/2 d'Kd - g'd + sum_i [ |q_i|^2 - (|q_i| - w_i)_+^2 - |lam_i|^2 ] / (2 a_i)    q = lam + a (Bd - b)
-#              + sum_j [ (x_j)_+^2 / (1 + a_j c_j) - p_j^2 ] / (2 a_j)                         x = p + a (Dd - e)
-#
-# (every term replaced by its Moreau envelope), whose gradient is K d - g + B'P_w(q) + D' x_+ / (1 + a c), then move
-# the centre to (P_w(q), x_+ / (1 + a c)). The outer iteration is Rockafellar's proximal point algorithm on the dual
-# (SIAM J. Control Optim. 14, 1976), which converges from any centre and for any a; the inner one is a semismooth
-# Newton method with Armijo's rule on a strongly convex function (Li, Sun and Toh, SIAM J. Optim. 28, 2018), which
-# converges from any start, and in finitely many steps where the envelope is piecewise quadratic (block 1).
-
-
-ARMIJO = 1e-4
-GROWTH = 4.0
-"""Shifts grow from centre to centre; the method converges for any, faster for larger ones."""
-MOST_GROWTH = 1e8
-"""Beyond this, a B'B in the Hessian would leave K no digits."""
-MOST_INNER = 60
 INNER = 0.01
 """Newton's decrement squared, in parts of how far the centre would move, after which the next centre is wanted: with
 Rockafellar's criterion (B) the outer iteration then converges as fast as with exact minimisers."""
-SHORTEST = 1e-12
-LEVEL = 64 * EPS
-"""Part of a value within which another is the same but for rounding."""
 
 
 def proximal_points(program: StepProgram, start: Iterate, shift: Shifts) -> Iterator[tuple[Iterate, Shifts]]:
-    """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops."""
+    """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops.
+
+    Shifts grow fourfold from centre to centre: the method converges for any, faster for larger ones. Beyond 1e8 of the
+    first a B'B in the Hessian would leave K no digits.
+    """
     grown = 1.0
-    centre = Iterate(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
+    point = Iterate(start.d, program.project(start.lam), np.maximum(start.p, 0.0))
     while True:
-        d = centre.d
-        for _ in range(MOST_INNER):
-            d, moved = _newton_step(program, d, centre, shift)
-            yield Iterate(d, *_multipliers(program, d, centre, shift)), shift
+        centre = point
+        for _ in range(60):
+            d, moved = _newton_step(program, point.d, centre, shift)
+            point = Iterate(d, *_multipliers(program, d, centre, shift))
+            yield point, shift
             if not moved:
                 break
-        centre = Iterate(d, *_multipliers(program, d, centre, shift))
-        if grown < MOST_GROWTH:
-            grown, shift = GROWTH * grown, shift * GROWTH
+        if grown < 1e8:
+            grown, shift = 4.0 * grown, shift * 4.0
 
 
 def _unprojected(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, Floats]:
@@ -336,88 +334,43 @@ def _multipliers(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts
 
 
 def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> tuple[Floats, bool]:
-    """One damped Newton step on psi; also whether another one is worth its while at this centre.
-
-    Armijo's rule ends the halving of the step. Where it asks for less than the rounding of psi, derivatives along the
-    step tell: psi is convex, so psi(d + v) - psi(d) <= (psi'(d + v / 2) + psi'(d + v)) / 2 along v.
-    """
+    """One damped Newton step on psi, and True if another one is worth its while at this centre."""
     lam, p = _multipliers(program, d, centre, shift)
-    gradient = -program.residual(d, lam, p)
     hessian = _hessian(program, *_unprojected(program, d, centre, shift), shift)
-    step = program.operators.factor.within(hessian, np.arange(len(d))).solve(-gradient)
-    slope = float(gradient @ step)
-    start = _psi(program, d, centre, shift)
-    if -slope <= 4 * EPS * abs(start):
+    force = program.residual(d, lam, p)
+    step = program.operators.factor.within(hessian, np.arange(len(d))).solve(force)
+    decrement = float(force @ step)
+    if decrement <= 4 * EPS * float(np.abs(program.g) @ np.abs(d)):
         return d + step, False
 
     def rises(length: float) -> float:
         ahead = d + length * step
         return -float(program.residual(ahead, *_multipliers(program, ahead, centre, shift)) @ step)
 
-    def descends(length: float) -> bool:
-        if -ARMIJO * length * slope > LEVEL * abs(start):
-            return _psi(program, d + length * step, centre, shift) <= start + ARMIJO * length * slope
-        return 0.5 * (rises(0.5 * length) + rises(length)) <= ARMIJO * slope
-
     length = 1.0
-    while length > SHORTEST and not descends(length):
+    while length > 1e-12 and 0.5 * (rises(0.5 * length) + rises(length)) > -1e-4 * decrement:
         length *= 0.5
-    near = -slope <= INNER * _moved(Iterate(d, lam, p), centre, shift)
-    return d + length * step, length > SHORTEST and not near
-
-
-def _moved(point: Iterate, centre: Iterate, shift: Shifts) -> float:
-    """The squared move of a centre, sum |dlam_i|^2 / a_i + sum dp_j^2 / a_j."""
-    lam, p = point.lam - centre.lam, point.p - centre.p
-    return float(np.einsum("ij,ij->i", lam, lam) @ (1 / shift.norms) + p * p @ (1 / shift.limits))
+    dlam, dp = lam - centre.lam, p - centre.p
+    moved = float(np.einsum("ij,ij->i", dlam, dlam) @ (1 / shift.norms) + dp * dp @ (1 / shift.limits))
+    return d + length * step, length > 1e-12 and decrement > INNER * moved
 
 
 def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matrix:
     """K + B'HB + D'diag D with H_i = a on sticking blocks, a (w/|q|)(I - qq'/|q|^2) on slipping ones."""
-    operators = program.operators
-    size = np.linalg.norm(q, axis=1)
+    operators, size = program.operators, lengths(q)
     slip = size > program.w
-    share = np.ones_like(size)
-    share[slip] = program.w[slip] / size[slip]
-    unit = np.zeros_like(q)
-    unit[slip] = q[slip] / size[slip, None]
+    share = np.divide(program.w, size, out=np.ones_like(size), where=slip)
     pressed = np.where(x > 0, shift.limits / (1.0 + shift.limits * operators.compliance), 0.0)
-    return operators.stiffened((shift.norms * share)[:, None, None] * transverse(unit), pressed)
+    bends = (shift.norms * share)[:, None, None] * transverse(slip[:, None] * directions(q, size))
+    return operators.stiffened(bends, pressed)
 
 
-def _psi(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts) -> float:
-    q, x = _unprojected(program, d, centre, shift)
-    size = np.linalg.norm(q, axis=1)
-    norms = size * size - np.maximum(size - program.w, 0.0) ** 2 - np.einsum("ij,ij->i", centre.lam, centre.lam)
-    limits = np.maximum(x, 0.0) ** 2 / (1.0 + shift.limits * program.operators.compliance) - centre.p * centre.p
-    envelopes = (norms / (2 * shift.norms)).sum() + (limits / (2 * shift.limits)).sum()
-    return float(0.5 * d @ (program.operators.K @ d) - program.g @ d + envelopes)
-
-
-# Semismooth Newton, by hand: active sets first, a proximal point method when they fail, the gap as judge.
-#
-# The residual is that of the proximal map on the multipliers (norm terms only, for brevity; limits likewise), F(d,
-# lam) = (K d - g + B'lam, lam - P_w(lam + a s)), s = B d - b; a Newton step on it is the answer on the sets of
-# this file. In the manner of the adaptive semismooth Newton method of Xiao, Li, Wen and Zhang (J.
-# Sci. Comput. 2018; the paper's [24]) a Newton point is *accepted* while it brings progress, and otherwise a
-# *safeguard* step of a globally convergent method is taken from the best point so far, from which Newton is tried
-# again. Merit and stopping test are one number, the certified duality gap, which is zero only at the solution and
-# needs no scaling.
-#
-# Theorem. The gaps of the best points tend to 0. Proof: if the safeguard is called finitely often, every
-# further Newton point but PATIENCE in a row has at most half the best gap. Otherwise the safeguard's
-# iterates are those of the proximal point algorithm, which converges (see the safeguard above); the
-# best gap is at most theirs.  QED. On absolute values the sets are finitely many and, where no
-# sticking term has |lam_i| = w_i and no slipping one s_i = 0, found after finitely many steps.
-
-
-PROXIMAL = 100.0
-"""First shifts of the proximal point method, in those of the active sets."""
 PATIENCE = 8
 """Newton points in a row that may fail to halve the best gap before the safeguard is called."""
 OVERRELAXATION = 0.01
-"""How far multipliers of discs begin a step beyond their bound: they then turn against SHIFT / OVERRELAXATION times the
-stiffness that they feel. If all stick, 64 steps take a tenth to a quarter more solves; with .03 and .1 a few more."""
+"""Part of their bound by which multipliers of discs begin a step beyond it: they then turn against SHIFT /
+OVERRELAXATION times the stiffness that they feel. If all stick, 64 steps take a tenth to a quarter more solves; with
+.03 and .1 a few more."""
 
 
 @dataclass(frozen=True)
@@ -462,26 +415,20 @@ class Newton(Solver):
         run = _Search(program, target, self.max_iterations)
         shift = Shifts.of(program.operators)
         pressed = np.zeros(len(program.e)) if p is None else np.maximum(p, 0.0)
-        start = Iterate(np.zeros(len(program.g)), _overrelaxed(program, lam), pressed)
+        # Terms that were at their bound slip again, as under most loads they do.
+        beyond = 4 * EPS if program.operators.block == 1 else OVERRELAXATION
+        start = Iterate(np.zeros(len(program.g)), (1.0 + beyond) * program.project(lam), pressed)
         run.newton(start, shift)
-        if not run.done:
-            for point, centre_shift in proximal_points(program, run.best, shift * PROXIMAL):
-                run.offer(point, "proximal")
-                if run.done:
-                    break
-                run.newton(point, centre_shift, patience=1)
-                if run.done:
-                    break
-        best = run.best
-        return Answer(
-            d=best.d, lam=best.lam, iterations=run.iterations, status=run.words, safeguards=run.safeguards, p=best.p
-        )
-
-
-def _overrelaxed(program: StepProgram, lam: Floats) -> Floats:
-    """Multipliers to begin with: terms that were at their bound slip again, as under most loads they do."""
-    beyond = 4 * EPS if program.operators.block == 1 else OVERRELAXATION
-    return (1.0 + beyond) * program.project(lam)
+        # The safeguard's first shifts are a hundred of the active sets'.
+        safeguard = proximal_points(program, run.best, shift * 100.0)
+        while not run.done:
+            point, shift = next(safeguard)
+            run.offer(point, "proximal")
+            if not run.done:
+                run.newton(point, shift, patience=1)
+        status = "converged" if run.gap <= target or run.gap <= run.floor else "iteration limit"
+        best, safeguards = run.best, run.safeguards
+        return Answer(best.d, best.lam, run.iterations, status, safeguards=safeguards, p=best.p)
 
 
 @dataclass
@@ -532,10 +479,6 @@ class _Search:
     def exact(self) -> bool:
         """True if linear systems are solved to rounding: the same sets then have the same answer."""
         return self.program.operators.factor.exact
-
-    @property
-    def words(self) -> str:
-        return "converged" if self.gap <= self.target or self.gap <= self.floor else "iteration limit"
 
     def newton(self, point: Iterate, shift: Shifts, patience: int = PATIENCE) -> None:
         """Active-set steps while one in `patience` halves the best gap and the sets change.

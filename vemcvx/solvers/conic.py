@@ -1,4 +1,14 @@
-"""Clarabel, OSQP, and any other solver that cvxpy can call, with the settings that a duality gap asks for."""
+"""Clarabel, OSQP, and any other solver that cvxpy can call, with the settings that a duality gap asks for.
+
+TUNED has the settings for a duality gap of a scaled program, in one table; where nothing stands, a solver runs as its
+library comes. What was "certified" is the relative error, asked for 1e-6, of problems/feng_han_huang.py and
+hertz_contact.py with --n 8 or 16 and --steps 4 or 8.
+
+Solvers without cones are handed absolute values as inequalities; so are those with cones when they miss. A cone's
+algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are left,
+and interior points break down. Inequalities carry it as a slack of its own: on the strip of
+problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +35,6 @@ from vemcvx.program.step_program import Answer, CvxpyStep, StepProgram, to_cvxpy
 from vemcvx.program.tolerances import CONIC_GAP, CONIC_RESIDUAL, CONIC_TOLERANCE
 from vemcvx.solvers.newton import Iterate, Shifts, answer_on, sets_at
 from vemcvx.solvers.solver import Solver
-
-# What solvers are asked for through cvxpy: their own settings for a duality gap of a scaled program, in one table.
-#
-# Where nothing stands, a solver runs as its library comes. What was "certified" is the relative error, asked for
-# 1e-6, of problems/feng_han_huang.py and hertz_contact.py with --n 8 or 16 and --steps 4 or 8.
 
 
 @dataclass(frozen=True)
@@ -152,17 +157,12 @@ def worth_asking_again(solver: str) -> bool:
     return any(setting.when is When.AGAIN for setting in TUNED.get(solver, ()))
 
 
-# Clarabel as cvxpy keeps it from step to step, told what has changed alone.
-#
-# cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a quarter of
-# a step of 256 terms, and changes no bit of an answer.
-
-
-CLARABEL = "CLARABEL"
-
-
 class KeptMatrices:
-    """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given."""
+    """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
+
+    cvxpy hands it P, q, A and b anew each time. P and A are those of all steps; taking them over again is a quarter of
+    a step of 256 terms, and changes no bit of an answer.
+    """
 
     def __init__(self, solver: Any):
         self._solver = solver
@@ -182,9 +182,9 @@ class KeptMatrices:
 
 def keep_matrices(solvers: dict[str, Any]) -> None:
     """See to it that Clarabel, among the solvers that cvxpy keeps by name, is told what has changed alone."""
-    solver = solvers.get(CLARABEL)
+    solver = solvers.get("CLARABEL")
     if hasattr(solver, "update") and not isinstance(solver, KeptMatrices):
-        solvers[CLARABEL] = KeptMatrices(solver)
+        solvers["CLARABEL"] = KeptMatrices(solver)
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -197,19 +197,11 @@ def _same(one: Any, other: Any) -> bool:
     )
 
 
-# Clarabel, OSQP, and any other solver that cvxpy can call, asked the program of :mod:`vemcvx.program.step_program`.
-#
-# Solvers without cones are handed absolute values as inequalities; so are those with cones when they miss. A cone's
-# algebra takes t - |s| as a difference, which where a term slips is as small as the gap: below 1e-12 no digits are
-# left, and interior points break down. Inequalities carry it as a slack of its own: on the strip of
-# problems/membrane_with_friction.py Clarabel gets to 8e-8 instead of 2e-6.
-
-
 COMPILING = threading.Lock()
 """cvxpy numbers its expressions by a counter of the process, without a lock of its own."""
 
 LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
-"""What fits a quadratic program with linear constraints."""
+"""The features that fit a quadratic program with linear constraints."""
 
 
 def installed() -> tuple[str, ...]:

@@ -1,4 +1,57 @@
-"""Coulomb's law solved whole: weights that follow the forces of the limits, on sets that are proven right."""
+"""Coulomb's law solved whole: weights that follow the forces of the limits, on sets that are proven right.
+
+With w = W(p) a step is a *quasi*-variational inequality, which no energy minimises: find d, lam, p with
+
+    K d = g - B'lam - D'p,      |lam_i| <= W_i(p),   lam_i . s_i = W_i(p) |s_i|,         s = B d - b
+                                p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0    z = D d - e       (Q)
+
+On given sets, and with W(p) = w + J (p - p_0) near p_0, (Q) is one linear system, not symmetric because of J:
+
+    s_i = 0  on sticking terms,           lam_i = q_i W_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
+    z_j = c_j p_j  on acting limits,      p_j = 0  on the others.
+
+All unknowns but the multipliers are eliminated: with A = [B; D] and x = [lam; p], A d = A K^{-1} g - (A K^{-1} A') x.
+Where K has a kernel, K = K_r - R' diag(a) R with the stiffness a of the anchors R d, and R joins A as limits of
+compliance -1/a that always act: a body that nothing else holds costs what any other does. The sets are those of the
+last answer, as in :mod:`vemcvx.solvers.newton`: a semismooth Newton method on (Q) (Alart and Curnier 1991; Hueber,
+Stadler and Wohlmuth 2008). It may cycle, and is then begun anew from answers of convex programs with weights held fast
+(:mod:`vemcvx.stepping.fixed_point`).
+
+Theorem 1. Let W be piecewise affine and the terms absolute values (block 1). If the solution of the system of some sets
+has |lam_i| <= W_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where they do
+not, and W at p is what the system took it for, then it solves (Q). Proof. Every line of (Q) is an equation of the
+system or one of these inequalities.  QED  Where rows follow from one another, at corners, the system is singular and
+what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 nevertheless is looked at afterwards.
+
+So whoever found another d knows how far it is from *a* solution: |d - d_sets|_K, plus the error of d_sets, the last
+correction of its iterative refinement. (Where coefficients are not small there may be more solutions than one.)
+
+In blocks of two and more directions turn with the answer, and no system is linear. Let x_0 = (lam, p) solve the system
+M x = r of some sets, which takes terms that slip by their directions q_i and curvatures h_i. What it misses of the law
+are, on these terms,
+
+    psi_i(s, p) = W_i(p) s_i / |s_i| - q_i (W(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
+
+and (Q) on the sets is x = x_0 + G psi(s, p), with G the columns of M^{-1} for the rows of these terms. At x_0 let
+v_i = |s_i|, u_i = s_i / v_i, delta_i = |u_i - q_i|; let A_ij, C_ij and P_ji be the norms of the blocks by which s_i
+along u_i, s_i across it and p_j answer psi_j. For bounds t_j on |psi_j| let
+
+    alpha = A t,    gamma = C t,    pi = P t,    turn_i = gamma_i / (v_i - alpha_i),
+    L_i = |W_i / v_i - h_i| gamma_i + W_i turn_i ((alpha_i + gamma_i) / v_i + turn_i / 2)
+          + h_i delta_i (alpha_i + gamma_i) + (|J| pi)_i (delta_i + turn_i).
+
+Theorem 2. If for some t >= 0: alpha_i < v_i and |psi_i(s_0, p_0)| + L_i <= t_i, W is affine on |p - p_0| <= pi, and the
+inequalities of the sets hold at x_0 + G psi for all |psi| <= t, then (Q) has a solution d with |d - d_0|_K <=
+sum_j n_j t_j, n_j the largest energy norm of an answer to a unit psi_j.
+
+Proof. Let s_i move by a along u_i and by c across it, |a| <= alpha_i, |c| <= gamma_i. Its angle with u_i is at most
+arctan turn_i, and its direction is c / |s_i| across u_i and at least 1 - turn_i^2 / 2 along it, where c / |s_i| differs
+from c / v_i by at most turn_i (alpha_i + gamma_i) / v_i. From W_i times that psi_i takes h_i times (I - q q')(a u + c),
+which differs from c by at most delta_i (alpha_i + gamma_i), as |uu' - qq'| <= |u - q|. With what W adds along u - q,
+psi changes by at most L. So (s, p) -> what x_0 + G psi(s, p) has for them is continuous and maps this convex compact
+set into itself: Brouwer gives a fixed point, and x_0 + G psi there solves (Q).  QED  Rounding is that of x_0 and of the
+inequalities; no coefficient need be small.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +69,6 @@ from vemcvx.arrays import EPS, Bools, Floats
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
-
-# How what norm terms and limits feel answers to their own forces: all unknowns but the multipliers eliminated.
-#
-# With A = [B; D] and x = [lam; p], A d = A K^{-1} g - (A K^{-1} A') x. Where K has a kernel, K = K_r - R' diag(a) R
-# with the stiffness a of the anchors R d, and R joins A as limits of compliance -1/a that always act: a body that
-# nothing else holds costs what any other does.
 
 
 class Response:
@@ -44,11 +91,6 @@ class Response:
     def act(self, x: Floats) -> Floats:
         """A'x, (n,)."""
         return self._transposed @ x
-
-
-# The linear system of Coulomb's law on given sets, solved, and judged.
-#
-# All unknowns but the multipliers are eliminated, as above.
 
 
 SOLVED = 1e-6
@@ -135,8 +177,8 @@ class Found:
 def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
     """Return True if forces balance, to SOLVED of the loads, on motions that K does not feel.
 
-    Where sets leave such a motion free, their system is singular but for rounding, and what solves it is so far away
-    that nothing measured against it would tell.
+    Sets that leave such a motion free make a system singular but for rounding, whose solution is far away: nothing that
+    is measured against that solution would show it.
     """
     operators = program.operators
     if operators.kernel is None:
@@ -236,43 +278,6 @@ def _factorised(
     return solve, inverse
 
 
-# Proof that a solution of Coulomb's law lies near the answer of sets, where discs slip and no system is linear.
-#
-# Let x_0 = (lam, p) solve the system M x = r of some sets, above, which takes terms
-# that slip by their directions q_i and curvatures h_i. What it misses of the law are, on these terms,
-#
-#     psi_i(s, p) = W_i(p) s_i / |s_i| - q_i (W(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
-#
-# and (Q) on the sets is x = x_0 + G psi(s, p), with G the columns of M^{-1} for the rows of these terms. At x_0 let
-# v_i = |s_i|, u_i = s_i / v_i, delta_i = |u_i - q_i|; let A_ij, C_ij and P_ji be the norms of the blocks by which s_i
-# along u_i, s_i across it and p_j answer psi_j. For bounds t_j on |psi_j| let
-#
-#     alpha = A t,    gamma = C t,    pi = P t,    turn_i = gamma_i / (v_i - alpha_i),
-#     L_i = |W_i / v_i - h_i| gamma_i + W_i turn_i ((alpha_i + gamma_i) / v_i + turn_i / 2)
-#           + h_i delta_i (alpha_i + gamma_i) + (|J| pi)_i (delta_i + turn_i).
-#
-# Theorem. If for some t >= 0: alpha_i < v_i and |psi_i(s_0, p_0)| + L_i <= t_i, W is affine on |p - p_0| <= pi, and
-# the inequalities of the sets hold at x_0 + G psi for all |psi| <= t, then (Q) has a solution d with |d - d_0|_K <=
-# sum_j n_j t_j, n_j the largest energy norm of an answer to a unit psi_j.
-#
-# Proof. Let s_i move by a along u_i and by c across it, |a| <= alpha_i, |c| <= gamma_i. Its angle with u_i is at most
-# arctan turn_i, and its direction is c / |s_i| across u_i and at least 1 - turn_i^2 / 2 along it, where c / |s_i|
-# differs from c / v_i by at most turn_i (alpha_i + gamma_i) / v_i. From W_i times that psi_i takes h_i times (I - q
-# q')(a u + c), which differs from c by at most delta_i (alpha_i + gamma_i), as |uu' - qq'| <= |u - q|. With what W
-# adds along u - q, psi changes by at most L. So (s, p) -> what x_0 + G psi(s, p) has for them is continuous and maps
-# this convex compact set into itself: Brouwer gives a fixed point, and x_0 + G psi there solves (Q).  QED
-#
-# That bounds the distance to *a* solution, as the theorem of absolute values does, where psi = 0; no coefficient need
-# be small. (A contraction would prove that there is no other. With forces of bounds lifted into the body by E, D E =
-# 1 and B E = 0, weights contract where the largest eigenvalues of mu E'KE mu and of B K^{-1} B' have a product below
-# 1: on a clamped block of n^3 cubes for coefficients below .18, .11, .08 and .07 at n = 2, 4, 6, 8.) Rounding, of x_0
-# and in inequalities, is treated as there.
-
-
-TRIALS = 8
-"""Of t, each twice what the one before leads to: where psi changes little, the first does."""
-
-
 @dataclass(frozen=True)
 class _Answers:
     """Bounds, as norms of blocks, on how slips, multipliers and energy respond to psi on the k terms that slip."""
@@ -340,7 +345,7 @@ def distance_to_a_solution(
     missed = np.linalg.norm(found.point.lam[slides] - W[:, None] * u, axis=1) + found.forces + W * blur / v
     delta, off = np.linalg.norm(u - q, axis=1), np.abs(W / v - h)
     t = 2.0 * missed
-    for _ in range(TRIALS):
+    for _ in range(8):  # Each t is twice what the one before leads to: where psi changes little, the first does.
         alpha, gamma, pi = answers.along @ t, answers.across @ t, answers.forces @ t
         if (alpha >= v).any():
             return None
@@ -373,52 +378,9 @@ def _hold(program: StepProgram, law: WeightLaw, sets: Sets, found: Found, ball: 
     return bool(affine and within.all() and pressed.all() and silent.all() and still.all())
 
 
-# Weights that follow the forces of the limits: the step solved whole on given sets, and proof that the sets are
-# right.
-#
-# With w = W(p) a step is a *quasi*-variational inequality, which no energy minimises: find d, lam, p with
-#
-#     K d = g - B'lam - D'p,      |lam_i| <= W_i(p),   lam_i . s_i = W_i(p) |s_i|,         s = B d - b
-#                                 p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0    z = D d - e       (Q)
-#
-# On given sets, and with W(p) = w + J (p - p_0) near p_0, (Q) is one linear system, not symmetric because of J:
-#
-#     s_i = 0  on sticking terms,           lam_i = q_i W_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
-#     z_j = c_j p_j  on acting limits,      p_j = 0  on the others.
-#
-# Theorem. Let W be piecewise affine and the terms absolute values (block 1). If the solution of the system of some
-# sets has |lam_i| <= W_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where
-# they do not, and W at p is what the system took it for, then it solves (Q). Proof. Every line of (Q) is an equation
-# of the system or one of these inequalities.  QED
-#
-# Rows of bounds that act and terms that stick may follow from one another, at corners: the system is singular then,
-# and what each carries is not determined, and chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0
-# nevertheless is looked at afterwards, and the theorem holds.
-#
-# So whoever found another d knows how far it is from *a* solution: |d - d_sets|_K, plus the error of d_sets, which is
-# that of one solve of a linear system: the last correction of its iterative refinement. (One solution: where
-# coefficients are not small there may be more.) In blocks of two and more the direction of slip turns with the answer
-# and the curvature h makes this Newton's method; how far what it converges to is from a solution is proven in
-# above.
-#
-# The sets are those of the last answer, as in :mod:`vemcvx.solvers.newton`: a semismooth Newton method on (Q) (Alart
-# and Curnier 1991; Hueber, Stadler and Wohlmuth 2008), which may cycle, wherefore it is begun anew from answers of
-# convex programs with weights held fast (:mod:`vemcvx.stepping.fixed_point`).
-
-
-SHIFT_SHARE = 0.1
-"""Newton's shifts are multiplied by this, so that fewer terms nearly at their bounds change sets in a round."""
-MOST_ROUNDS, MOST_TURNS = 25, 40
-"""Sets in a row before another start is wanted; of absolute values those that settle do so in fewer than ten, while
-directions of discs turn for longer."""
-RETURNS = 6
-"""Times that sets of discs may come back to those that they have left; absolute values then cycle for ever."""
-SOFTER = 1e-6
 STEEPER = 10**0.5
 """Laws that are softened at first become steeper by this factor at a time: of 180 random problems with a steep law
 sets did not settle in 4, in 18 of the first 60 where the law was steep at once, in 6 with a factor of 10."""
-FINEST = 1.7
-"""Where a steeper law of discs does not settle, the root of the factor is tried, if the factor is at least this."""
 
 
 @dataclass(frozen=True)
@@ -428,9 +390,9 @@ class SetsSolution:
     point: Iterate
     weights: Floats
     error: float
-    """of the solve; and to a solution of (Q), where that is not the sets' own"""
+    """of the solve; and the distance to a solution of (Q), where that is not the sets' own"""
     proven: bool
-    """whether there is one, by one of the theorems; else this is the limit of Newton's method"""
+    """True if one of the theorems says that there is a solution; else this is the limit of Newton's method"""
 
 
 def solution_near(
@@ -439,7 +401,7 @@ def solution_near(
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
     A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope. The softer
-    law W(share p), share = SOFTER, is met on its slope, and steeper ones from its answer, up to share = 1: with
+    law W(share p), share = 1e-6, is met on its slope, and steeper ones from its answer, up to share = 1: with
     p / STEEPER in place of p each begins on the same piece. And what slips with given weights seems to stick beside the
     larger ones that its forces ask for: the sets are those of the given weights then.
 
@@ -466,7 +428,7 @@ def _by_softer_laws(
     program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
 ) -> _Settled | None:
     """A solution by way of laws that are softened at first."""
-    share, point, factor = SOFTER, start, STEEPER
+    share, point, factor = 1e-6, start, STEEPER
     last: tuple[Iterate, float] | None = None
     while True:
         softer = law if share >= 1.0 else law.scaled(np.ones(len(program.w)), np.full(len(start.p), share))
@@ -475,10 +437,10 @@ def _by_softer_laws(
             return met
         if met is not None:
             last = met.point(program, softer), share
-        elif last is None or program.operators.block == 1 or factor < FINEST:
+        elif last is None or program.operators.block == 1 or factor < 1.7:
             return None
         else:
-            factor = factor**0.5
+            factor = factor**0.5  # Where a steeper law of discs does not settle, one less steep is tried.
         point, share = replace(last[0], p=last[0].p / factor), last[1] * factor
 
 
@@ -503,18 +465,23 @@ def _from_sets(
     rounds: Iterator[int],
     w: Floats | None = None,
 ) -> _Settled | None:
-    """A solution from the sets at `start`, beside weights `w` (m,) if given."""
-    shift, point = Shifts.of(program.operators) * SHIFT_SHARE, start
+    """A solution from the sets at `start`, beside weights `w` (m,) if given.
+
+    Absolute values settle in fewer than ten rounds, or come back to sets that they have left and cycle for ever;
+    directions of discs turn for longer, and may come back six times.
+    """
+    # Smaller shifts let fewer terms nearly at their bounds change sets in a round.
+    shift, point = Shifts.of(program.operators) * 0.1, start
     turns = program.operators.block > 1
     met: list[bytes] = []
     returns = 0
-    for _ in islice(rounds, MOST_TURNS if turns else MOST_ROUNDS):
+    for _ in islice(rounds, 40 if turns else 25):
         sets, piece = _sets(program, law, point, shift, None if met else w)
         # The same terms may stick and press on another piece of the law: on its slope, and then on its level.
         parts = sets.stick, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
         mark = b"".join(part.tobytes() for part in (parts if turns else (*parts, sets.direction)))
         returns += mark in met and not (turns and mark == met[-1])
-        if returns > (RETURNS if turns else 0):
+        if returns > (6 if turns else 0):
             return None
         met.append(mark)
         found = _tried(program, piece, sets, response, point.lam)

@@ -1,4 +1,10 @@
-"""Solvers of users' own, the direct one, and which solver: the one asked for, else the smallest that accepts."""
+"""Solvers of users' own, the direct one, and the choice of a solver: the one asked for, else the smallest that accepts.
+
+A solver of one's own is any object with `solve(program, target)`; it inherits from nothing and is registered nowhere.
+Its `solve` is given one scaled step at a time, a :class:`vemcvx.program.step_program.StepProgram`, with the duality gap
+asked for; parameters named lam and p, if it has them, get multipliers to begin with, which the steps before let expect.
+It returns an Answer, or (d, lam, p), (d, lam) or d alone.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +23,6 @@ from vemcvx.program.step_program import Answer, StepProgram, read_answer
 from vemcvx.solvers.conic import OSQP, Clarabel
 from vemcvx.solvers.newton import Newton
 from vemcvx.solvers.solver import Solver
-
-# A solver of one's own: any object with `solve(program, target)`, made a Solver.
-#
-# It inherits from nothing and is registered nowhere. Its `solve` is given one scaled step at a time, a
-# :class:`vemcvx.program.step_program.StepProgram`, with the duality gap asked for; parameters named lam and p, if it
-# has them, get multipliers to begin with, which the steps before let expect. It returns an Answer, or (d, lam, p),
-# (d, lam) or d alone.
 
 
 class Solves(Protocol):
@@ -110,9 +109,6 @@ def _asks_for(own: Solves) -> list[str]:
     return [name for name in ("lam", "p") if name in more]
 
 
-# Solvers that need no iteration, and which solver: the one asked for, else by the program.
-
-
 @dataclass(frozen=True)
 class Direct(Solver):
     """One back-substitution a step; takes programs without terms only."""
@@ -128,9 +124,6 @@ class Direct(Solver):
         """Answer one scaled step."""
         d = program.operators.factor.solve(program.g)
         return Answer(d, np.zeros_like(lam), 1, "solved", p=np.zeros_like(program.e))
-
-
-# Which solver answers: the one asked for, if it accepts the program, else the smallest that does.
 
 
 BY_SIZE: tuple[Solver, ...] = (Direct(), Newton(), OSQP(), Clarabel())

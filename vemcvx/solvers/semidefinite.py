@@ -16,27 +16,20 @@ from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
 
-MOST_POINTS = 200
 UNFELT = 1e-9
 """Motions of which rows of B read less than that part of their largest entries are across these rows."""
-PATIENCE = 6
-"""Proximal points in a row that may fail to halve the gap: solvers stop at their own rounding."""
-IMPATIENCE = 2
-"""The same of solvers that do not count their iterations."""
-FARTHEST = 4.0
-"""A centre moves at most so many lengths of its last move: where points diverge, secants of them are rounding."""
 STEADY = 0.01
 """Change of a proximal point's move, in parts of it, below which a constant force makes it: all terms are far from
 where they bend, and the centre goes where that ends."""
 MOST_MOVES = 2.0**40
-"""But no farther than so many moves, nor where moves are less than such a part of the way: these are rounding."""
+"""Moves that a centre may go at a time, and the part of the way below which moves are rounding."""
 
 
 class ProximalPoints:
     """A solver of positive definite programs, prepared for semidefinite ones.
 
-    Points go on below the target while each still gains; but not with a solver that does not count its iterations: it
-    may take long for each, and it stops at the target itself.
+    Points go on below the target while one in six halves the gap; but not with a solver that does not count its
+    iterations: it may take long for each, stops at the target itself, and has two points to halve the gap.
 
     Parameters
     ----------
@@ -45,7 +38,7 @@ class ProximalPoints:
     operators : Operators
         With a kernel.
     follows : bool
-        Whether the first centre is the motion without energy that goes best with b, instead of none.
+        True begins at the motion without energy that goes best with b, instead of at none.
     """
 
     def __init__(self, solver: Solver, operators: Operators, follows: bool):
@@ -53,14 +46,14 @@ class ProximalPoints:
         self._prepared, self._most = solver.prepare(self._regular), solver.max_iterations
 
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
-        enough, patience = (FURTHER_GAP * target, PATIENCE) if self._most < np.inf else (target, IMPATIENCE)
+        enough, patience = (FURTHER_GAP * target, 6) if self._most < np.inf else (target, 2)
         d = _motion_nearest_to_b(program) if self._follows else np.zeros(len(program.g))
         p = np.zeros_like(program.e) if p is None else p
         best = Answer(d, lam, 0, "nothing answered", p=p)
         least, waited, iterations, safeguards, carried = np.inf, 0, 0, 0, False
         anchor = program.operators.anchor
         centres = _Centres(np.flatnonzero(np.zeros(len(d)) if anchor is None else anchor))
-        for _ in range(MOST_POINTS):
+        for _ in range(200):
             answer = self._answer(program.proximal(d), target, lam, p, iterations)
             iterations, safeguards = iterations + answer.iterations, safeguards + answer.safeguards
             centre = d
@@ -148,7 +141,7 @@ class _Centres:
         self._centres: list[Floats] = []
         self._moves: list[Floats] = []
         self.steady = False
-        """Whether the last move was like the one before."""
+        """True if the last move was like the one before."""
 
     def next(self, centre: Floats, d: Floats) -> Floats:
         """The next centre (n,), after the proximal point d of `centre`."""
@@ -162,6 +155,7 @@ class _Centres:
             length = np.linalg.norm(move)
             self.steady = bool(np.linalg.norm(df[:, -1]) < STEADY * length and np.linalg.norm(x) < MOST_MOVES * length)
             step = move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
-            size, far = np.linalg.norm(step), FARTHEST * np.linalg.norm(dx[:, -1])
+            # Where points diverge, secants of them are rounding: no more than four lengths of the last move.
+            size, far = np.linalg.norm(step), 4.0 * np.linalg.norm(dx[:, -1])
             ahead[self._at] = x + (step * (far / size) if size > far else step)
         return ahead

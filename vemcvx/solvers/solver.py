@@ -52,7 +52,7 @@ class Solver(ABC):
         The certified relative energy error asked of a step, between 0 and 1: |d - d*|_K <= accuracy times the largest
         energy norm of the states so far. The target of a step's duality gap is half the square of that.
     semidefinite : bool
-        Whether it takes a K with a kernel, `operators.kernel`. A solver that does not is asked for proximal points
+        True if it takes a K with a kernel, `operators.kernel`. A solver that does not is asked for proximal points
         (:mod:`vemcvx.program.kernel`): the K that it is given is always positive definite.
     max_iterations : float
         How many iterations a step may take; infinite if the solver does not count them.
@@ -61,7 +61,7 @@ class Solver(ABC):
     accuracy: float = 1e-6
     max_iterations: float = np.inf
     instead: ClassVar[str] = ""
-    """How a program with features that it does not accept could be handed to it, in a sentence."""
+    """A sentence that says by which setting a program with features that it does not accept could be handed to it."""
 
     def __post_init__(self) -> None:
         """Refuse settings that mean nothing."""

@@ -1,11 +1,32 @@
-"""Steps of backward Euler, without and with viscosity."""
+"""One step of backward Euler, (2.34), in four acts: pose, answer, certify, record; without and with viscosity.
+
+pose      :mod:`.posed_step`    the convex program of the step, from the state before it and the data at t_n
+answer    :mod:`.posed_step`    by the solver, in scaled units; asked again where it misses
+          :mod:`.fixed_point`   where weights follow pressures (Coulomb), a fixed point of such programs
+certify   :mod:`.posed_step`    on the retained unknowns
+          :mod:`.recorder`      on all, refined against K itself, where the factors are too coarse
+record    :mod:`.recorder`      steps that are kept, certified on all unknowns: rows of a trajectory
+
+With viscosity, a(u_n, v) + b((u_n - u_{n-1}) / k, v) + ..., the length k of the step does not drop out. In the
+increment d, with K_0 of a and K_1 of b, and u_D the motion of the supports (u = P y + u_D),
+
+    (K_0 + K_1 / k) d = load_n - K_0 y_{n-1} - P'A_1 (u_D,n - u_D,n-1) / k - B'lam - D'p:
+
+the program of a step from zero with another K, factorised once a length of step. The ledger gains what dashpots lose,
+b(du, du) / k. The certificate bounds the error in the norm of K = K_0 + K_1 / k, which is no less than that of K_0.
+
+Entries of K lose the rounding of K_0 + K_1 / k, on meshes of equal cells the same one everywhere: that is kept beside
+K, and counts as a force out of balance. The rounding floor has three more parts beside that of the program: the force
+is known to eps (|load_n| + |K_0||y_{n-1}| + ...); y_n is short of y_{n-1} + d by what their sum loses; and lengths of
+steps that differ as the rounding of instants does share a factorisation, that of k'. They leave K_1 d (1/k' - 1/k) out
+of balance, which because of K_1 / k' <= K' is at most |1 - k'/k| |d|_K' in the norm of K'^{-1}.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,25 +42,6 @@ from vemcvx.stepping.ledger import Ledger, StepData, energy_in_full, in_range
 from vemcvx.stepping.posed_step import PosedStep, data_norms, pose_step, require_certified
 from vemcvx.stepping.recorder import certified_in_full, posed_sharply, refined_state
 from vemcvx.stepping.state import PreparedRun, State, prepare
-
-# One step of backward Euler, (2.34), in four acts: pose, answer, certify, record.
-#
-# pose      :mod:`.posed_step`          the convex program of the step, from the state before it and the data at t_n
-# answer    :mod:`.posed_step`          by the solver, in scaled units; asked again where it misses
-#           :mod:`.fixed_point`         where weights follow pressures (Coulomb), a fixed point of such programs
-# certify   :mod:`.posed_step`          on the retained unknowns
-#           :mod:`.refined_state`       on all, refined against K itself, where the factors are too coarse
-# record    :mod:`.recorder`            steps that are kept, certified on all unknowns: rows of a trajectory
-
-
-class Steps(Protocol):
-    """The steps of a run."""
-
-    def posed(self, before: State, n: int, t: float, w: Floats | None = None) -> PosedStep:
-        """Step `n` from `before` to `t`; with weights `w` (m,), if they are given."""
-
-    def step(self, before: State, n: int, t: float) -> State:
-        """The state at `t`, one step after `before`."""
 
 
 @dataclass(frozen=True)
@@ -96,30 +98,6 @@ def solved(attempt: PosedStep, n: int) -> State:
     if norms is not None and norms.dependent:
         return resolved(DependentStep(attempt, norms, n))
     return attempt.solve_balanced(n)
-
-
-# Steps with viscosity: a(u_n, v) + b((u_n - u_{n-1}) / k, v) + ... , where the length k of the step does not drop
-# out.
-#
-# In the increment d, with K_0 of a and K_1 of b, and w the motion of the supports (u = P y + u_D),
-#
-#     (K_0 + K_1 / k) d = load_n - K_0 y_{n-1} - P'A_1 (u_D,n - u_D,n-1) / k - B'lam - D'p:
-#
-# the program of a step from zero with another K, factorised once a length of step. The ledger gains what dashpots
-# lose, b(du, du) / k. The certificate bounds the error in the norm of K = K_0 + K_1 / k, which is no less than that
-# of K_0.
-#
-# Entries of K lose the rounding of K_0 + K_1 / k, on meshes of equal cells the same one everywhere: that is kept
-# beside K, and counts as a force out of balance. What the rounding floor has beside that of the program: the force is
-# known to eps (|load_n| + |K_0||y_{n-1}| + ...); y_n is short of y_{n-1} + d by what their sum loses; and lengths of
-# steps that differ as the rounding of instants does share a factorisation, that of k'. They leave K_1 d (1/k' - 1/k)
-# out of balance, which because of K_1 / k' <= K' is at most |1 - k'/k| |d|_K' in the norm of K'^{-1}.
-
-
-KEPT = 4
-"""Factorisations kept, the longest unused goes: two lengths of step that take turns need two."""
-ALIKE = 1e-11
-"""Lengths are not made equal that differ by more than this part, so that errors stay far below accuracies."""
 
 
 class ViscousSteps:
@@ -195,7 +173,7 @@ class ViscousSteps:
             lost = sp.csr_matrix(exact - stiffness.astype(np.longdouble)).astype(float)
             alone = replace(system, K=stiffness, damping=None, motion=None)
             self._runs[k] = prepare(alone, self._run.solver, False, not shared.whole, shared.linear), lost
-            if len(self._runs) > KEPT:
+            if len(self._runs) > 4:  # The longest unused goes; two lengths that take turns need two.
                 self._runs.popitem(last=False)
         self._runs.move_to_end(k)
         return self._runs[k]
@@ -262,12 +240,15 @@ class ViscousSteps:
 
 
 def shared_lengths(instants: Floats) -> Floats:
-    """(N,) the lengths of the steps; those that differ by what the rounding of instants explains are made equal."""
+    """(N,) the lengths of the steps; those that differ by what the rounding of instants explains are made equal.
+
+    Lengths that differ by more than 1e-11 of themselves never are, so that errors stay far below accuracies.
+    """
     lengths = np.diff(instants)
     order = np.argsort(lengths, kind="stable")
     blur, shared, least = 2 * EPS * np.abs(instants).max(), lengths.copy(), 0.0
     for n in order:
-        least = lengths[n] if lengths[n] > least + min(blur, ALIKE * least) else least
+        least = lengths[n] if lengths[n] > least + min(blur, 1e-11 * least) else least
         shared[n] = least
     return shared
 
@@ -292,3 +273,6 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
         size=before.size,
         dragged=before.dragged,
     )
+
+
+Steps = QuasistaticSteps | ViscousSteps

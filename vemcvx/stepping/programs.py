@@ -22,12 +22,11 @@ from vemcvx.stepping.time_loop import (
     begins,
     check_kinds,
     checked_times,
-    initial_state,
-    nothing_dragged,
+    first_state,
     state_given,
+    states_of,
     steps_of,
     threads_of_steps,
-    with_dragged_friction,
 )
 from vemcvx.stepping.trajectory import Trajectory
 
@@ -47,11 +46,11 @@ def programs_of_march(
     instants, condense = checked_times(times), flag(condense, "condense")
     run, steps = _prepared(system, instants, solver, condense, linear, begin=begins(system, instants))
     run = replace(run, check=flag(check, "check"))
-    first = initial_state(run, float(instants[0]), initial)
-    before = certified_in_full(run, replace(first, dragged=nothing_dragged(system, first.t, first.p)))
-    for n, t in enumerate(instants[1:].tolist(), start=1):
+    before = certified_in_full(run, first_state(run, float(instants[0]), initial))
+    states = states_of(run, steps, instants, 0, before)
+    for _ in instants[1:]:
         with threads_of_steps(system, condense, run.condensation.linear):
-            state = with_dragged_friction(system, before, steps.step(before, n, t))
+            n, state = next(states)
             program = _solved_program(steps, before, state, n)
         yield program
         before = state

@@ -1,9 +1,24 @@
-"""March through time: one certified convex program a step, (2.34), from an initial state that obeys (2.1)."""
+"""March through time: one certified convex program a step, (2.34), from an initial state that obeys (2.1).
+
+The initial state is to obey a(u_0, v) + j(v) >= <l(0), v> for all v, which holds if and only if one step at times[0]
+from u_prev = u_0 returns u_0. The jump of that step, in the energy norm, is what a violation costs, and is measured
+here: u_0 is at most jump + (certified error of that step) away from a state that obeys (2.1), which is the certificate
+of step 0. The step maps are nonexpansive, so later states are off by no more, beside their own errors: it counts in the
+total. What one step is stands in :mod:`vemcvx.stepping.backward_euler`.
+
+Friction on what supports drag along has a given slip, so it enters no program, and yet rubs. With c(t) where supports
+have the norm terms that no unknown moves, and s = c(t_n) - c(t_{n-1}) their slip,
+
+    multiplier = w s / |s| + bias,    loss = w |s| + bias . s,
+
+which is work of the supports, too: their reactions pull against minus the multiplier. Where s = 0, any multiplier up to
+the bound would do, and 0 is taken. Weights under pressure are those of the forces p that end the step.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
@@ -23,15 +38,6 @@ from vemcvx.stepping.posed_step import data_norms, pose_step, require_certified
 from vemcvx.stepping.recorder import Recorder, certified_in_full, stored_steps
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Memory, Storage, Trajectory
-
-# Friction on what supports drag along: its slip is given, so it enters no program, and yet rubs.
-#
-# With c(t) where supports have the norm terms that no unknown moves, and s = c(t_n) - c(t_{n-1}) their slip,
-#
-#     multiplier = w s / |s| + bias,    loss = w |s| + bias . s,
-#
-# which is work of the supports, too: their reactions pull against minus the multiplier. Where s = 0, any multiplier
-# up to the bound would do, and 0 is taken. Weights under pressure are those of the forces p that end the step.
 
 
 def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
@@ -62,14 +68,6 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
     ledger, total = state.ledger, float(lost.sum())
     ledger = replace(ledger, dissipated=ledger.dissipated + total, work=ledger.work + total)
     return replace(state, ledger=ledger, dragged=Dragged(weights, lam, still, before.dragged.worn + lost, past + size))
-
-
-# Where a march begins, and the condition (2.1) on it: a(u_0, v) + j(v) >= <l(0), v> for all v.
-#
-# The condition holds if and only if one step at times[0] from u_prev = u_0 returns u_0. The jump of that step, in the
-# energy norm, is what a violation costs, and is measured here: u_0 is at most jump + (certified error of that step)
-# away from a state that obeys (2.1), which is the certificate of step 0. The step maps are nonexpansive, so later
-# states are off by no more, beside their own errors: it counts in the total.
 
 
 JUMP = 1e-6
@@ -204,11 +202,6 @@ def _overlap(run: PreparedRun, state: State) -> str | None:
     )
 
 
-# Backward Euler for a quasistatic variational inequality: one certified convex program a step, (2.34).
-#
-# The loop below is Problem 2.4 in a dozen lines; what one step is stands in :mod:`vemcvx.stepping.backward_euler`.
-
-
 def march(
     system: System,
     times: ArrayLike,
@@ -255,42 +248,40 @@ def march(
         raise SceneError(f"march: found storage = {brief(storage)}; wanted Memory(), Folder(path), or None.")
     instants = checked_times(times)
     system = system.faded(instants.tolist())
-    steps = len(instants) - 1
-    kept = stored_steps(store, steps)
+    kept = stored_steps(store, len(instants) - 1)
     start = time.perf_counter()
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
         run = prepare(system, solver, check, condense, linear, begin=begins(system, instants))
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)
-        _march(run, recorder, instants, initial, progress)
+        earlier = recorder.begin()
+        if earlier is None:
+            earlier = 0, first_state(run, float(instants[0]), initial)
+            recorder.add(*earlier)
+        for n, state in states_of(run, steps_of(run, instants), instants, *earlier):
+            recorder.add(n, state)
+            if progress is not None:
+                progress(n, len(instants) - 1)
         seconds = {"prepare": prepared - start, "solve": time.perf_counter() - prepared}
         return recorder.finish(seconds)
 
 
-def _march(
-    run: PreparedRun,
-    recorder: Recorder,
-    instants: Floats,
-    initial: ArrayLike | str | None,
-    progress: Callable[[int, int], None] | None,
-) -> None:
-    """Step from where the recorder is, or from the beginning, to the end; all rows are entered."""
-    system, steps = run.system, len(instants) - 1
-    earlier = recorder.begin()
-    if earlier is None:
-        first = initial_state(run, instants[0], initial)
-        earlier = 0, replace(first, dragged=nothing_dragged(system, first.t, first.p))
-        recorder.add(*earlier)
-    begin, state = earlier
-    if system.damping is not None:
+def states_of(
+    run: PreparedRun, steps: Steps, instants: Floats, begin: int, state: State
+) -> Iterator[tuple[int, State]]:
+    """Yield the number of each step after the step `begin`, which ended in `state`, and the state that it leads to."""
+    if run.system.damping is not None:
         state = certified_in_full(run, state)
-    advance = steps_of(run, instants)
-    for n in range(begin + 1, steps + 1):
-        state = with_dragged_friction(system, state, advance.step(state, n, instants[n]))
-        recorder.add(n, state)
-        if progress is not None:
-            progress(n, steps)
+    for n in range(begin + 1, len(instants)):
+        state = with_dragged_friction(run.system, state, steps.step(state, n, float(instants[n])))
+        yield n, state
+
+
+def first_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -> State:
+    """The initial state at `t`, with the friction of what supports will drag along."""
+    first = initial_state(run, t, initial)
+    return replace(first, dragged=nothing_dragged(run.system, t, first.p))
 
 
 def begins(system: System, instants: Floats) -> list[float]:

@@ -25,9 +25,6 @@ from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.time_loop import checked_times, march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage
 
-# An initial displacement is refused when it misses what the supports hold by more than this part of it.
-OFF_SUPPORT = 1e-9
-
 
 def simulate(
     scene: Scene,
@@ -196,7 +193,7 @@ def _free(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> Array
     P = posed.supports.P
     y = P.T @ (u.ravel() - held)
     off = np.abs(P @ y + held - u.ravel())
-    if off.max() > OFF_SUPPORT * max(np.abs(u).max(), np.abs(held).max()):
+    if off.max() > 1e-9 * max(np.abs(u).max(), np.abs(held).max()):
         node = int(np.argmax(off)) // points.shape[1]
         raise SceneError(
             f"initial: the displacement {u[node]} of node {node} at {points[node]} contradicts its supports at "

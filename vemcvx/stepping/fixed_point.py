@@ -1,4 +1,40 @@
-"""Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it."""
+"""Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it.
+
+With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks for
+
+    w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   beginning with the pressures of the step before.
+
+Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
+Jarusek 1998); but increments of an iteration do not tell if it contracts. So an answer d_k = T(w_k) is judged by a
+solution of the step: what sticks, slips and touches at d_k makes one linear system, which
+:mod:`vemcvx.solvers.coulomb` solves, and whose solution d_s solves the step where it obeys the inequalities of its sets
+(theorems there, in the plane and in space). Then
+
+    |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
+
+a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
+active-set steps anyway answer with d_s itself, often after the first program, and bodies that friction alone holds
+before it, from the sets of the step before. Motions of all others stay their own; their forces are those of d_s, which
+balance and follow the law to rounding, as no solver's pressures do. To half the square of the bound comes what these
+forces miss of work on d_k, friction and limits, so that
+
+    work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
+
+Weights that follow the slip, of the step and before it, are proven by convexity instead, where that is known
+(:mod:`vemcvx.stepping.state`). Iterates are mixed then (Anderson 1965): what follows from weights is taken to be affine
+between those tried last, and the weights are sought that would follow from themselves. The proof is of answers, however
+they were found.
+
+Where there is no proof, sets do not settle or the law is not known to be piecewise affine, the certificate is an
+*estimate*:
+
+    CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
+    i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,
+
+(a body between walls may slip no further while weights still grow: the sum is the work of what they grow by), e_k the
+certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a lucky small
+one passes for the constant of contraction.) An iteration that does not contract is an error.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +46,7 @@ from operator import length_hint
 
 import numpy as np
 
-from vemcvx.arrays import Floats
+from vemcvx.arrays import Floats, lengths
 from vemcvx.errors import NotContracting, SceneError
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import Norms
@@ -18,86 +54,27 @@ from vemcvx.program.tolerances import FIXED_POINT
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
 
-# A fixed point found from what was tried before: mixing (Anderson 1965).
-#
-# What follows from weights is taken to be affine between those tried last, and the weights are sought that would
-# follow from themselves. Where it is affine (sets do not change, and laws are so) a few programs end it, also where
-# plain iteration diverges, because weights rise steeply with slip.
-
-
-MIXED, RANK = 6, 1e-10
-"""Iterates that are mixed, and the part of their largest difference below which another is none."""
-
-
-def mixed(tried: list[tuple[Floats, Floats]]) -> Floats:
-    """The weights to try next, after weights (m,) and what followed from them."""
-    last = tried[-MIXED:]
-    followed = np.array([f for _, f in last])
-    missed = followed - [w for w, _ in last]
-    share = np.linalg.lstsq(np.diff(missed, axis=0).T, missed[-1], rcond=RANK)[0]
-    best: Floats = np.maximum(followed[-1] - share @ np.diff(followed, axis=0), 0.0)
-    return best
-
-
-# Friction that depends on pressure or slip: a fixed point of convex programs inside each step, and what proves it.
-#
-# With T(w) the answer of the step's convex program for the weights w, and p(T(w)) its pressures, Coulomb's law asks
-# for
-#
-#     w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   beginning with the pressures of the step before.
-#
-# Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
-# Jarusek 1998); but whether an iteration contracts is not seen from its increments. So an answer d_k = T(w_k) is
-# judged by a solution of the step: what sticks, slips, touches at d_k makes one linear system, which
-# :mod:`vemcvx.solvers.coulomb` solves, and whose solution d_s solves the step where it obeys the inequalities of
-# its sets (theorem there). Then
-#
-#     |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
-#
-# a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
-# active-set steps anyway answer with d_s itself, often after the first program, and bodies that friction alone holds
-# before it, from the sets of the step before. Motions of all others stay their own; their forces are those of d_s,
-# which balance and follow the law to rounding, as no solver's pressures do. To half the square of the bound comes
-# what these forces miss of work on d_k, friction and limits, so that
-#
-#     work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
-#
-# Weights that follow the slip, of the step and before it, are proven by convexity instead, where that is known
-# (:mod:`vemcvx.stepping.state`); iterates are mixed then: the proof is of
-# answers, however they were found.
-#
-# In space slip turns; how far d_s is from a solution is proven in :mod:`vemcvx.solvers.coulomb`. Where
-# there is no proof, sets do not settle or the law is not known to be piecewise affine, the certificate is an
-# *estimate*:
-#
-#     CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
-#     i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,
-#
-# (a body between walls may slip no further while weights still grow: the sum is the work of what they grow by), e_k
-# the certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a
-# lucky small one passes for the constant of contraction.) An iteration that does not contract is an error.
-
-
 log = logging.getLogger("vemcvx")
 
-SLOW = 0.5
-"""A rate of contraction that is the reason why a fixed point is not reached; below it something else is."""
 MOST_PROGRAMS = 200
 WINDOW = 3
 CAUTION = 4.0
 SLOWEST = 0.98
 """Iterations that contract more slowly than this, ten times in a row, will not get there in MOST_PROGRAMS."""
-IDLE = 25
-"""Programs in a row that may fail to halve the least increment: a contraction of .986 halves it in that many."""
 FEW_SETS = 10
 """From the state before; of a bolted joint under cycles of load 4 to 6 are wanted."""
 AT_BOUND = 1e-9
 """Part of a weight that its multiplier may lack and be at its bound, and of what weights may fall by beyond a law."""
-QUIET = 0.5 * (1.0 - SLOWEST)
-"""Iteration stops when the increment is below this times the requested accuracy: smaller increments measure the
-solver's tolerance, not the contraction. All further increments add up to at most half the accuracy."""
-PATIENCE = 3
-"""Programs of a step before the log is told of each."""
+
+
+def mixed(tried: list[tuple[Floats, Floats]]) -> Floats:
+    """The weights to try next, after weights (m,) and what followed from them."""
+    last = tried[-6:]
+    followed = np.array([f for _, f in last])
+    missed = followed - [w for w, _ in last]
+    share = np.linalg.lstsq(np.diff(missed, axis=0).T, missed[-1], rcond=1e-10)[0]
+    best: Floats = np.maximum(followed[-1] - share @ np.diff(followed, axis=0), 0.0)
+    return best
 
 
 @dataclass(frozen=True)
@@ -186,14 +163,16 @@ class DependentStep:
         if self.convex and stability is not None and rate is not None:
             self._check_softening(state, w, rate)
             # A multiplier at its bound stays there: what that misses of forces counts by its square.
-            size, slip = np.linalg.norm(state.lam, axis=1), np.linalg.norm(state.slip, axis=1)
+            size, slip = lengths(state.lam), lengths(state.slip)
             slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - AT_BOUND) * state.weights)
             along = np.divide(w, slip, out=np.zeros_like(w), where=slides)[:, None] * state.slip
             state = replace(state, lam=np.where(slides[:, None], along, state.lam))
             return posed.under_own_weights(state, posed.convex_certificate(state, stability.margin))
         last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
         accuracy = self.run.accuracy
-        quiet = 0.0 if self.norms.slip_law is None else QUIET * accuracy * state.unit(accuracy)
+        # Smaller increments than these measure the solver's tolerance, not the contraction; all that follow add up to
+        # at most half the accuracy.
+        quiet = 0.0 if self.norms.slip_law is None else 0.5 * (1.0 - SLOWEST) * accuracy * state.unit(accuracy)
         return posed.under_own_weights(state, _estimated(state.certificate, last, quiet))
 
     @property
@@ -204,7 +183,7 @@ class DependentStep:
 
     def _check_softening(self, state: State, w: Floats, rate: Floats) -> None:
         """Raise SceneError where weights have fallen faster than their law says."""
-        start, slip = self.attempt.program.w, np.linalg.norm(state.slip, axis=1)
+        start, slip = self.attempt.program.w, lengths(state.slip)
         over = start - w - rate * slip - AT_BOUND * (start + rate * (self.attempt.before.ledger.slipped + slip))
         if (over > 0).any():
             i = int(np.argmax(over))
@@ -216,12 +195,12 @@ class DependentStep:
 
     def with_forces_of(self, state: State, near: State) -> State:
         """The motion of the state under the forces of a solution near it, and its distance to that."""
-        error = self.distance(state, near) + near.certificate.error
+        error = self.run.operators.energy_norm(state.y - near.y) + near.certificate.error
         return self.pose(near.weights).with_forces_of(state, near, near.certificate.away(error))
 
     def law(self, state: State) -> Floats:
         """Weights (m,) under the forces and after the slip of a state."""
-        past, slip = self.attempt.before.ledger.slipped, np.linalg.norm(state.slip, axis=1)
+        past, slip = self.attempt.before.ledger.slipped, lengths(state.slip)
         return self.norms.weights_under(self.attempt.data.t, state.p, past, slip)
 
     @property
@@ -255,16 +234,12 @@ class DependentStep:
             "slip before the step alone. If weights do not fall with slip, softening=0 says so, and helps."
         )
 
-    def distance(self, one: State, other: State) -> float:
-        """Energy norm of the difference."""
-        return self.run.operators.energy_norm(one.y - other.y)
-
-    def work_apart(self, one: State, other: State) -> float:
-        """The work of the difference of their weights on the larger of their slips, over the norm of states."""
-        slip = np.maximum(np.linalg.norm(one.slip, axis=1), np.linalg.norm(other.slip, axis=1))
+    def increment(self, one: State, other: State) -> float:
+        """Energy norm of the difference, and the work of that of their weights on the larger slips, over the norm."""
+        slip, accuracy = np.maximum(lengths(one.slip), lengths(other.slip)), self.run.accuracy
         work = float(np.abs(one.weights - other.weights) @ slip)
-        accuracy = self.run.accuracy
-        return work / max(one.unit(accuracy), other.unit(accuracy)) if work > 0 else 0.0
+        apart = self.run.operators.energy_norm(one.y - other.y)
+        return apart + (work / max(one.unit(accuracy), other.unit(accuracy)) if work > 0 else 0.0)
 
 
 def resolved(step: DependentStep) -> State:
@@ -289,12 +264,12 @@ def resolved(step: DependentStep) -> State:
         near, rounds = step.solution_near(state, iterations)
         iterations += rounds
         if before is not None:
-            increments.append(step.distance(state, before) + step.work_apart(state, before))
+            increments.append(step.increment(state, before))
         found = near if step.replaces else near and step.with_forces_of(state, near)
         own, rate = found or step.certified(state, increments), _rate(increments, 1)
         own = replace(own, iterations=iterations, safeguards=safeguards, rate=rate)
         error = own.certificate.error / (own.unit(accuracy) or np.inf)
-        level = logging.INFO if count > PATIENCE else logging.DEBUG
+        level = logging.INFO if count > 3 else logging.DEBUG
         log.log(level, "step %d, program %d: %d iterations so far, error %.1e", n, count, iterations, error)
         if own.accepted(accuracy) or (near is not None and step.replaces):
             return own
@@ -314,7 +289,7 @@ def resolved(step: DependentStep) -> State:
 
 
 def _not_contracting(step: DependentStep, t: float, rate: float, why: str) -> NotContracting:
-    how = f"contracts with the rate {rate:.3g} only" if rate >= SLOW else "does not settle"
+    how = f"contracts with the rate {rate:.3g} only" if rate >= 0.5 else "does not settle"
     message = f"step {step.n} at t = {t:.6g}: {step.subject} {how}: {why}."
     return NotContracting(f"{message} {step.advice}", step=step.n, time=t, rate=rate)
 
@@ -328,9 +303,9 @@ def _rate(increments: list[float], window: int) -> float:
 
 
 def _stagnates(increments: list[float]) -> bool:
-    """Return True if increments shrink too slowly."""
+    """Return True if increments shrink too slowly, or twenty-five in a row do not halve the least of those before."""
     slow = len(increments) > 10 and all(b >= SLOWEST * a for a, b in pairwise(increments[-11:]))
-    idle = len(increments) > IDLE and min(increments[-IDLE:]) >= 0.5 * min(increments[:-IDLE])
+    idle = len(increments) > 25 and min(increments[-25:]) >= 0.5 * min(increments[:-25])
     return slow or idle
 
 

@@ -1,4 +1,23 @@
-"""A step posed, scaled and answered, the state after it, and what it takes to be accepted."""
+"""A step posed, scaled and answered, the state after it, and what it takes to be accepted.
+
+With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
+g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
+
+Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
+completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause then
+takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, Dirichlet force included
+(and so x with the rigid motion in it), friction in no way,
+
+    size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
+
+the least energy norm of a field that takes the motion back in the mean: what any contact or friction that is to stop it
+has to spend. (Proof: x'v <= |x|_{K^{-1}} |v|_K, Cauchy and Schwarz, with equality for v along K^{-1}x. QED) It is an
+energy norm in every system of units, at most |x|_K, zero for x = 0 only; and for the same motion it does not depend on
+h, as x'x has one sum over the nodes and x'K^{-1}x two (while |x|_K grows like h^{-1/2}: supports that move tear at one
+layer of cells). A state whose norm and certified error are both at most accuracy times the largest size so far is zero
+at the accuracy asked. A body that the ground carries along has no energy either: what the ground can cause counts
+likewise (:func:`ground_norm`).
+"""
 
 from __future__ import annotations
 
@@ -26,32 +45,12 @@ from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import StepData, advance
 from vemcvx.stepping.state import Earlier, PreparedRun, State
 
-# When a step has an answer, when an answer is good enough, and what to say when not.
-#
-# Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or
-# held completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause
-# then takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, Dirichlet force
-# included (and so x with the rigid motion in it), friction in no way,
-#
-#     size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
-#
-# the least energy norm of a field that takes the motion back in the mean: what any contact or friction that is to
-# stop it has to spend. (Proof: x'v <= |x|_{K^{-1}} |v|_K, Cauchy and Schwarz, with equality for v along K^{-1}x. QED)
-# It is an energy norm in every system of units, at most |x|_K, zero for x = 0 only; and for the same motion it does
-# not depend on h, as x'x has one sum over the nodes and x'K^{-1}x two (while |x|_K grows like h^{-1/2}: supports that
-# move tear at one layer of cells). A state whose norm and certified error are both at most accuracy times the largest
-# size so far is zero at the accuracy asked. A body that the ground carries along has no energy either: what the
-# ground can cause counts likewise (:func:`ground_norm`).
-
-
 log = logging.getLogger("vemcvx")
 
 FLOORS = 10.0
 """Rounding floors that the norm of a state at the rounding floor is at most as large as."""
 TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
-HOLDS_NOTHING = 1e-12
-"""Part of a push that is rounding where friction holds it: no slip, or a bound that is zero one way."""
 
 
 def data_norm(condensation: Condensation, force: Reduced) -> float:
@@ -136,7 +135,7 @@ def refuse_unbalanced(program: StepProgram, condensation: Condensation, n: int, 
     bias = float(now.bias @ slip)
     push = float(field @ program.g) + bias
     holds = float(program.w @ np.linalg.norm(operators.blocks(slip), axis=1)) + bias
-    holds = holds if holds > HOLDS_NOTHING * push else 0.0
+    holds = holds if holds > 1e-12 * push else 0.0  # Less is rounding: no slip, or a bound that is zero one way.
     raise SceneError(
         f"step {n} at t = {now.t:.6g}: only friction and one-sided contact hold the body against {kernel.name(parts)}. "
         f"The load pushes it there with a force of {push:.6g} and friction holds {holds:.6g} at most: "
@@ -181,17 +180,6 @@ def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> st
     if floor > accuracy:
         return f"Round-off alone allows {floor:.1e}: ask for no more than that"
     return f"Ask for accuracy={2 * reached:.0e} or more, {solver.advice}"
-
-
-# One step posed and answered: scaled, asked of the solver, certified.
-#
-# With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
-# g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
-
-
-ATTEMPTS = 3
-"""Most times that a solver is asked. Errors are relative to |u_n|, which the first answer tells: where too little was
-asked, a smaller gap is, for as long as gaps decrease."""
 
 
 def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None = None) -> PosedStep:
@@ -239,6 +227,8 @@ class PosedStep:
     def solve(self, share: float = 1.0, near: State | None = None) -> State:
         """Ask, certify, and ask more sharply where the size of u_n shows that too little was asked.
 
+        Errors are relative to |u_n|, which the first answer tells: a solver is asked three times, as long as gaps fall.
+
         Parameters
         ----------
         share : float
@@ -266,7 +256,7 @@ class PosedStep:
         free = alpha
         best = self._asked(alpha, free, 0.5 * (accuracy * size) ** 2, guess, 0)
         spent = best.iterations
-        for _ in range(ATTEMPTS - 1):
+        for _ in range(2):
             if best.accepted(accuracy) or spent >= self.run.most:
                 break
             size = ASKED_AGAIN * min(size, best.unit(accuracy))

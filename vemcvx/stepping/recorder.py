@@ -27,8 +27,6 @@ from vemcvx.stepping.posed_step import PosedStep, require_certified, say_floor
 from vemcvx.stepping.state import PreparedRun, State, sticking
 from vemcvx.stepping.trajectory import Storage, Trajectory
 
-# A step refined against K itself on all unknowns, where its factors have lost too many digits.
-
 
 def refined_state(attempt: PosedStep, state: State) -> State:
     """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
@@ -99,9 +97,6 @@ def _aligned(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: 
     cost = 0.5 * np.einsum("ij,ij->i", turned - slip, turned - slip)
     stays = stick | (cost >= operators.norm_flexibility * norm_gaps(w, lam, slip))
     return np.where(stays[:, None], slip, turned)
-
-
-# Steps that are kept: all their unknowns recovered, certified on the full system, and entered as rows.
 
 
 log = logging.getLogger("vemcvx")

@@ -1,4 +1,30 @@
-"""The state of a run after a step, what a run prepares once, and how fast bounds that soften may fall."""
+"""The state of a run after a step, what a run prepares once, and how fast bounds that soften may fall.
+
+When friction that weakens with slip leaves a step convex. With Phi_i the integral of the weights w_i over the slip of
+the step, a step minimises
+
+    1/2 d'Kd - g'd + sum_i Phi_i(|s_i|),     s = B d - b.
+
+Weights that fall no faster than k_i per slip make Phi_i + k_i |s_i|^2 / 2 convex, and the sum is strongly convex where
+what they take is less than what the body gives back: with
+
+    rho = the largest eigenvalue of  k^{1/2} B K^{-1} B' k^{1/2},      sum_i k_i |(B d)_i|^2 <= rho d'Kd,
+
+as long as rho < 1. In a block of height H and shear modulus mu that is k < mu / H per area: the stability of a spring
+and a slider. The margin 1 - rho does not depend on the length of steps. Without one a step may have several answers, or
+jump: what is found is then an estimate, which a warning says.
+
+Theorem. Let rho < 1, and let (d_k, lam, p) be certified under the weights w' of its own slip by gap = 1/2
+|r|^2_{K^{-1}} + C. Then the step has one solution d, and  |d_k - d|_K <= sqrt(2 gap) / (1 - rho). Proof. With e = d_k -
+d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. What C misses excepted, the last term is <= 0, and the one before it
+at most (w'_i - w*_i)(|s*_i| - |s_i|) summed, which is at most sum k_i (|s_i| - |s*_i|)^2 <= sum k_i |(Be)_i|^2 <= rho
+|e|^2. So (1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) + (1 - rho) |e|^2 / 2.  QED  (One
+solution: between two of them r and C are nothing.)
+
+The iteration w_{k+1} = law(s(T(w_k))) of :mod:`vemcvx.stepping.fixed_point` shrinks increments by rho if weights do not
+rise faster than k, either. A law that reads the slip before the step alone has k = 0: the certificate of its one
+program is the step's.
+"""
 
 from __future__ import annotations
 
@@ -25,33 +51,6 @@ from vemcvx.solvers.coulomb import Response
 from vemcvx.solvers.semidefinite import ProximalPoints
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Ledger, StepData, step_data
-
-# When friction that weakens with slip leaves a step convex.
-#
-# With Phi_i the integral of the weights w_i over the slip of the step, a step minimises
-#
-#     1/2 d'Kd - g'd + sum_i Phi_i(|s_i|),     s = B d - b.
-#
-# Weights that fall no faster than k_i per slip make Phi_i + k_i |s_i|^2 / 2 convex, and the sum is strongly convex
-# where what they take is less than what the body gives back: with
-#
-#     rho = the largest eigenvalue of  k^{1/2} B K^{-1} B' k^{1/2},      sum_i k_i |(B d)_i|^2 <= rho d'Kd,
-#
-# as long as rho < 1. In a block of height H and shear modulus mu that is k < mu / H per area: the stability of a
-# spring and a slider. The margin 1 - rho does not depend on the length of steps. Without one a step may have several
-# answers, or jump: what is found is then an estimate, which a warning says.
-#
-# Theorem. Let rho < 1, and let (d_k, lam, p) be certified under the weights w' of its own slip by gap = 1/2
-# |r|^2_{K^{-1}} + C. Then the step has one solution d, and  |d_k - d|_K <= sqrt(2 gap) / (1 - rho). Proof. With e =
-# d_k - d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. What C misses excepted, the last term is <= 0, and the one
-# before it at most (w'_i - w*_i)(|s*_i| - |s_i|) summed, which is at most sum k_i (|s_i| - |s*_i|)^2 <= sum k_i
-# |(Be)_i|^2 <= rho |e|^2. So (1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) + (1 - rho) |e|^2 /
-# 2.  QED  (One solution: between two of them r and C are nothing.)
-#
-# The iteration w_{k+1} = law(s(T(w_k))) of :mod:`vemcvx.stepping.fixed_point` shrinks increments by rho if weights do
-# not rise faster than k, either. A law that reads the slip before the step alone has k = 0: the certificate of its
-# one program is the step's.
-
 
 STABLE = 0.999
 """rho beyond which the rounding of answers counts for more than a thousand times itself."""
@@ -107,9 +106,6 @@ def stability(operators: Operators, softening: Floats | None) -> Stability | Non
     return Stability(float(value[0]), int(falls[np.argmax(np.abs(vector[:, 0])) // block]))
 
 
-# What a march carries from step to step: what all steps of a run share, and everything known at an instant.
-
-
 @dataclass(frozen=True, kw_only=True)
 class PreparedRun:
     """The prepared run: data that all steps share."""
@@ -121,10 +117,10 @@ class PreparedRun:
     prepared: Prepared
     check: bool
     refines: bool
-    """whether the factors are too coarse for the accuracy, so that every step is refined"""
+    """True if the factors are too coarse for the accuracy, so that every step is refined"""
 
     default: bool = False
-    """whether nobody asked for the solver's accuracy: at the rounding floor an answer is then good enough"""
+    """True if nobody asked for the solver's accuracy: at the rounding floor an answer is then good enough"""
 
     begin: tuple[StepData, ...] = ()
     """what drives the system at the first instants, solved for beforehand"""

@@ -17,7 +17,7 @@ def counting():
 
     def solve(phi, number):
         solved.append(phi)
-        return SolvedForce(phi, phi, *np.zeros((3, 0)), number, lambda: phi)
+        return SolvedForce(phi, phi, *np.zeros((2, 0)), number, lambda: phi, np.dot)
 
     return SolvedForces(N, solve, np.ones(N)), solved
 

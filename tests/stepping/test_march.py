@@ -133,9 +133,9 @@ def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
     assert history.solver.startswith("Direct")
     assert len(history.contact.nodes) == 0
     assert history.contact.slip.shape == (1, 0, 2)
-    # One field, and random forces in the same go, for all rounding floors; its residual, at the start and at the stored
-    # step; with one of the random forces the factors are tried.
-    assert len(calls) == 4
+    # One field; random forces, for all rounding floors; its residual, at the start and at the stored step; with one of
+    # the random forces the factors are tried.
+    assert len(calls) == 5
 
 
 def test_a_miss_is_never_silent():

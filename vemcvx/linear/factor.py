@@ -51,9 +51,6 @@ class Halves(Protocol):
     def halved(self, b: Floats) -> tuple[Floats, Floats]:
         """z (n,), L_ii^{-1} b_i in some unit, zero on c; and b_c - K_ci K_ii^{-1} b_i, its force on c if c is held."""
 
-    def halved_beside_samples(self, b: Floats) -> tuple[Floats, Floats]:
-        """The same, as :meth:`Factor.solve_beside_samples` solves."""
-
     def completed(self, z: Floats, x_c: Floats) -> Floats:
         """x (n,) with these x_c and (K x)_i = b_i, from the half z of b."""
 
@@ -83,10 +80,6 @@ class Factor(Protocol):
 
     def rough(self, b: Floats) -> Floats:
         """K^{-1} b (n,), for sizes: an iterative one is not sharp."""
-        return self.solve(b)
-
-    def solve_beside_samples(self, b: Floats) -> Floats:
-        """K^{-1} b (n,), together with the random samples from which `lost` is estimated, where there are any."""
         return self.solve(b)
 
     def energy(self, b: Floats) -> float:
@@ -446,14 +439,6 @@ class PositiveFactor(SparseFactor):
     def random_energy(self, size: Floats) -> float:
         return weighted(size, self.compliance)
 
-    def solve_beside_samples(self, b: Floats) -> Floats:
-        # Nine right sides take a seventh more time than eight, one alone a third of that.
-        if "_samples" in vars(self):
-            return self.solve(b)
-        x = self.solve(np.column_stack([b, self._forces]))
-        self._samples = self._sampled(x[:, 1:])
-        return x[:, 0].copy()
-
     @cached_property
     def lost(self) -> float:
         b, x, _ = self._samples
@@ -467,10 +452,7 @@ class PositiveFactor(SparseFactor):
     @cached_property
     def _samples(self) -> tuple[Floats, Floats, Floats]:
         """One of the forces of _random, its response x, and unit times the mean squares of all x; (n,) each."""
-        return self._sampled(self.solve(self._forces))
-
-    def _sampled(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        b = self._forces[:, 0].copy()
+        x, b = self.solve(self._forces), self._forces[:, 0].copy()
         del self._forces
         return b, x[:, 0].copy(), self._unit / SAMPLES * np.einsum("ij,ij->i", x, x)
 

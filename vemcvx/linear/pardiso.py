@@ -115,15 +115,10 @@ class PardisoFactor(Factor):
         return self if len(self._last) else None
 
     def halved(self, b: Floats) -> tuple[Floats, Floats]:
-        return self._held(self._run(FORWARD, b) if b.any() else np.zeros_like(b))
-
-    def halved_beside_samples(self, b: Floats) -> tuple[Floats, Floats]:
-        # Two right sides take an eighth more time than one.
-        if "lost" in vars(self) or not b.any():
-            return self.halved(b)
-        both = self._run(FORWARD, np.stack([b, self._tried]).T)
-        self.lost = self._square_of_lost(both[:, 1])
-        return self._held(both[:, 0].copy())
+        z, tau = self._run(FORWARD, b) if b.any() else np.zeros_like(b), np.empty(len(self._last))
+        tau[self._rising] = z[self._last]
+        z[self._last] = 0.0
+        return z, tau
 
     def completed(self, z: Floats, x_c: Floats) -> Floats:
         x = z / self._unit
@@ -142,7 +137,12 @@ class PardisoFactor(Factor):
 
     @cached_property
     def lost(self) -> float:
-        return self._square_of_lost(self._run(FORWARD, self._tried)) if self._n else 0.0
+        if self._n == 0:
+            return 0.0
+        z, x, _ = self._samples
+        # L z would be K x / unit if nothing were lost.
+        off = self._forward(self._K @ x / self._unit) - z
+        return float(off @ off)
 
     @property
     def compliance(self) -> Floats:
@@ -161,28 +161,10 @@ class PardisoFactor(Factor):
         x = self._run(BACKWARD, z)
         return one, x[:, 0].copy(), np.einsum("ij,ij->i", x, x) / (SAMPLES * self._unit)
 
-    @property
-    def _tried(self) -> Floats:
-        """K x / unit (n,) of the sample x = L'^{-1} z, which L z would be if nothing were lost."""
-        return self._K @ self._samples[1] / self._unit
-
-    def _square_of_lost(self, half: Floats) -> float:
-        off = self._with_schur(half) - self._samples[0]
-        return float(off @ off)
-
-    def _held(self, z: Floats) -> tuple[Floats, Floats]:
-        tau = np.empty(len(self._last))
-        tau[self._rising] = z[self._last]
-        z[self._last] = 0.0
-        return z, tau
-
     def _forward(self, b: Floats) -> Floats:
         """L^{-1} b (n,), K / unit = L L'."""
-        return self._with_schur(self._run(FORWARD, b) if b.any() else np.zeros_like(b))
-
-    def _with_schur(self, z: Floats) -> Floats:
-        """z (n,) after forward substitution with the factor of S, which PARDISO leaves out."""
-        if len(self._last):
+        z = self._run(FORWARD, b) if b.any() else np.zeros_like(b)
+        if len(self._last):  # PARDISO leaves out the factor of S.
             z[self._last] = solve_triangular(self._upper, z[self._last], trans=1)
         return z
 

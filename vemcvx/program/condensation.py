@@ -5,20 +5,15 @@ U_cc: the Schur complement costs no more than the factorisation (one solve a ret
 
 A force phi is *reduced* to what it does while the retained unknowns are held, and the force that holds them:
 
-    xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i = phi_c - (K xi)_c.
+    xi = (K_ii^{-1} phi_i, 0),     tau = phi_c - K_ci xi_i.
 
 A state with the retained displacements y_c under the total force f, and the work of a force phi on it, are then
 
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c:
 
-no energies are subtracted from each other. Any v with (K v)_i = phi_i gives xi = v - K^{-1} (0, S v_c), phi'xi = phi'v
-- tau'v_c. With v = x = K^{-1} phi this saves a solve: y'Ky = f'x - x_c'S x_c + y_c'S y_c. But where forces pull at
-retained unknowns, or the body bends far when it is let go, all digits can be lost; there, and where solves lose digits,
-v is xi. Factors that solve by halves (:class:`vemcvx.linear.Halves`) need no v: phi'xi is the product of first halves.
-
-Where K is definite tau is taken as S x_c, rounded as S is: what no term holds back then moves by x_c, whatever
-digits S has lost.
+no energies are subtracted from each other. All this is asked of the two halves of a solve, forward and backward
+substitution (:class:`vemcvx.linear.Halves`); :class:`Held` makes them of factors that solve for all unknowns only.
 
 Where K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, E the diagonal
 of the anchors' stiffness, of which S + E is the Schur complement. E is taken away where S is wanted; K_ii, K_ci, xi and
@@ -28,14 +23,14 @@ tau do not know it.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import NotAccepted
-from vemcvx.linear import LinearSolver
+from vemcvx.linear import Factor, Halves, LinearSolver, Matrix
 from vemcvx.linear.factor import minimum_degree
 from vemcvx.program.forces import Reduced, SolvedForce, SolvedForces, combined, spread
 from vemcvx.program.kernel import anchors
@@ -43,14 +38,70 @@ from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.scaling import unit_diagonal
 from vemcvx.program.system import System
 
-HELD = 1e-24
-"""Retained unknowns are held well enough when the energy of what they still move is this part of the whole."""
-HELD_ANCHORED = 1e-30
-"""Likewise where K has a kernel: tau is then the force that xi makes there, whose error is K times that motion."""
-RELEASED, SHARP = 0.75, 1e-20
-"""v is x where x_c'S x_c is at most this part of phi'x, so that taking it off costs two bits, and `lost` no more."""
+HELD = 1e-30
+"""Retained unknowns are held well enough when the energy of what they still move is this part of the whole: on K's
+kernel tau is the force that xi makes there, whose error is K times that motion."""
 MOST_ROUNDS = 5
-"""Of finding tau: two are usual; slender bodies, which bend far when they are let go, take one more."""
+
+
+class Held:
+    """The halves of a solve, from a factor that solves for all unknowns only; z is xi itself.
+
+    The retained unknowns are pulled back to where they were: K^{-1} (phi - (0, tau)) leaves them there for tau =
+    S (K^{-1} phi)_c, but for what solves lose; that much tau was not exact yet. Two rounds are usual; slender bodies,
+    which bend far when they are let go, take one more.
+
+    Parameters
+    ----------
+    factor : Factor
+        Of K with the anchors, n unknowns.
+    retained : (m,) array
+    S : (m, m) array or sparse matrix
+        With the anchors.
+    K : (n, n) sparse matrix
+    motions : (n, k) array
+        The kernel of K, orthonormal on the retained unknowns. Of the rounding there anchors, soft as they are, leave
+        most in these motions, which go everywhere lest they become strain.
+    """
+
+    def __init__(self, factor: Factor, retained: Ints, S: Matrix, K: sp.csr_matrix, motions: Floats):
+        self._factor, self._retained, self._S, self._K, self._motions = factor, retained, S, K, motions
+
+    def halved(self, b: Floats) -> tuple[Floats, Floats]:
+        """xi and tau of a force (n,)."""
+        c, still, size = self._retained, np.zeros(len(self._retained)), np.inf
+        inner = b.copy()
+        inner[c] = 0.0
+        if not inner.any():
+            return inner, b[c]
+        held, x = still, self._factor.solve(inner)
+        for _ in range(MOST_ROUNDS if len(c) else 0):
+            left = self._S @ x[c]
+            size, before = float(abs(left @ x[c])), size
+            if size <= HELD * float(abs(inner @ x)) or size > 0.25 * before:
+                break
+            held = held - left
+            inner[c] = held
+            x = self._factor.solve(inner)
+        xi = self._with_retained(x, still)
+        return xi, b[c] - (self._K[c] @ xi if self._motions.shape[1] else held)
+
+    def completed(self, z: Floats, x_c: Floats) -> Floats:
+        """xi + K^{-1} (0, S x_c), whose retained unknowns are x_c."""
+        pushed = np.zeros_like(z)
+        pushed[self._retained] = self._S @ x_c
+        moves = x_c.any() and len(x_c) < len(z)
+        return self._with_retained(z + self._factor.solve(pushed) if moves else z.copy(), x_c)
+
+    def product(self, z: Floats, other: Floats) -> float:
+        """phi'xi from both xi."""
+        return float(z @ (self._K @ other)) if z.any() else 0.0
+
+    def _with_retained(self, y: Floats, y_c: Floats) -> Floats:
+        """y (n,) with the retained unknowns y_c, which it has but for rounding."""
+        y = y + self._motions @ (self._motions[self._retained].T @ (y_c - y[self._retained]))
+        y[self._retained] = y_c
+        return y
 
 
 class Condensation:
@@ -95,14 +146,12 @@ class Condensation:
         self._S = self.operators.K
         if anchor is not None and system.kernel is not None:
             self.operators = _unanchored(self.operators, anchor[self.retained], system.kernel.modes[self.retained])
-        self._inner = np.ones(n, dtype=bool)
-        self._inner[self.retained] = False
+        modes = np.zeros((n, 0)) if system.kernel is None else system.kernel.modes
+        self._motions = modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
+        self._halves: Halves = self.factor.halves or Held(
+            self.factor, self.retained, self._S, self.regular, self._motions
+        )
         self._fields = SolvedForces(n, self._done, unit_diagonal(self.regular.diagonal())[1])
-
-    @cached_property
-    def lost(self) -> float:
-        """The square of the part of an energy norm that one solve with the factor loses at most, estimated."""
-        return self.factor.lost
 
     @property
     def refinable(self) -> bool:
@@ -138,33 +187,24 @@ class Condensation:
         """The force without B'c, which pulls at retained unknowns alone: exact however large c (k,) is."""
         if not c.any():
             return f
-        pulled = np.zeros(len(self._inner))
+        pulled = np.zeros(self.system.n)
         pulled[self.retained] = self.operators.rows.force_of(c)
         left = f - self.reduce(pulled, remembered)
         return Reduced(lambda: f.phi - pulled, left.parts, f.within, f.retained - pulled[self.retained])
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""
-        y, v_c = f.inner
-        if (halves := self.factor.halves) is not None:
-            return halves.completed(y, y_c)
-        rest = y_c - v_c
-        if self._inner.any() and rest.any():
-            y += self._with_retained(self.response(rest), rest)
-        y[self.retained] = y_c
-        return y
+        return self._halves.completed(f.inner, y_c)
 
     def response(self, y_c: Floats) -> Floats:
         """K^{-1} (0, S y_c) (n,), whose retained unknowns are y_c but for what S and the solver lose."""
-        pushed = np.zeros(len(self._inner))
-        if (halves := self.factor.halves) is not None:
-            return halves.completed(pushed, y_c)
-        pushed[self.retained] = self._S @ y_c
-        return self.factor.solve(pushed)
+        return self._halves.completed(np.zeros(self.system.n), y_c)
 
     def refine_interior(self, y: Floats, r: Floats) -> Floats:
         """y (n,) after one round of iterative refinement inside, for the residual r; retained unknowns stay."""
-        better = y + self.inside(np.where(self._inner, r, 0.0))
+        inner = r.copy()
+        inner[self.retained] = 0.0
+        better = y + self._halves.completed(self._halves.halved(inner)[0], np.zeros(len(self.retained)))
         better[self.retained] = y[self.retained]
         return better
 
@@ -177,72 +217,13 @@ class Condensation:
         return phi.work_inside(f) + float(phi.retained @ y_c)
 
     def _done(self, phi: Floats, number: int | None) -> SolvedForce:
-        """The response to a force phi (n,); RELEASED and SHARP tell when one solve is enough without halves.
-
-        Forces that are not remembered are others in a run that is gone on with, and digits must be the same there: only
-        those that are may be solved for beside the samples.
-        """
-        c, N, still = self.retained, self.operators.kernel, np.zeros(len(self.retained))
-        if (halves := self.factor.halves) is not None:
-            z, tau = halves.halved(phi) if number is None else halves.halved_beside_samples(phi)
-            x_c = self.operators.factor.solve(tau)
-            tau = self._S @ x_c if N is None else self._with_kernel(tau, phi, N)
-            solved = partial(SolvedForce, phi, released=x_c, number=number, respond=partial(halves.completed, z, x_c))
-            return solved(z, still, retained=tau, product=halves.product)
-        x = self.factor.solve(phi) if number is None else self.factor.solve_beside_samples(phi)
-        x_c, tau = x[c], self._S @ x[c]
-        solved = partial(SolvedForce, phi, released=x_c, number=number, respond=lambda: x)
-        if N is None and float(tau @ x_c) <= RELEASED * float(phi @ x) and self.lost <= SHARP:
-            return solved(x, x_c, retained=tau)
-        xi = self.inside(phi, x)
-        if N is not None:
-            tau = self._with_kernel(phi[c] - self.system.K[c] @ xi, phi, N)
-        return solved(xi, still, retained=tau)
-
-    def _with_kernel(self, tau: Floats, phi: Floats, N: Floats) -> Floats:
-        """tau (m,) with the force on K's kernel N (m, k) that phi (n,) has, whatever digits were lost."""
-        corrected: Floats = tau + N @ (self._motions.T @ phi - N.T @ tau)
-        return corrected
-
-    @cached_property
-    def _motions(self) -> Floats:
-        """(n, k) the kernel of K; on the retained unknowns it is that of the condensed stiffness."""
-        modes = np.zeros((self.system.n, 0)) if self.system.kernel is None else self.system.kernel.modes
-        return modes @ np.linalg.inv(np.linalg.qr(modes[self.retained])[1])
-
-    def inside(self, phi: Floats, x: Floats | None = None) -> Floats:
-        """xi (n,) of a force phi (n,), whose response is x."""
-        c = self.retained
-        if len(c) > 0 and not phi[self._inner].any():
-            return np.zeros_like(phi)
-        if (halves := self.factor.halves) is not None:
-            return halves.completed(halves.halved(phi)[0], np.zeros(len(c)))
-        x = self.factor.solve(phi) if x is None else x
-        if len(c) == 0:
-            return x
-        tau, size = self._S @ x[c], np.inf
-        enough = HELD if self.operators.kernel is None else HELD_ANCHORED
-        for _ in range(MOST_ROUNDS):
-            held = phi.copy()
-            held[c] -= tau
-            xi = self.factor.solve(held)
-            # By so much tau was not exact yet.
-            pushed = self._S @ xi[c]
-            size, before = float(abs(pushed @ xi[c])), size
-            if size <= enough * float(abs(phi @ xi)) or size > 0.25 * before:
-                break
-            tau = tau + pushed
-        return self._with_retained(xi, np.zeros(len(c)))
-
-    def _with_retained(self, y: Floats, y_c: Floats) -> Floats:
-        """y (n,) with the retained unknowns y_c, which it has but for rounding.
-
-        Of that the anchors, soft as they are, leave most in rigid motions; these go everywhere lest they become strain.
-        """
-        if self.operators.kernel is not None:
-            y = y + self._motions @ (self.operators.kernel.T @ (y_c - y[self.retained]))
-        y[self.retained] = y_c
-        return y
+        """The response to a force phi (n,)."""
+        z, tau = self._halves.halved(phi)
+        x_c = self.operators.factor.solve(tau)
+        if (N := self.operators.kernel) is not None:  # It does the work there that phi does, whatever digits were lost.
+            tau = tau + N @ (self._motions.T @ phi - N.T @ tau)
+        respond = partial(self._halves.completed, z, x_c)
+        return SolvedForce(phi, z, tau, x_c, number, respond, self._halves.product)
 
 
 def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | None:

@@ -1,8 +1,9 @@
-"""Forces and what they do, as combinations of a few that are solved for.
+"""Forces and what they do, as combinations of a few shapes that are solved for.
 
-A load that keeps its shape, or changes between a few, has the responses of these shapes; products phi'x of combinations
-are those of the shapes. A step then works with as many numbers as there are shapes, and with vectors of all unknowns
-only where somebody asks for them.
+A load that keeps its shape, or changes between a few, has the responses of these shapes, and products phi'x of
+combinations are those of the shapes. A step then works with as many numbers as there are shapes, and with vectors of
+all unknowns only where somebody asks for them. Shapes are orthogonalised as they come, on the unknowns that any force
+has loaded; what of a force is rounding beside the shapes seen before is dropped, and only the rest is solved for.
 """
 
 from __future__ import annotations
@@ -13,15 +14,12 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, power_of_two
+from vemcvx.arrays import EPS, Floats, Ints, power_of_two
 
-SAME_FIELD = 8 * float(np.finfo(float).eps)
-"""Residuals of a load on the fields solved for below this times the load are rounding, and are dropped."""
-MOST_ROUNDING = 8.0
-"""A field that was solved for as a small part of a load carries that load's rounding, and a combination with large
-shares amplifies it. At most so many times a load's own rounding is dropped; a load that turns in space left 1.4."""
-NEAR = 1e-6
-"""Relative difference of forces on the retained unknowns, far above their rounding."""
+SAME_FIELD = 8 * EPS
+"""Residuals of a load on the shapes solved for below this times the load are rounding, and are dropped. A shape that
+was a small part of a load carries that load's rounding, and a combination with large shares amplifies it: at most 8
+times a load's own rounding is dropped; a load that turns in space left 1.4."""
 MOST_FIELDS = 6
 """Beyond this many, a load that keeps changing its shape is solved for afresh, step by step."""
 
@@ -50,28 +48,25 @@ class SolvedForce:
 
     Attributes
     ----------
-    phi, v : (n,) arrays
-        The force; a response to what of it acts inside, (K v)_i = phi_i, wherever the retained unknowns are. Where
-        there is a `product`, the first half of a solve instead.
-    v_c, retained, released : (m,) arrays
-        Of the retained unknowns: where they are in v; tau, the force that phi makes there; how far it moves them if
-        nothing holds them.
+    phi, z : (n,) arrays
+        The force, and the first half of a solve (:class:`vemcvx.linear.Halves`): what it does inside.
+    retained, released : (m,) arrays
+        tau, the force that phi makes on the retained unknowns; how far it moves them if nothing holds them.
     number : int or None
         Which of those that are remembered; None if it is not.
     respond : callable () -> (n,)
         K^{-1} phi, which few ask for.
-    product : callable, optional
+    product : callable
         phi'xi of two forces from their first halves.
     """
 
     phi: Floats
-    v: Floats
-    v_c: Floats
+    z: Floats
     retained: Floats
     released: Floats
     number: int | None
     respond: Callable[[], Floats]
-    product: Callable[[Floats, Floats], float] | None = None
+    product: Callable[[Floats, Floats], float]
     _products: dict[int, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -80,13 +75,10 @@ class SolvedForce:
         return self.respond()
 
     def products(self, other: SolvedForce) -> tuple[float, float]:
-        """phi'x = phi'xi + tau'x_c and phi'xi, with the responses of another field."""
+        """phi'x = phi'xi + tau'x_c and phi'xi, with the responses of another shape."""
         if self.number is not None and other.number in self._products:
             return self._products[other.number]
-        if self.product is not None:
-            inside = self.product(self.v, other.v)
-        else:
-            inside = float(self.phi @ other.v) - float(self.retained @ other.v_c)
+        inside = self.product(self.z, other.z)
         found = inside + float(self.retained @ other.released), inside
         if self.number is not None and other.number is not None:
             self._products[other.number] = found
@@ -124,10 +116,9 @@ class Reduced:
         return combined([(share, one.x) for one, share in self.parts.items()], self.phi)
 
     @property
-    def inner(self) -> tuple[Floats, Floats]:
-        """v (n,) and v_c (m,) of what of it acts inside, as a :class:`SolvedForce` has them."""
-        v = combined([(share, one.v) for one, share in self.within.items()], self.phi)
-        return v, combined([(share, one.v_c) for one, share in self.within.items()], self.retained)
+    def inner(self) -> Floats:
+        """The first half of a solve (n,) for what of it acts inside."""
+        return combined([(share, one.z) for one, share in self.within.items()], self.phi)
 
     @cached_property
     def norm(self) -> float:
@@ -149,9 +140,9 @@ class Reduced:
         return float(sum(a * (b * one.products(two)[1]) for one, a, two, b in pairs))
 
     def same(self, other: Reduced) -> bool:
-        """Return True if the forces are equal; most that are not differ in what they do."""
+        """Return True if the forces are equal; most that are not differ by far more than rounding in what they do."""
         apart = np.abs(self.retained - other.retained).max(initial=0.0)
-        near = apart <= NEAR * np.abs(self.retained).max(initial=0.0)
+        near = apart <= 1e-6 * np.abs(self.retained).max(initial=0.0)
         return bool(near) and np.array_equal(self.phi, other.phi)
 
     def __add__(self, other: Reduced) -> Reduced:
@@ -161,10 +152,13 @@ class Reduced:
         return self._and(other, -1.0)
 
     def _and(self, other: Reduced, sign: float) -> Reduced:
+        def merged(parts: Parts, others: Parts) -> Parts:
+            return {one: parts.get(one, 0.0) + sign * others.get(one, 0.0) for one in {**parts, **others}}
+
         return Reduced(
             lambda: self.phi + sign * other.phi,
-            _merged(self.parts, other.parts, sign),
-            _merged(self.within, other.within, sign),
+            merged(self.parts, other.parts),
+            merged(self.within, other.within),
             self.retained + sign * other.retained,
         )
 
@@ -176,10 +170,6 @@ def combined(shares: Sequence[tuple[float, Floats]], like: Floats) -> Floats:
         for share, array in shares:
             total += share * array
     return total
-
-
-def _merged(parts: Parts, others: Parts, sign: float) -> Parts:
-    return {one: parts.get(one, 0.0) + sign * others.get(one, 0.0) for one in {**parts, **others}}
 
 
 class SolvedForces:
@@ -197,7 +187,7 @@ class SolvedForces:
     def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce], ease: Floats):
         self._n, self._solve, self._ease = n, solve, ease
         self._loaded = np.zeros(0, dtype=np.int64)
-        self._places: dict[int, tuple[Ints, Ints, Ints]] = {}
+        self._place = np.full(n, -1)  # in `_loaded`
         self._basis: list[tuple[Floats, float, Floats, SolvedForce]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
@@ -205,7 +195,7 @@ class SolvedForces:
 
         That is remembered while there is room.
         """
-        entries = self._compress(phi) if rows is None else self._placed(phi, rows)
+        entries = self._on_loaded(phi, rows)
         # Squares of forces, of any unit, are numbers when the largest is of size one.
         unit = float(power_of_two(np.abs(entries).max(initial=0.0)))
         rest = entries / unit
@@ -216,13 +206,18 @@ class SolvedForces:
             rest = rest - share * q
             known = known + abs(share) * whole
             found[one] = unit * share
-        if (self._sizes(rest) <= SAME_FIELD * np.minimum(known, MOST_ROUNDING * size)).all():
+        if (self._sizes(rest) <= SAME_FIELD * np.minimum(known, 8.0 * size)).all():
             return found
         if len(self._basis) == MOST_FIELDS:
-            return self.afresh(self._expand(entries))
-        new = self._solve(self._expand(rest), len(self._basis))
+            return self.afresh(spread(entries, self._loaded, self._n))
+        new = self._solve(spread(rest, self._loaded, self._n), len(self._basis))
         self._basis.append((rest, float(rest @ rest), size, new))
         return {**found, new: unit}
+
+    def afresh(self, phi: Floats) -> Parts:
+        """A force (n,) that is solved for whatever has been seen, and not remembered."""
+        unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
+        return {self._solve(phi / unit, None): unit}
 
     def _sizes(self, entries: Floats) -> Floats:
         """The norms of a force with these entries, and of the motions of single unknowns under it."""
@@ -230,36 +225,16 @@ class SolvedForces:
         sizes: Floats = np.sqrt(np.array([entries @ entries, done @ done]))
         return sizes
 
-    def afresh(self, phi: Floats) -> Parts:
-        """A force (n,) that is solved for whatever has been seen, and not remembered."""
-        unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
-        return {self._solve(phi / unit, None): unit}
-
-    def _compress(self, phi: Floats) -> Floats:
-        """The entries of `phi` that may differ from zero; loads on a boundary touch few of all."""
-        if np.count_nonzero(phi) != np.count_nonzero(phi[self._loaded]):
-            self._touch(np.flatnonzero(phi))
-        return phi[self._loaded]
-
-    def _placed(self, values: Floats, rows: Ints) -> Floats:
-        """The same of a force on some rows, which as a rule was there before, on the same."""
-        same, known, places = self._places.get(id(rows), (None, rows, rows))
-        if same is not rows or np.count_nonzero(values) != np.count_nonzero(values[known]):
-            self._touch(rows[values != 0.0])
-            known = np.flatnonzero(np.isin(rows, self._loaded))
-            places = np.searchsorted(self._loaded, rows[known])
-            self._places[id(rows)] = rows, known, places
-        return spread(values[known], places, len(self._loaded))
-
-    def _touch(self, rows: Ints) -> None:
-        """Count these among the unknowns that some force loads."""
-        loaded = np.union1d(self._loaded, rows)
-        self._basis = [(self._expand(q)[loaded], square, size, one) for q, square, size, one in self._basis]
-        self._loaded, self._places = loaded, {}
-
-    def _expand(self, compressed: Floats) -> Floats:
-        """The force (n,) with these entries."""
-        return spread(compressed, self._loaded, self._n)
+    def _on_loaded(self, phi: Floats, rows: Ints | None) -> Floats:
+        """A force on the unknowns that any force loads; those that it is the first to load join them."""
+        some = np.flatnonzero(phi)
+        rows, phi = some if rows is None else rows[some], phi[some]
+        if (self._place[rows] < 0).any():
+            before, self._loaded = self._loaded, np.union1d(self._loaded, rows)
+            self._place[self._loaded] = np.arange(len(self._loaded))
+            place, count = self._place[before], len(self._loaded)
+            self._basis = [(spread(q, place, count), a, b, one) for q, a, b, one in self._basis]
+        return spread(phi, self._place[rows], len(self._loaded))
 
 
 def spread(values: Floats, rows: Ints, n: int) -> Floats:

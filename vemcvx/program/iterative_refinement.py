@@ -84,7 +84,7 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     """
     enough = (COARSE_FACTORS * accuracy) ** 2
     operators, c, K = condensation.operators, condensation.retained, condensation.system.K
-    if DOUBT * condensation.lost <= enough:
+    if DOUBT * condensation.factor.lost <= enough:
         return False
     force = _off_kernel(condensation.system, np.ones(K.shape[0]))
     x = condensation.factor.solve(force)

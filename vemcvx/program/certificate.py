@@ -7,7 +7,7 @@ B d - b, z = D d - e and r = g - B'lam - D'p - K d. Then
 
 is primal minus dual objective, and
 
-    Theorem.  1/2 |d - d*|_K^2 <= gap.
+    Theorem 1.  1/2 |d - d*|_K^2 <= gap.
 
 Proof. Write the terms as h(Ad) with their conjugate h*; of w|s|: 0 where |lam| <= w; of (z_+)^2 / 2c: c p^2 / 2 where
 p >= 0 (c = 0: the bound z <= 0, and 0). With v = K^{-1}(g - B'lam - D'p) the dual value is
@@ -21,25 +21,46 @@ K on balanced forces; where N'r does not vanish, the gap is infinite.
 Signs: friction acts on the body with the forces -B'lam, limits with -D'p. Where friction is one-way its bias c is part
 of the load, g contains -B'c, and lam is what is left of the multipliers: a history's are lam + c, |lam_i - c_i| <= w_i.
 
-Every summand is >= 0 and belongs to one place of the boundary. The norm part is evaluated without
-cancellation, w|s| - lam.s = (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2, that of limits as
-(z - c p)^2 / 2c where z >= 0, c p^2 / 2 + p |z| elsewhere. A multiplier within BOUND_ROUNDING w of its bound stands for
-the one on it, w lam / |lam|, which is admissible, too, and as few floats are: the gap is that one's. What the step
-between them does to r is of the size of what rounding does to B'lam anyway, which the floor counts, of second order.
+The gap is linear in a slip that should be none: with |lam| < w it is w|s| - lam.s, 1e-16 for a slip of that size, and
+the error that it certifies is the root, 1e-8. Where a row reads one unknown of its own such slips are exact zeros;
+where it reads several, rounding leaves them. Moved exactly in place, they are paid for quadratically instead:
+
+    Theorem 2.  For every field v, |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm terms and limits in the gap at
+    d - v,  |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
+
+Proof. |d - d*|_K <= |v|_K + |d - v - d*|_K. The residual at d - v is r + K v, and 1/2 |d - v - d*|_K^2 <=
+1/2 |r + K v|^2 + T(v) by theorem 1, with |r + K v| <= |r| + |K v| = |r| + |v|_K; at last sqrt((a + b)^2 + c) <=
+b + sqrt(a^2 + c).  QED
+
+No assumption is made about v: with v = 0 it is the gap itself, and the smaller bound is taken. v solves A v = x on the
+rows A of terms that seem to stick and of limits that seem to act, x their slips s and their excesses z - c p over what
+they press:  v = K^{-1}A'y,  A K^{-1}A'y = x.  Rows that depend on others make that singular; least squares then puts in
+place what can be, and the rest stays in T.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats, directions, lengths
 from vemcvx.outline import ArrayRecord
 
+if TYPE_CHECKING:
+    from vemcvx.program.step_program import StepProgram
+
 BOUND_ROUNDING = 4 * EPS
-"""What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again."""
+"""What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again. A multiplier so near
+its bound stands for the one on it, which is admissible, too, and as few floats are."""
+SLIP_ROUNDING = 1e-13
+"""Part of |A_i||d| + |b_i|: sums of a few hundred products, and what a solve leaves of its equations."""
+
+Gaps = tuple[Floats, Floats]
+"""The parts of norm terms (m,) and of limits (r,) in the gap: every one is >= 0 and belongs to one place."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -62,8 +83,7 @@ class Certificate(ArrayRecord):
     estimate : bool
         Whether that is an estimate, not a bound.
     moved : float
-        2 |v|_K of the move v that puts in place what sticks (:mod:`vemcvx.program.in_place`); the other parts are those
-        after it.
+        2 |v|_K of the move v that puts in place what sticks (theorem 2); the other parts are those after it.
     """
 
     equilibrium: float
@@ -113,24 +133,57 @@ def moved_gap(moved: float, gap: float) -> float:
 
 
 def norm_gaps(w: Floats, lam: Floats, s: Floats) -> Floats:
-    """w_i |s_i| - lam_i . s_i >= 0 for |lam_i| <= w_i, without cancellation; (m,)."""
+    """w_i |s_i| - lam_i . s_i >= 0 for |lam_i| <= w_i, (m,).
+
+    Without cancellation it is (w - |lam|)|s| + |lam||s| |lam/|lam| - s/|s||^2 / 2.
+    """
     size, slip = lengths(lam), lengths(s)
     # Where one of them vanishes it takes the direction out of the sum, whatever that is.
     apart = directions(lam, size) - directions(s, slip)
-    turned = np.einsum("ij,ij->i", apart, apart)
     short = np.where(size >= (1.0 - BOUND_ROUNDING) * w, 0.0, w - size)
-    gaps: Floats = short * slip + 0.5 * size * slip * turned
+    gaps: Floats = short * slip + 0.5 * size * slip * np.einsum("ij,ij->i", apart, apart)
     return gaps
 
 
 def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats:
-    """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, without cancellation; infinite beyond a bound."""
+    """(z_j)_+^2 / 2c_j + c_j p_j^2 / 2 - p_j z_j >= 0 for p >= 0, (r,); infinite beyond a bound by more than `blur`.
+
+    Without cancellation it is (z - c p)^2 / 2c where z > 0, and c p^2 / 2 + p |z| elsewhere.
+    """
     if len(p) == 0:
         return p
-    soft = compliance > 0
+    soft, above = compliance > 0, z > 0
     gap = 0.5 * compliance * p * p + p * np.abs(np.minimum(z, 0.0))
-    above = z > 0
     both = soft & above
     gap[both] = (z[both] - compliance[both] * p[both]) ** 2 / (2 * compliance[both])
     gap[above & ~soft & (z > blur)] = np.inf
     return gap
+
+
+def put_in_place(program: StepProgram, gaps: Gaps, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
+    """2 |v|_K of a move v that puts in place what sticks and acts, and the parts of the gap at d - v; `gaps` at d.
+
+    A row seems to stick or act if its part of the gap is at least x_i^2 / f_i, f_i = (A K^{-1}A')_ii, the energy that
+    it costs to put it alone in place, and if x_i is rounding: larger slips are for solvers to mend.
+    """
+    operators, slip, z = program.operators, program.slip(d), program.excess(d)
+    over = z - operators.compliance * p
+    x = np.concatenate([slip.ravel(), over])
+    pairs = (operators.rows, program.b), (operators.limits, program.e)
+    size = np.concatenate([rows.absolute.read(np.abs(d)) + np.abs(offset) for rows, offset in pairs])
+    sticks = lengths(slip) ** 2 <= gaps[0] * operators.norm_flexibility
+    # Within its rounding the excess over a bound has no part in the gap: p|z| on either side.
+    cost = np.where(operators.compliance > 0, gaps[1], p * np.abs(z))
+    acts = over**2 <= cost * operators.limit_flexibility
+    held = (np.abs(x) <= SLIP_ROUNDING * size) & np.concatenate([np.repeat(sticks, operators.block), acts])
+    if not held.any():
+        return 0.0, gaps
+    A, x = sp.vstack([operators.B, operators.D], format="csr")[held], x[held]
+    spread = operators.factor.solve(A.T.toarray())
+    W, v = A @ spread, np.zeros(len(d))
+    for _ in range(2):  # The second time for what the first one's rounding has left.
+        v = v + spread @ np.linalg.lstsq(W, x - A @ v, rcond=1e-12)[0]
+    blur = program.excess_blur(d) + EPS * len(v) * (abs(operators.D) @ np.abs(v))
+    friction = norm_gaps(program.w, lam, slip - operators.blocks(operators.B @ v))
+    limits = limit_gaps(operators.compliance, p, z - operators.D @ v, blur)
+    return 2.0 * operators.energy_norm(v), (friction, limits)

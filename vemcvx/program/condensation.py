@@ -49,7 +49,8 @@ class Held:
 
     The retained unknowns are pulled back to where they were: K^{-1} (phi - (0, tau)) leaves them there for tau =
     S (K^{-1} phi)_c, but for what solves lose; that much tau was not exact yet. Two rounds are usual; slender bodies,
-    which bend far when they are let go, take one more.
+    which bend far when they are let go, take one more. Where K is definite the tau handed out is that of the first
+    round, rounded as S is: what no term holds back moves as far as K lets it, whatever digits S has lost.
 
     Parameters
     ----------
@@ -74,7 +75,8 @@ class Held:
         inner[c] = 0.0
         if not inner.any():
             return inner, b[c]
-        held, x = still, self._factor.solve(inner)
+        x = self._factor.solve(inner)
+        held, tau = still, b[c] + self._S @ x[c]
         for _ in range(MOST_ROUNDS if len(c) else 0):
             left = self._S @ x[c]
             size, before = float(abs(left @ x[c])), size
@@ -84,7 +86,7 @@ class Held:
             inner[c] = held
             x = self._factor.solve(inner)
         xi = self._with_retained(x, still)
-        return xi, b[c] - (self._K[c] @ xi if self._motions.shape[1] else held)
+        return xi, b[c] - self._K[c] @ xi if self._motions.shape[1] else tau
 
     def completed(self, z: Floats, x_c: Floats) -> Floats:
         """xi + K^{-1} (0, S x_c), whose retained unknowns are x_c."""

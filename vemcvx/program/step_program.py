@@ -1,10 +1,32 @@
-"""The program of a step, with its certificate, for cvxpy, and solved."""
+"""The program of a step in the increment d = y - y_prev, its answers, and how cvxpy sees it.
+
+    minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
+    dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
+              p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
+
+with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
+of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishes, the last sum stands for the bound
+D_j d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
+
+In cvxpy it is
+
+    minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
+
+with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
+cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e. Absolute values may be two inequalities instead, -t
+<= B d - b <= t, whose duals (upper, lower) give lam = upper - lower.
+
+A disc of multipliers may be a polygon with corners w e_k on its rim instead: e_k . s_i <= t_i with duals mu_k >= 0
+that sum to w_i, lam_i = sum_k mu_k e_k. Such multipliers are admissible; with P corners |s| cos(pi / P) <= max_k
+e_k . s, so that the gap of the program of the disc at the answer is at most 1 - cos(pi / P) times w |s|, and the
+certificate says how much it is.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,29 +36,12 @@ from numpy.typing import ArrayLike
 from vemcvx.arrays import EPS, Floats, brief, is_whole, read_only
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
-from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
+from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps, put_in_place
 from vemcvx.program.checks import of_shape
-from vemcvx.program.in_place import put_in_place
 from vemcvx.program.operators import Operators, Rows
 
 if TYPE_CHECKING:
     import cvxpy as cp
-    Data = Floats | cp.Parameter
-    Cost = cp.Expression | float
-
-
-# A step as a convex program in cvxpy.
-#
-#     minimise  1/2 d'Kd - g'd + w't + v'C^{-1}v / 2    subject to  |B_i d - b_i| <= t_i,   D d - v <= e
-#
-# with one second-order cone a term; v = 0 where a limit is a bound, v >= (z)_+ where it is soft. cvxpy's dual of the
-# cone |s_i| <= t_i is (w_i, -lam_i); p is that of D d - v <= e. Absolute values may be two inequalities instead, -t
-# <= B d - b <= t, whose duals (upper, lower) give lam = upper - lower.
-#
-# A disc of multipliers may be a polygon with corners w e_k on its rim instead: e_k . s_i <= t_i with duals mu_k >= 0
-# that sum to w_i, lam_i = sum_k mu_k e_k. Such multipliers are admissible; with P corners |s| cos(pi / P) <= max_k
-# e_k . s, so that the gap of the program of the disc at the answer is at most 1 - cos(pi / P) times w |s|, and the
-# certificate says how much it is.
 
 
 @dataclass(frozen=True)
@@ -88,68 +93,51 @@ def to_cvxpy(
     """
     import cvxpy as cp
 
+    n, m, block = len(operators.K.diagonal()), operators.count, operators.block
     parameters: tuple[cp.Parameter, ...] = ()
     if data is None:
-        sizes = len(operators.K.diagonal()), operators.count, operators.B.shape[0], operators.D.shape[0]
+        sizes = n, m, operators.B.shape[0], operators.D.shape[0]
         parameters = tuple(cp.Parameter(size, nonneg=k == 1) for k, size in enumerate(sizes))
     g, w, b, e = parameters if data is None else data
-    d = cp.Variable(len(operators.K.diagonal()))
+    d = cp.Variable(n)
     # assume_psd: K is a stiffness matrix; testing its eigenvalues would take longer than the solve.
-    energy = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
-    cones_or_rows, lengths, lam = _norms(operators, d, w, b=b, cones=cones, corners=corners)
-    bounds, yielding, p = _limits(operators, d, e)
+    energy: cp.Expression = 0.5 * cp.quad_form(d, operators.K, assume_PSD=True) - g @ d
+    constraints: list[cp.Constraint] = []
+    lam, p = np.zeros((m, block)).copy, np.zeros(len(operators.compliance)).copy
+    if m:
+        t, s = cp.Variable(m), operators.B @ d - b
+        energy += w @ t
+        if corners is not None and block > 1:
+            constraints = [sp.kron(sp.eye_array(m), corner[None], format="csr") @ s <= t for corner in corners]
+            lam = partial(_of_corners, tuple(constraints), corners)
+        elif cones:
+            constraints = [cp.SOC(t, cp.reshape(s, (block, m), order="F"), axis=0)]
+            lam = partial(_of_cone, constraints[0], m, block)
+        else:
+            constraints = [s <= t, -s <= t]
+            lam = partial(_of_corners, tuple(constraints), np.array([[1.0], [-1.0]]))
+    if len(operators.compliance):
+        z, soft = operators.D @ d - e, np.flatnonzero(operators.compliance > 0)
+        if len(soft):
+            v, give = cp.Variable(len(soft)), sp.eye_array(len(operators.compliance), format="csr")[:, soft]
+            z, energy = z - give @ v, energy + 0.5 * cp.sum_squares(cp.multiply(operators.compliance[soft] ** -0.5, v))
+        constraints = [*constraints, z <= 0]
+        p = partial(getattr, constraints[-1], "dual_value")
     # OSQP prints, verbose or not, where it finds no constraint active: this one, idle >= 0, always is. SCS breaks down
     # where there is none at all.
-    idle = 0.0 if cones and cones_or_rows + bounds else cp.Variable(nonneg=True)
-    problem = cp.Problem(cp.Minimize(energy + lengths + yielding + idle), cones_or_rows + bounds)
-    return CvxpyStep(problem, d, lam, p, parameters)
+    idle = 0.0 if cones and constraints else cp.Variable(nonneg=True)
+    return CvxpyStep(cp.Problem(cp.Minimize(energy + idle), constraints), d, lam, p, parameters)
 
 
-def _norms(
-    operators: Operators, d: cp.Variable, w: Data, *, b: Data, cones: bool, corners: Floats | None
-) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
-    import cvxpy as cp
-
-    if operators.count == 0:
-        return [], 0.0, lambda: np.zeros((0, operators.block))
-    t, s = cp.Variable(operators.count), operators.B @ d - b
-    if corners is not None and operators.block > 1:
-        sides = [sp.kron(sp.eye_array(operators.count), corner[None], format="csr") @ s <= t for corner in corners]
-        return sides, w @ t, lambda: np.einsum("km,kb->mb", [side.dual_value for side in sides], corners)
-    if cones:
-        cone = cp.SOC(t, cp.reshape(s, (operators.block, operators.count), order="F"), axis=0)
-        return [cone], w @ t, lambda: -np.reshape(cone.dual_value[1], (operators.block, operators.count), order="F").T
-    upper, lower = s <= t, -s <= t
-    return [upper, lower], w @ t, lambda: (upper.dual_value - lower.dual_value)[:, None]
+def _of_corners(sides: Sequence[cp.Constraint], corners: Floats) -> Floats:
+    """lam (m, block), corners times their duals."""
+    found: Floats = np.einsum("km,kb->mb", [side.dual_value for side in sides], corners)
+    return found
 
 
-def _limits(operators: Operators, d: cp.Variable, e: Data) -> tuple[list[cp.Constraint], Cost, Callable[[], Floats]]:
-    import cvxpy as cp
-
-    soft = np.flatnonzero(operators.compliance > 0)
-    if len(operators.compliance) == 0:
-        return [], 0.0, lambda: np.zeros(0)
-    z = operators.D @ d - e
-    if len(soft) == 0:
-        bound = z <= 0
-        return [bound], 0.0, lambda: bound.dual_value
-    v = cp.Variable(len(soft))
-    give = sp.csr_matrix(
-        (np.ones(len(soft)), (soft, np.arange(len(soft)))), shape=(len(operators.compliance), len(soft))
-    )
-    bound = z - give @ v <= 0
-    return [bound], 0.5 * cp.sum_squares(cp.multiply(operators.compliance[soft] ** -0.5, v)), lambda: bound.dual_value
-
-
-# One step as a convex program, in the increment d = y - y_prev.
-#
-#     minimise  1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| + sum_j (z_j)_+^2 / (2 c_j)        z = D d - e    (2.34)
-#     dual      K d = g - B'lam - D'p,   |lam_i| <= w_i,  lam_i . s_i = w_i |s_i|,   s = B d - b
-#               p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0
-#
-# with g = load(t_n) - K y_prev, the force out of balance when the step begins. Working in increments keeps all digits
-# of d when steps are tiny beside y. Where the compliance c_j of a *limit* vanishes, the last sum stands for the bound
-# D_j d <= e_j; elsewhere it is a squared positive part. The program is data; each solver reads it its own way.
+def _of_cone(cone: cp.Constraint, m: int, block: int) -> Floats:
+    """lam (m, block), minus the dual of the cone's vectors."""
+    return -np.reshape(cone.dual_value[1], (block, m), order="F").T
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -221,7 +209,7 @@ class StepProgram(ArrayRecord):
 
     def residual(self, d: Floats, lam: Floats, p: Floats) -> Floats:
         """r = g - B'lam - D'p - K d, the forces that do not balance, (n,)."""
-        return np.asarray(self.g - self.multiplier_force(lam, p) - self.operators.K @ d)
+        return np.asarray(self.g - self.operators.multiplier_force(lam, p) - self.operators.K @ d)
 
     def objective(self, d: Floats) -> float:
         """The energy that the step minimises; infinite beyond a bound."""
@@ -280,8 +268,7 @@ class StepProgram(ArrayRecord):
     def _read_off(self, d: Floats, lam: Floats | None, p: Floats | None) -> tuple[Floats, Floats]:
         """The multipliers nearest to balance at the increments `d`, those given as they are."""
         operators = self.operators
-        known = np.zeros((operators.count, operators.block)) if lam is None else lam, np.zeros(len(self.e))
-        known = known if p is None else (known[0], p)
+        known = np.zeros(self.shapes["lam"]) if lam is None else lam, np.zeros(len(self.e)) if p is None else p
         free = np.repeat([lam is None, p is None], [len(self.b), len(self.e)])
         rows = Rows(sp.csr_matrix(sp.vstack([operators.B, operators.D], format="csr")[free]))
         force, (slips, touches) = self.residual(d, *known), self._inverse_metric(d, known[1])
@@ -341,12 +328,11 @@ class StepProgram(ArrayRecord):
         if (N := operators.kernel) is not None and np.greater(*np.abs(self._imbalance(N, lam, p))).any():
             equilibrium = np.inf
         # Where K^{-1} has lost all digits its sign is rounding; its size says so, and zero would not.
-        equilibrium, slip, excess = abs(equilibrium), self.slip(d), (self.excess(d), self.excess_blur(d))
-        parts = norm_gaps(self.w, lam, slip), limit_gaps(operators.compliance, p, *excess)
+        equilibrium, excess = abs(equilibrium), (self.excess(d), self.excess_blur(d))
+        parts = norm_gaps(self.w, lam, self.slip(d)), limit_gaps(operators.compliance, p, *excess)
         rest = float(parts[0].sum() + parts[1].sum())
         if operators.own_columns is None and operators.factor.exact and equilibrium < rest < np.inf:
-            at, read = (self.w, lam, p), (d, self.b, self.e)
-            moved, placed = put_in_place(operators, parts, at=at, slip=slip, excess=excess, read=read)
+            moved, placed = put_in_place(self, parts, d, lam, p)
             if moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
                 return equilibrium, *placed, moved
         return equilibrium, *parts, 0.0
@@ -445,9 +431,6 @@ class StepProgram(ArrayRecord):
         return d
 
 
-# A solver's answer to a step's program, and what is taken for one.
-
-
 PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
 LARGEST = 1e100
 """Entries of answers to scaled programs, whose data are about 1, are no answer above it: their squares are no numbers.
@@ -535,9 +518,6 @@ def read_answer(raw: Any, program: StepProgram, solver: str) -> Answer:
 def _there(raw: Any) -> bool:
     """Return True if multipliers were given; an Answer's are empty by default."""
     return raw is not None and not (isinstance(raw, np.ndarray) and raw.size == 0)
-
-
-# A step's program with its certified answer: what is handed to other solvers, and what theirs is held against.
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)

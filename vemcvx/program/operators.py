@@ -1,4 +1,9 @@
-"""The operators that all steps share: K, the rows of norm terms and limits, and their responses to forces."""
+"""What all steps share: K, the rows that norm terms and limits read, and their responses to forces.
+
+`Norms` and `Limits` are what a system is made of: terms w_i |B_i y| with the laws of their weights, bounds D_j y <= e_j
+and their soft kin. `Operators` are the parts of these that do not change in a run, as solvers get them; `Rows` applies
+B or D as cheaply as its pattern allows.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +16,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, Ints, MatrixLike, brief, called, function, is_whole, shaped
+from vemcvx.arrays import EPS, Floats, Ints, MatrixLike, brief, called, function, is_whole, shaped
 from vemcvx.errors import SceneError
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
 from vemcvx.program.kernel import KernelBalance
-
-# The terms of a program: norms w_i |B_i y|, bounds D_j y <= e_j, squared positive parts, and the rows they read.
 
 
 class Rows:
@@ -84,13 +87,6 @@ class Rows:
     def absolute(self) -> Rows:
         """|B|, entry by entry, for bounds on rounding."""
         return Rows(abs(self.B))
-
-
-# Norm terms: w_i |B_i y| of the seminorm j, with the law of their weights, their bias, and the ground they rub on.
-
-
-# Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
-BIAS_ROUNDING = 8 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, repr=False)
@@ -163,11 +159,14 @@ class Norms(ArrayRecord):
             )
         object.__setattr__(self, "B", B)
         object.__setattr__(self, "block", int(self.block))
-        function(self.places, "Norms: found places", "a function of i that says where term i acts")
-        function(self.law, "Norms: found law", "a function of (t, p) that gives weights")
-        function(self.slope, "Norms: found slope", "a function of (t, p) that gives the law's derivative")
-        function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
-        function(self.slip_law, "Norms: found slip_law", "a function of (t, p, past, slip) that gives weights")
+        for name, wanted in (
+            ("places", "i that says where term i acts"),
+            ("law", "(t, p) that gives weights"),
+            ("slope", "(t, p) that gives the law's derivative"),
+            ("ground", "t that says how far the ground has moved"),
+            ("slip_law", "(t, p, past, slip) that gives weights"),
+        ):
+            function(getattr(self, name), f"Norms: found {name}", f"a function of {wanted}")
         if self.softening is not None:
             object.__setattr__(self, "softening", self._checked(self.softening, "softening"))
         if not callable(self.w):
@@ -234,7 +233,8 @@ class Norms(ArrayRecord):
         if self.bias is None:
             return np.zeros(self.B.shape[0])
         c = self._rows(self.bias, t, "Norms: bias", "forces")
-        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + BIAS_ROUNDING)
+        # Half a sum and half a difference of two bounds, one of them zero, are the same but for rounding.
+        over = np.linalg.norm(c.reshape(self.count, self.block), axis=1) - self.weights(t) * (1 + 8 * EPS)
         if (over > 0).any():
             worst = int(np.argmax(over))
             raise SceneError(
@@ -281,9 +281,6 @@ def transverse(unit: Floats) -> Floats:
     """(m, block, block) I - q q', the derivative of v / |v| where |v| = 1, of unit vectors q (m, block)."""
     across: Floats = np.eye(unit.shape[1]) - np.einsum("ij,ik->ijk", unit, unit)
     return across
-
-
-# One-sided terms: bounds D_j y <= e_j, and their soft kin (D_j y - e_j)_+^2 / (2 c_j).
 
 
 @dataclass(frozen=True, repr=False)
@@ -355,9 +352,6 @@ class Limits(ArrayRecord):
         return np.array(np.broadcast_to(values, (self.count,)))
 
 
-# What all steps of a run share: K, where the norm terms act (B), and where the limits do (D).
-
-
 QUADRATIC = "quadratic"
 ABSOLUTE_VALUES = "absolute values"
 SECOND_ORDER_CONES = "second-order cones"
@@ -365,12 +359,6 @@ BOUNDS = "bounds"
 SQUARED_POSITIVE_PARTS = "squared positive parts"
 FEATURES = frozenset({QUADRATIC, ABSOLUTE_VALUES, SECOND_ORDER_CONES, BOUNDS, SQUARED_POSITIVE_PARTS})
 """All that a program can have."""
-MOTION_ROUNDING = 64 * float(np.finfo(float).eps)
-"""Of motions, in parts of their largest entries: they are made orthonormal, in columns of many entries."""
-
-
-def _none() -> sp.csr_matrix:
-    return sp.csr_matrix((0, 0))
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -402,7 +390,7 @@ class Operators(ArrayRecord):
     given_factor: Factor | None = None
     kernel: Floats | None = None
     anchor: Floats | None = None
-    D: sp.csr_matrix = field(default_factory=_none)
+    D: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)))
     compliance: Floats = field(default_factory=lambda: np.zeros(0))
     factor: Factor = field(init=False, repr=False)
     _principal: dict[bytes, Factor] = field(default_factory=dict, init=False, repr=False)
@@ -433,7 +421,7 @@ class Operators(ArrayRecord):
         stop = self.D @ kernel
         # A motion along an obstacle does not run into it because of the rounding of its largest entries.
         largest = np.abs(kernel).max(axis=0, initial=0.0)
-        rounding = MOTION_ROUNDING * np.outer(np.asarray(abs(self.D).sum(axis=1)), largest)
+        rounding = 64 * EPS * np.outer(np.asarray(abs(self.D).sum(axis=1)), largest)
         stop[np.abs(stop) <= rounding] = 0.0
         return KernelBalance((self.B @ kernel).reshape(self.count, self.block, kernel.shape[1]), stop)
 
@@ -500,8 +488,7 @@ class Operators(ArrayRecord):
     @cached_property
     def norm_flexibility(self) -> Floats:
         """(m,) largest diagonal entry of B_i K^{-1} B_i': |B_i d| <= its root times |d|_K."""
-        largest: Floats = self.blocks(self._response(self.B)).max(axis=1)
-        return largest
+        return np.asarray(self.blocks(self._response(self.B)).max(axis=1))
 
     @cached_property
     def limit_flexibility(self) -> Floats:
@@ -520,11 +507,12 @@ class Operators(ArrayRecord):
         return 1.0 / np.where(softness > 0, softness, 1.0)
 
     def _response(self, rows: sp.csr_matrix) -> Floats:
-        """The diagonal of rows K^{-1} rows'; of an iterative factor an estimate, the largest share of a few."""
-        return self.factor.energies(rows) if self.factor.exact else self._sampled(rows)
+        """The diagonal of rows K^{-1} rows'.
 
-    def _sampled(self, rows: sp.csr_matrix) -> Floats:
-        """An estimate of rows' responses: that of single unknowns, times the largest ratio found on sampled rows."""
+        Of an iterative factor an estimate: that of single unknowns, times the largest ratio found on sampled rows.
+        """
+        if self.factor.exact:
+            return self.factor.energies(rows)
         alone: Floats = rows.multiply(rows) @ (1.0 / self.K.diagonal())
         some = np.unique(np.linspace(0, len(alone) - 1, min(SAMPLES, len(alone))).astype(np.int64))
         return alone * max((self.factor.energy(rows[i].toarray()[0]) / alone[i] for i in some), default=1.0)
@@ -536,12 +524,7 @@ class Operators(ArrayRecord):
     def stiffening(self, H: Floats, stiffness: Floats | None = None) -> sp.csr_matrix:
         """B'HB + D' diag(stiffness) D."""
         added: sp.csr_matrix = sp.csr_matrix(self.K.shape)
-        if self.count and (own := self.rows.columns) is not None:
-            columns, coefficient = own.reshape(self.count, self.block), self.blocks(self.B.data)
-            entries = coefficient[:, :, None] * H * coefficient[:, None, :]
-            at = np.repeat(columns, self.block, axis=1).ravel(), np.tile(columns, self.block).ravel()
-            added = sp.csr_matrix((entries.ravel(), at), shape=self.K.shape)
-        elif self.count:
+        if self.count:
             blocks = sp.csr_matrix(sp.bsr_matrix((H, np.arange(self.count), np.arange(self.count + 1))))
             added = sp.csr_matrix(self.B.T @ blocks @ self.B)
         if stiffness is not None and len(stiffness):

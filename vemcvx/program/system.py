@@ -1,11 +1,16 @@
-"""A system K y + B'lam + D'p = f(t) in plain arrays, with supports that move: what `march` takes."""
+"""A system K y + B'lam + D'p = f(t) in plain arrays, with supports that move: what `march` takes.
+
+It is a quasistatic variational inequality in coordinates: problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> =
+v'load(t) and the seminorm j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of
+contact. `Motion` is what supports that move add to the energy, to the norm terms and to the limits.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,9 +47,6 @@ from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 
-# Supports that move: what u_D adds to the energy, to the norm terms and to the limits of a system.
-
-
 DRAG_ROUNDING = 16 * EPS
 """Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
 
@@ -78,38 +80,25 @@ class Motion:
 
     def sized(self, n: int, rows: int, limits: int) -> Motion:
         """The same, whose functions are checked whenever they are called; what they give is kept by nobody else."""
-        shapes = {
-            "dirichlet_force": (n,),
-            "prescribed_slip": (rows,),
-            "stored": (),
-            "pair": (),
-            "remaining_gap": (limits,),
-        }
+        shapes: dict[str, tuple[int, ...]] = {
+            "dirichlet_force": (n,), "prescribed_slip": (rows,), "stored": (), "pair": (), "remaining_gap": (limits,)
+        }  # fmt: skip
 
-        def checked(name: str, function: Callable[..., ArrayLike]) -> Callable[..., Any]:
-            def value(*given: Any) -> Any:
-                subject = f"Motion: {name}"
-                wanted = f"numbers of shape {shapes.get(name, '(n_u,)')}"
-                x = as_real_array(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
-                if shapes.get(name) == () and x.size == 1:
-                    x = x.reshape(())
-                if x.shape != shapes.get(name, x.shape[:1]):
-                    raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
-                finite(x, subject)
-                return x if x.ndim else float(x)
-
-            return value
+        def checked(name: str, function: Callable[..., ArrayLike], *given: Any) -> Any:
+            subject, wanted = f"Motion: {name}", f"numbers of shape {shapes.get(name, '(n_u,)')}"
+            x = as_real_array(called(function, given, f"{subject} failed", f"return {wanted}"), subject, wanted)
+            if shapes.get(name) == () and x.size == 1:
+                x = x.reshape(())
+            if x.shape != shapes.get(name, x.shape[:1]):
+                raise SceneError(f"{subject}: found {shape_in_words(x)}; wanted {wanted}.")
+            finite(x, subject)
+            return x if x.ndim else float(x)
 
         functions: dict[str, Any] = {
-            name: f if isinstance(f, ForceOnPart) else f and checked(name, f) for name, f in vars(self).items()
+            name: f if f is None or isinstance(f, ForceOnPart) else partial(checked, name, f)
+            for name, f in vars(self).items()
         }
         return Motion(**functions)
-
-
-# A quasistatic variational inequality in coordinates: what is fixed in time.
-#
-# Problem 2.1 of the paper with a(u, v) = v'Ku, <l(t), v> = v'load(t) and the seminorm
-# j(v) = sum_i w_i |B_i v| + c_i . B_i v, |c_i| <= w_i. Nothing here knows of meshes or of contact.
 
 
 @dataclass(frozen=True, repr=False)
@@ -202,16 +191,21 @@ class System(ArrayRecord):
             raise SceneError(
                 f"System: found load = {brief(self.load)}; wanted a function of t that gives ({self.n},) forces."
             )
-        instance(self.norms, Norms, "System: found norms", "Norms(B, w)")
-        instance(self.limits, Limits, "System: found limits", "Limits(D, e)")
-        instance(self.motion, Motion, "System: found motion", "a Motion")
-        instance(self.damping, Damping, "System: found damping", "Damping(C)")
-        instance(self.dragged, DraggedTerms, "System: found dragged", "DraggedTerms")
-        instance(self.kernel, Kernel, "System: found kernel", "a Kernel(modes, names)")
-        if self.norms is not None:
-            self._check_columns(self.norms.B, "norms", "B")
-        if self.limits is not None:
-            self._check_columns(self.limits.D, "limits", "D")
+        for name, kind, wanted in (
+            ("norms", Norms, "Norms(B, w)"),
+            ("limits", Limits, "Limits(D, e)"),
+            ("motion", Motion, "a Motion"),
+            ("damping", Damping, "Damping(C)"),
+            ("dragged", DraggedTerms, "DraggedTerms"),
+            ("kernel", Kernel, "a Kernel(modes, names)"),
+        ):
+            instance(getattr(self, name), kind, f"System: found {name}", wanted)
+        for what, name, rows in (("norms", "B", self.B), ("limits", "D", self.D)):
+            if rows.shape[1] != self.n:
+                raise SceneError(
+                    f"System: found {what} over {rows.shape[1]} unknowns, but K has {self.n}; "
+                    f"{name} must have one column an unknown."
+                )
         if self.damping is not None and self.damping.C.shape != self.K.shape:
             raise SceneError(f"System: found damping of shape {self.damping.C.shape}, but K has {self.K.shape}.")
         if self.motion is not None:
@@ -222,13 +216,6 @@ class System(ArrayRecord):
             object.__setattr__(self, "near_kernel", motions(self.near_kernel, self.n))
         if self.kernel is not None:
             self._check_kernel(self.kernel)
-
-    def _check_columns(self, matrix: sp.csr_matrix, what: str, name: str) -> None:
-        if matrix.shape[1] != self.n:
-            raise SceneError(
-                f"System: found {what} over {matrix.shape[1]} unknowns, but K has {self.n}; "
-                f"{name} must have one column an unknown."
-            )
 
     def _check_kernel(self, kernel: Kernel) -> None:
         N = kernel.modes

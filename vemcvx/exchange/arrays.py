@@ -103,6 +103,9 @@ def compressed_rows(name: str, data: Any, indices: Any, indptr: Any, shape: Any)
     try:
         rows: sp.csr_matrix = sp.csr_matrix((data, indices, indptr), shape=tuple(np.asarray(shape).tolist()))
         rows.check_format(full_check=True)
+        # SciPy looks no further where the last end is negative.
+        if (np.diff(rows.indptr) < 0).any():
+            raise ValueError("ends of rows go back")
     except (ValueError, OverflowError) as error:
         raise ProgramError(f"{name}: found rows that lead out of the matrix: {error}.") from error
     return rows

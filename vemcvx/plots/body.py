@@ -391,7 +391,7 @@ def _rendered(
     # Where there is no display, VTK says so and draws in memory.
     with pyvista.vtk_verbosity("off"):
         width, height = np.maximum(np.round(1000 * size / size.max()).astype(int), 1).tolist()
-        plotter: Any = pyvista.Plotter(off_screen=True, window_size=(width, height))
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height])
         plotter.set_background("white")
         look = {"show_edges": True, "edge_color": "#505050", "line_width": 1.0, "lighting": False}
         plotter.add_mesh(drawn, scalars="values", cmap=colours[0], clim=colours[1], show_scalar_bar=False, **look)

@@ -152,11 +152,6 @@ def settings_for(solver: str, gap: float, *, semidefinite: bool = False, again: 
     return {setting.name: setting.at(gap) for setting in TUNED.get(solver, ()) if setting.when in now}
 
 
-def worth_asking_again(solver: str) -> bool:
-    """Return True if there are settings for an answer that misses."""
-    return any(setting.when is When.AGAIN for setting in TUNED.get(solver, ()))
-
-
 class KeptMatrices:
     """A solver of Clarabel's, whose `update` passes on matrices that differ from those it was last given.
 
@@ -371,7 +366,8 @@ class _PreparedConic:
     def solve(self, program: StepProgram, target: float, lam: Floats, p: Floats | None = None) -> Answer:
         cones = self._settings.cones
         answer = self._ask(program, target, cones)
-        more = self._settings.tuned and worth_asking_again(self._settings.solver)
+        ours = TUNED.get(self._settings.solver, ()) if self._settings.tuned else ()
+        more = any(setting.when is When.AGAIN for setting in ours)
         if more and program.duality_gap(answer.d, answer.lam, answer.p) > target:
             again = self._ask(program, target, cones and program.operators.block > 1, again=True)
             answer = replace(again, iterations=again.iterations + answer.iterations)

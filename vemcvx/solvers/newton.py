@@ -214,7 +214,7 @@ def _held_coordinates(
     columns: Ints,
     near: tuple[Floats, sp.csr_matrix] | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """The same where every row reads its own unknown, those of the rows given `columns`: the held ones are known.
+    """Minimise that where every row reads its own unknown, those of the rows given `columns`: the held ones are known.
 
     Iteratively, `near` is the initial guess (n,) and the stiffness that is added to K.
     """

@@ -255,15 +255,9 @@ def shared_lengths(instants: Floats) -> Floats:
 
 def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     """Nothing has moved yet: where the increment begins."""
-    zero = now.force - now.force
-    data = StepData(
-        t=before.t,
-        force=zero,
-        prescribed_slip=np.zeros_like(now.prescribed_slip),
-        remaining_gap=np.zeros_like(now.remaining_gap),
-        bias=now.bias,
-        pushed=zero,
-    )
+    zero, none = now.force - now.force, np.zeros_like(now.remaining_gap)
+    slip = np.zeros_like(now.prescribed_slip)
+    data = replace(now, t=before.t, force=zero, prescribed_slip=slip, remaining_gap=none, pushed=zero, ground=None)
     rest = State.still(run.operators, data, np.zeros(len(run.condensation.retained)), before.weights)
     return replace(
         rest,

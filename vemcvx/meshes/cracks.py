@@ -1,4 +1,8 @@
-"""A crack in a mesh: the edges between two sets of cells become an interface, the nodes along it double."""
+"""A crack in a mesh: the edges between two sets of cells become an interface, the nodes along it double.
+
+The corners of cells at a node are joined across the edges that are not cut. Where that leaves them in several groups,
+each group gets a node of its own; where it leaves one, as at a tip of the crack inside the body, nothing is double.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +12,14 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_name
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.local_refinement import check_marks
-from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner
+from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, next_corner, smallest_linked
 from vemcvx.meshes.tessellation import Tessellation
-
-# A crack in a mesh: the edges between two sets of cells become an interface, the nodes along it double.
-#
-# The corners of cells at a node are joined across the edges that are not cut. Where that leaves them in several
-# groups, each group gets a node of its own; where it leaves one, as at a tip of the crack inside the body, nothing is
-# double.
-
 
 Mesh = TypeVar("Mesh", bound=Tessellation)
 
@@ -73,20 +68,18 @@ def _numbered_anew(mesh: Tessellation, left: Ints, right: Ints, opened: Bools) -
     """Nodes of all corners with some inner edges opened, the new ones last; and which node each of them was."""
     follow = next_corner(mesh.offsets)
     whole, parted = (_groups(follow, left[kept], right[kept]) for kept in (np.ones_like(opened), ~opened))
-    first: Ints = np.unique(parted, return_index=True)[1]  # corner of each group; they are numbered by these
-    stays = np.zeros(len(first), dtype=bool)
-    stays[parted[np.unique(whole, return_index=True)[1]]] = True
-    number = np.where(stays, mesh.vertices[first], mesh.n_nodes + np.cumsum(~stays) - 1)
-    return number[parted], np.concatenate([np.arange(mesh.n_nodes), mesh.vertices[first[~stays]]])
+    first = np.unique(parted)  # each group is called by its first corner
+    fresh = ~np.isin(first, whole)
+    number = np.where(fresh, mesh.n_nodes + np.cumsum(fresh) - 1, mesh.vertices[first])
+    return number[np.searchsorted(first, parted)], np.concatenate(
+        [np.arange(mesh.n_nodes), mesh.vertices[first[fresh]]]
+    )
 
 
 def _groups(follow: Ints, left: Ints, right: Ints) -> Ints:
-    """Group (n_corners,) of each corner: those at one node are joined across the given edges."""
-    pairs = np.concatenate([left, follow[left]]), np.concatenate([follow[right], right])
-    links = csr_array((np.ones(len(pairs[0])), pairs), shape=(len(follow), len(follow)))
-    label = connected_components(links, directed=False)[1]
-    first: Ints = np.unique(label, return_index=True)[1]
-    return np.argsort(np.argsort(first))[label]
+    """The first corner (n_corners,) of each one's group: those at one node are joined across the given edges."""
+    pairs = np.concatenate([np.column_stack([left, follow[right]]), np.column_stack([follow[left], right])])
+    return smallest_linked(pairs, len(follow))
 
 
 def _check_sides(mesh: Tessellation, name: str, sides: Mapping[str, ArrayLike]) -> tuple[Bools, Bools]:

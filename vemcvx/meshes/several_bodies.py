@@ -1,4 +1,14 @@
-"""Several bodies in one mesh: where boundaries coincide, each takes the nodes of the other as hanging vertices."""
+"""Several bodies in one mesh: coincident boundaries become interfaces, names and data get the names of the bodies.
+
+The meshes are laid side by side in one list of nodes and cells. Nodes of different bodies within the tolerance of each
+other are in one place: that of the node of the first body. A node within the tolerance of an edge of another body
+becomes a hanging vertex of it, where the node is; but a node of a later body that is off an edge of an earlier one, by
+more than rounding, first moves to the nearest point of it. So the earlier body keeps its outline, the later one takes
+it, and both have the same nodes along the common part.
+
+Outlines without the edges that two bodies have in one place, in opposite directions, bound all bodies together, and
+what is true of the boundary of one mesh must be true of them.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +38,6 @@ from vemcvx.meshes.polygons.topology import (
     smallest_linked,
 )
 from vemcvx.meshes.tessellation import Tessellation
-
-# The meshes of several bodies side by side in one list of nodes and cells; hanging vertices put into them.
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +109,6 @@ class SideBySide:
         )
 
 
-# Which edges of two bodies are in one place: their interfaces.
-
-
 def edges_in_one_place(whole: SideBySide, place: Ints) -> tuple[Ints, Ints]:
     """Pairs (q,), (q,) of edges of the boundary between the same places."""
     keys = edge_keys(place[whole.ends], len(place))
@@ -162,33 +167,17 @@ def _check_names(
     return named
 
 
-# Where boundaries of bodies coincide within a tolerance, and the nodes that one body lends to the other there.
-#
-# Nodes of different bodies within the tolerance of each other are in one place: that of the node of the first body. A
-# node within the tolerance of an edge of another body becomes a hanging vertex of it, where the node is; but a node
-# of a later body that is off an edge of an earlier one, by more than rounding, first moves to the nearest point of
-# it. So the earlier body keeps its outline, the later one takes it, and both have the same nodes along the common
-# part.
-
-
-@dataclass(frozen=True, eq=False)
-class Coincidence:
-    """Nodes in the same places, and nodes to insert.
-
-    Attributes
-    ----------
-    points : (n, 2) float
-        The points moved into their places.
-    place : (n,) int
-        The first of the nodes in the place of each node.
-    edge, node : (q,) int
-        Edges (numbers of rows of ``ends``) and the nodes to insert there, in their order along each edge.
-    """
+class Coincidence(NamedTuple):
+    """Nodes in the same places, and nodes to insert."""
 
     points: Floats
+    """(n, 2) the points moved into their places"""
     place: Ints
+    """(n,) the first of the nodes in the place of each node"""
     edge: Ints
+    """(q,) edges (numbers of rows of ``ends``) with nodes to insert, in their order along each edge"""
     node: Ints
+    """(q,) these nodes"""
 
 
 def coincidence_of(bodies: SideBySide, tolerance: float) -> Coincidence:
@@ -260,14 +249,10 @@ def _at(point: Floats) -> str:
     return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
-# Bodies that overlap, touch in a point, or all but touch: what is told, and where.
-
-
 def check_apart(whole: SideBySide, place: Ints, *, moved: bool) -> None:
     """MeshError where bodies that share the places of nodes overlap, or leave a gap that is hardly one.
 
-    Outlines without the edges that two bodies have in one place, in opposite directions, bound all bodies together, and
-    what is true of the boundary of one mesh must be true of them. If nodes were moved, so are cells, and checked again.
+    If nodes were moved, so are cells, and checked again.
     """
     polygons = outlines(whole.points, whole.offsets, whole.vertices)
     if moved:
@@ -331,11 +316,6 @@ def _overlap(whole: SideBySide, pair: Ints, at: Floats) -> str:
     )
 
 
-# One mesh of several bodies: coincident boundaries become interfaces, names and data get the names of the bodies.
-
-
-# Of the extent of all bodies together: well above the digits that files print, well below any edge.
-NEAR = 1e-9
 BODY = "body"
 SIGNS = (".", "|")
 
@@ -458,7 +438,8 @@ def _check_meshes(meshes: Mapping[str, PolygonMesh]) -> None:
 def _check_tolerance(tolerance: float | None, points: Floats) -> float:
     extent = float(np.ptp(points, axis=0).max())
     if tolerance is None:
-        return max(NEAR * extent, TOLERANCE * float(np.abs(points).max()))
+        # Well above the digits that files print, well below any edge.
+        return max(1e-9 * extent, TOLERANCE * float(np.abs(points).max()))
     if not is_real(tolerance) or not 0.0 <= tolerance < extent:
         raise MeshError(
             f"bodies: tolerance must be a length below the extent {extent:.3g} of the bodies; got {brief(tolerance)}."

@@ -49,11 +49,11 @@ class SpaceTessellation(Mesh):
         boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
         cell_data: Mapping[str, ArrayLike] | None = None,
     ):
-        mesh = checked_in_space(points, cells)
-        for note in mesh.notes:
+        points, faces, node_map, notes = checked_in_space(points, cells)
+        for note in notes:
             warnings.warn(note, MeshWarning, stacklevel=2)
-        self._fill(mesh.points, *mesh.faces, node_map=mesh.node_map)
-        object.__setattr__(self, "_named", self._checked_parts(boundaries, mesh.node_map))
+        self._fill(points, *faces, node_map=node_map)
+        object.__setattr__(self, "_named", self._checked_parts(boundaries, node_map))
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
 
     @classmethod

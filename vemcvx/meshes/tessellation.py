@@ -226,12 +226,12 @@ class Tessellation(Mesh):
         cell_data: Mapping[str, ArrayLike] | None = None,
         interfaces: Mapping[str, Interface] | None = None,
     ):
-        mesh = checked(points, cells, interfaces)
-        for note in mesh.notes:
+        points, offsets, vertices, given, node_map, notes = checked(points, cells, interfaces)
+        for note in notes:
             warnings.warn(note, MeshWarning, stacklevel=2)
-        self._fill(mesh.points, mesh.offsets, mesh.vertices, node_map=mesh.node_map)
-        object.__setattr__(self, "_named", self._checked_parts(boundaries, mesh.node_map))
-        matched = on_boundary(mesh.interfaces, self._boundary, self.n_nodes, mesh.node_map)
+        self._fill(points, offsets, vertices, node_map=node_map)
+        object.__setattr__(self, "_named", self._checked_parts(boundaries, node_map))
+        matched = on_boundary(given, self._boundary, self.n_nodes, node_map)
         object.__setattr__(self, "interfaces", MappingProxyType(matched))
         object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
 

@@ -1,4 +1,10 @@
-"""Faces of polyhedra as a user lists them, checked: laid flat, plane and simple, closed about every cell, joined."""
+"""Faces of polyhedra as a user lists them, checked: laid flat, plane and simple, closed about every cell, joined.
+
+Each edge of a cell is in exactly two of its faces, which run it in opposite directions if their normals point to the
+same side of the cell. Where they do not, the faces to be turned are read off the components of a graph of twice as many
+nodes, one a face as it is and one a face turned: links join what runs along together. A cell whose face is linked to
+itself turned has no inside.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +23,14 @@ from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
     edge_keys,
+    first_in_row,
     offsets_of,
+    rotation,
     rows_in_order,
     smallest_linked,
+    turned,
 )
 from vemcvx.meshes.polyhedra import FaceShapes, Listed, face_shapes, same_faces
-
-# Cells as lists of faces, faces as lists of nodes: laid flat, or refused with the number of the cell.
-
 
 WANTED = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
 BY_VERTICES = (
@@ -79,13 +85,6 @@ def _flattened(cells: Any) -> Listed:
     return Listed(*laid_flat(faces, fault), cell_offsets)
 
 
-# Do the faces of every cell close, and which way do they run? Each edge of a cell is in exactly two of its faces.
-#
-# Both run the edge in opposite directions if their normals point to the same side of the cell. Where they do not,
-# which faces must be turned is read off the components of a graph of twice as many nodes, one a face as it is and one
-# a face turned: links join what runs along together. A cell whose face is linked to itself turned has no inside.
-
-
 def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: int) -> Bools:
     """A mask (m,) of listed faces to turn so that those of a cell are oriented alike, or MeshError.
 
@@ -109,9 +108,9 @@ def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: in
         return np.zeros(len(owner), dtype=bool)
     count = len(owner)
     one, other = pairs.T
-    turned = other + count * along
+    backwards = other + count * along
     links = np.concatenate(
-        [np.column_stack([one, turned]), np.column_stack([one + count, (turned + count) % (2 * count)])]
+        [np.column_stack([one, backwards]), np.column_stack([one + count, (backwards + count) % (2 * count)])]
     )
     label = smallest_linked(links, 2 * count)
     endless = np.flatnonzero(label[:count] == label[count:])
@@ -128,8 +127,7 @@ def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
     edges, number = np.unique(edge_keys(ends, n_nodes), return_inverse=True)
     keys = cells * len(edges) + number
     order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(keys[order]) != 0]))
-    counts = np.diff(np.append(starts, len(keys)))
+    _, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
     wrong = np.flatnonzero(counts != 2)
     if len(wrong):
         k = wrong[np.argmin(cells[order[starts[wrong]]])]
@@ -145,9 +143,6 @@ def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
             "two. Split the cell there, or remove the face that is listed twice."
         )
     return order.reshape(-1, 2)
-
-
-# Is every face a simple polygon in a plane? Checks of a user's mesh in space, one face at a time.
 
 
 # Of the diameter of a face: coordinates in single precision, or printed with seven digits, are nearer to its plane.
@@ -240,9 +235,6 @@ def _named(face: int, offsets: Ints, vertices: Ints, cells: Ints) -> str:
     return f"cell {cells[face]}: its face {brief_row(vertices[offsets[face] : offsets[face + 1]])}"
 
 
-# Listed faces joined: which of them are one face, that of two cells.
-
-
 class SharedFaces(NamedTuple):
     """Faces that cells list, joined."""
 
@@ -254,7 +246,7 @@ class SharedFaces(NamedTuple):
     """(n_listed,) whether it runs as the first listing of its face"""
 
 
-def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> SharedFaces:
+def shared_faces(offsets: Ints, vertices: Ints, owner: Ints) -> SharedFaces:
     """Join the faces that cells list (see `SharedFaces`); MeshError if one has three cells, or two outlines."""
     first, number = same_faces(offsets, vertices)
     counts = np.bincount(number)
@@ -275,33 +267,31 @@ def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> Sh
         raise MeshError(
             f"cell {owner[k]} lists its face {_row(offsets, vertices, k)} twice; every face must appear once."
         )
-    along = np.ones(len(owner), dtype=bool)
-    along[other] = _run_along(offsets, vertices, one, other, n_nodes=n_nodes, owner=owner)
-    return SharedFaces(first, number, along)
-
-
-def _run_along(offsets: Ints, vertices: Ints, one: Ints, other: Ints, *, n_nodes: int, owner: Ints) -> Bools:
-    """True if two listings of the same vertices run the same way around; MeshError if they make other outlines."""
-    rows, keys, way = [], [], []
-    for listed in (one, other):
-        at, nodes = rows_in_order(offsets, vertices, listed)
-        ends = directed_edges(at, nodes)
-        key = edge_keys(ends, n_nodes)
-        order = np.lexsort((key, cell_of_corner(at)))
-        rows.append(at)
-        keys.append(key[order])
-        way.append(ends[order, 0] < ends[order, 1])
-    differs = np.flatnonzero(keys[0] != keys[1])
+    # Both listings from their smallest vertex on: the same, or the same backwards, or another outline.
+    if not len(one):
+        return SharedFaces(first, number, np.ones(len(owner), dtype=bool))
+    (rows, mine), (_, theirs) = (_from_smallest(offsets, vertices, listed) for listed in (one, other))
+    begin = rows[:-1]
+    same = np.logical_and.reduceat(mine == theirs, begin)
+    mirrored = np.logical_and.reduceat(mine == turned(rows, theirs, np.ones(len(one), dtype=bool)), begin)
+    differs = np.flatnonzero(~same & ~mirrored)
     if len(differs):
-        k = int(np.searchsorted(rows[0], differs[0], side="right")) - 1
+        k = differs[0]
         raise MeshError(
             f"cells {owner[one[k]]} and {owner[other[k]]} list the vertices of a face in different orders, "
             f"{_row(offsets, vertices, one[k])} and {_row(offsets, vertices, other[k])}. Run around it both times, in "
             "either direction."
         )
-    begin = rows[0][:-1]
-    same: Bools = way[0][begin] == way[1][begin]
-    return same
+    along = np.ones(len(owner), dtype=bool)
+    along[other] = same
+    return SharedFaces(first, number, along)
+
+
+def _from_smallest(offsets: Ints, vertices: Ints, listed: Ints) -> tuple[Ints, Ints]:
+    """Offsets and vertices of listed faces, each from its smallest vertex on."""
+    rows, nodes = rows_in_order(offsets, vertices, listed)
+    smallest = np.repeat(np.minimum.reduceat(nodes, rows[:-1]), np.diff(rows))
+    return rows, nodes[rotation(rows, first_in_row(nodes == smallest, rows))]
 
 
 def _row(offsets: Ints, vertices: Ints, listing: int) -> str:

@@ -51,22 +51,13 @@ NARROW = 1e-6
 NARROW_BETWEEN_BODIES = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Checked:
-    """Arrays of a valid mesh (see `PolygonMesh`), its interfaces as given, and what was mended on the way."""
-
-    points: Floats
-    offsets: Ints
-    vertices: Ints
-    interfaces: Mapping[str, Interface]
-    node_map: Ints | None
-    notes: tuple[str, ...]
-
-
 def checked(
     points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer], interfaces: Mapping[str, Interface] | None
-) -> Checked:
-    """Return valid arrays made of a user's points and cells, or raise MeshError; only interfaces have double nodes."""
+) -> tuple[Floats, Ints, Ints, dict[str, Interface], Ints | None, list[str]]:
+    """Valid arrays made of a user's points and cells (see `PolygonMesh`), or MeshError; only interfaces double nodes.
+
+    Points, offsets, vertices, interfaces as given, the map of nodes, and notes on what was mended.
+    """
     points = check_points(points)
     offsets, vertices = _flattened(cells)
     if len(offsets) < 2:
@@ -91,7 +82,7 @@ def checked(
         node_map, note = dropped(used, len(points))
         notes.append(note)
         points, vertices = points[used], node_map[vertices]
-    return Checked(points, offsets, vertices, interfaces, node_map=node_map, notes=tuple(notes))
+    return points, offsets, vertices, interfaces, node_map, notes
 
 
 def dropped(used: Ints, n_nodes: int) -> tuple[Ints, str]:

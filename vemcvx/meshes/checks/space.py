@@ -42,33 +42,23 @@ from vemcvx.meshes.polygons.topology import (
     spans,
     turned,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, angles_seen, nodes_of_cells, volumes_and_centroids
+from vemcvx.meshes.polyhedra import Faces, FaceShapes, angles_seen, joined_faces, nodes_of_cells, volumes_and_centroids
 
 
-@dataclass(frozen=True, eq=False)
-class CheckedInSpace:
-    """Arrays of a valid mesh (see `PolyhedralMesh`), and what was mended on the way."""
-
-    points: Floats
-    faces: Faces
-    node_map: Ints | None
-    notes: tuple[str, ...]
-
-
-def checked_in_space(points: ArrayLike, cells: Any) -> CheckedInSpace:
-    """Return valid arrays made of a user's points and cells, or raise MeshError."""
+def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints | None, list[str]]:
+    """Points and faces made of a user's points and cells, or MeshError; the map of nodes, notes on what was mended."""
     points = check_points(points, 3)
     offsets, vertices, cell_offsets = check_face_lists(cells, len(points))
     used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
     check_coincident(points, used)
     owner = cell_of_corner(cell_offsets)
-    shared = shared_faces(offsets, vertices, owner, len(points))
+    shared = shared_faces(offsets, vertices, owner)
     outlines = rows_in_order(offsets, vertices, shared.first)
     shapes = check_faces(points, *outlines, owner[shared.first])
     turn = faces_to_turn(offsets, vertices, cell_offsets, len(points))
     volumes = volumes_and_centroids(shapes, cell_offsets, shared.number, np.where(shared.along ^ turn, 1.0, -1.0))[0]
     turn ^= (volumes < 0.0)[owner]
-    faces = _joined(*outlines, cell_offsets, shared=shared, turn=turn)
+    faces = _joined(offsets, vertices, cell_offsets, shared=shared, turn=turn)
     _check_volumes(points, faces, volumes)
     turned_faces = turn[shared.first]
     shapes = shapes._replace(normals=np.where(turned_faces[:, None], -shapes.normals, shapes.normals))
@@ -85,27 +75,23 @@ def checked_in_space(points: ArrayLike, cells: Any) -> CheckedInSpace:
         node_map, note = dropped(used, len(points))
         notes.append(note)
         points, faces = points[used], faces._replace(face_vertices=node_map[faces.face_vertices])
-    return CheckedInSpace(points, faces, node_map, tuple(notes))
+    return points, faces, node_map, notes
 
 
-def _joined(face_offsets: Ints, face_vertices: Ints, cell_offsets: Ints, *, shared: SharedFaces, turn: Bools) -> Faces:
-    """Faces with their cells, outwards of the first; MeshError if both cells of one lie on the same side of it."""
+def _joined(offsets: Ints, vertices: Ints, cell_offsets: Ints, *, shared: SharedFaces, turn: Bools) -> Faces:
+    """Listed faces, turned and joined; MeshError if both cells of one lie on the same side of it."""
     owner = cell_of_corner(cell_offsets)
-    later = np.flatnonzero(shared.first[shared.number] != np.arange(len(owner)))
-    face = shared.number[later]
+    first = shared.first[shared.number]
     outwards = shared.along ^ turn
-    bad = np.flatnonzero(outwards[later] == outwards[shared.first[face]])
+    bad = np.flatnonzero((first != np.arange(len(owner))) & (outwards == outwards[first]))
     if len(bad):
-        k = face[bad[0]]
-        row = brief_row(face_vertices[face_offsets[k] : face_offsets[k + 1]])
+        k = bad[0]
+        row = brief_row(vertices[offsets[k] : offsets[k + 1]])
         raise MeshError(
-            f"cells {owner[shared.first[k]]} and {owner[later[bad[0]]]} overlap: both lie on the same side of their "
-            f"face {row}. Remove or correct one of them."
+            f"cells {owner[first[k]]} and {owner[k]} overlap: both lie on the same side of their face {row}. Remove or "
+            "correct one of them."
         )
-    face_cells = np.column_stack([owner[shared.first], np.full(len(shared.first), -1)])
-    face_cells[face, 1] = owner[later]
-    vertices = turned(face_offsets, face_vertices, turn[shared.first])
-    return Faces(face_offsets, vertices, cell_offsets, shared.number, face_cells)
+    return joined_faces(offsets, turned(offsets, vertices, turn), cell_offsets)
 
 
 def _check_volumes(points: Floats, faces: Faces, volumes: Floats) -> None:

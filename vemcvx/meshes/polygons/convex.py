@@ -1,4 +1,14 @@
-"""Convex polygons: their intersections, and simple polygons cut into them."""
+"""Convex polygons: their intersections, and simple polygons cut into them.
+
+Of two convex polygons, one is cut by the line of every edge of the other in turn (I. E. Sutherland, G. W. Hodgman,
+Comm. ACM 17 (1974)). What comes out depends continuously on the vertices: edges that lie on one another up to
+round-off, the rule and not the exception where meshes are nested, cost an area of round-off and no more.
+
+A simple polygon is cut into convex pieces along diagonals (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218): ears
+are clipped, then every diagonal is taken out again whose absence leaves no right turn: at most four times as many
+pieces as the best. Ears may be flat (three corners in a line, as at the tips of a comb); the diagonal under the
+flattest comes first, which joins it to what lies below.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +16,6 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.geometry import clip_ears, cross
-
-# Intersections of pairs of convex polygons, many pairs at once (I. E. Sutherland, G. W. Hodgman, Comm. ACM 17
-# (1974)).
-#
-# One polygon of a pair is cut by the line of every edge of the other in turn. What comes out depends continuously on
-# the vertices: edges that lie on one another up to round-off, the rule and not the exception where meshes are nested,
-# cost an area of round-off and no more. (Summing the parts of each boundary inside the other polygon would count such
-# edges twice or not at all.)
 
 
 def clip(subject: Floats, window: Floats) -> Floats:
@@ -69,16 +71,7 @@ def _last(found: Bools) -> Ints:
     return last
 
 
-# A simple polygon cut into convex pieces along diagonals (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218).
-#
-# Ears are clipped, then every diagonal is taken out again whose absence leaves no right turn: at most four times as
-# many pieces as the best. Ears may be flat (three corners in a line, as at the tips of a comb); the diagonal under
-# the flattest comes first, which joins it to what lies below.
-
-
 Edge = tuple[int, int]
-# Sine of the angle by which a piece may turn right: rounding where it goes straight on.
-STRAIGHT = 1e-9
 
 
 def convex_pieces(corners: Floats) -> list[list[int]]:
@@ -118,5 +111,5 @@ def _height(ear: list[int], edge: Edge, x: list[complex]) -> float:
 
 
 def _left(a: complex, b: complex, c: complex) -> bool:
-    """Return True if the way from a over b to c turns left or goes straight on."""
-    return ((b - a).conjugate() * (c - b)).imag >= -STRAIGHT * abs(b - a) * abs(c - b)
+    """Return True if the way from a over b to c turns left or goes straight on, up to a sine of 1e-9 for rounding."""
+    return ((b - a).conjugate() * (c - b)).imag >= -1e-9 * abs(b - a) * abs(c - b)

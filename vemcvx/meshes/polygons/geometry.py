@@ -207,10 +207,10 @@ def diameters(points: Floats, offsets: Ints, vertices: Ints) -> Floats:
 # Barycentric coordinates of the inner three-point rule of degree 2; its weights are equal.
 INNER = np.full((3, 3), 1.0 / 6.0) + 0.5 * np.eye(3)
 # Those of Radon's seven points (Monatsh. Math. 52 (1948)), exact for degree 5, and their weights, which add up to one:
-# the centroid with 9/40, and with s = (6 -+ sqrt 15) / 21 the points (s, s, 1 - 2s) with (155 -+ sqrt 15) / 1200 each.
-_NEAR, _FAR = (6.0 - np.sqrt(15.0)) / 21.0, (6.0 + np.sqrt(15.0)) / 21.0
+# the centroid with 9/40, and for r = -+ sqrt 15 the points (s, s, 1 - 2s), s = (6 + r) / 21, with (155 + r) / 1200.
 RADON_POINTS = np.concatenate(
-    [np.full((1, 3), 1.0 / 3.0), *(np.full((3, 3), s) + (1.0 - 3.0 * s) * np.eye(3) for s in (_NEAR, _FAR))]
+    [np.full((1, 3), 1.0 / 3.0)]
+    + [np.full((3, 3), (6.0 + r) / 21.0) + (1.0 - r) / 7.0 * np.eye(3) for r in (-np.sqrt(15.0), np.sqrt(15.0))]
 )
 RADON_WEIGHTS = np.repeat([0.225, (155.0 - np.sqrt(15.0)) / 1200.0, (155.0 + np.sqrt(15.0)) / 1200.0], [1, 3, 3])
 

@@ -73,11 +73,8 @@ def previous_corner(offsets: Ints) -> Ints:
 
 
 def next_vertex(offsets: Ints, vertices: Ints) -> Ints:
-    """Vertex that follows each corner's vertex in its own cell: ``vertices[next_corner(offsets)]``."""
-    follow = np.empty_like(vertices)
-    follow[:-1] = vertices[1:]
-    follow[offsets[1:] - 1] = vertices[offsets[:-1]]
-    return follow
+    """Vertex that follows each corner's vertex in its own cell."""
+    return vertices[next_corner(offsets)]
 
 
 def cell_of_corner(offsets: Ints) -> Ints:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vemcvx.arrays import Floats, Ints, brief, read_only
+from vemcvx.arrays import Bools, Floats, Ints, brief, read_only
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_edges, check_mapping, check_name
 from vemcvx.meshes.polygons.geometry import rounding
-from vemcvx.meshes.polygons.topology import smallest_linked
+from vemcvx.meshes.polygons.topology import edge_keys, smallest_linked
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,13 @@ def places_of(pairs: Ints, points: Floats) -> Ints:
         a, b = pairs[apart[0]]
         raise MeshError(f"nodes {a} and {b} are partners at an interface, but at {points[a]} and {points[b]}.")
     return smallest_linked(pairs, len(points))
+
+
+def outside(interfaces: Mapping[str, Interface], boundary: Ints, n_nodes: int) -> Bools:
+    """A mask of the edges of the boundary (m, 2) that no interface has on either side."""
+    keys = edge_keys(boundary, n_nodes)
+    sides = [edge_keys(side, n_nodes) for found in interfaces.values() for side in (found.edges, found.partners)]
+    return ~np.isin(keys, np.concatenate([keys[:0], *sides]))
 
 
 def on_boundary(

@@ -25,7 +25,7 @@ from vemcvx.arrays import Floats, Ints, brief, is_real
 from vemcvx.errors import MeshError
 from vemcvx.meshes.box import WHOLE, check_boundaries, check_cell_data, check_name
 from vemcvx.meshes.checks.plane import NARROW_BETWEEN_BODIES, Misfit, check_cells, covering, misfit_of, shortest_edges
-from vemcvx.meshes.interfaces import Interface, on_boundary, pairs_of, places_of
+from vemcvx.meshes.interfaces import Interface, on_boundary, outside, pairs_of, places_of
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polygons.geometry import TOLERANCE, beside, close_pairs, cross, outlines, overlapping_boxes, rounding
 from vemcvx.meshes.polygons.topology import (
@@ -386,10 +386,7 @@ def _sides(
     interfaces: Mapping[str, Interface],
 ) -> dict[str, Ints]:
     """The named boundaries without the interfaces; `origin` (e,): the former edge that each edge is part of."""
-    joints = [side for found in interfaces.values() for side in (found.edges, found.partners)]
-    free = np.ones(len(whole.ends), dtype=bool)
-    if joints:
-        free[positions(np.concatenate(joints), whole.ends, len(whole.points))] = False
+    free = outside(interfaces, whole.ends, len(whole.points))
     sides = {}
     for start, (body, mesh) in zip(np.searchsorted(apart.body, np.arange(len(meshes))), meshes.items(), strict=True):
         for name, edges in mesh.boundaries.items():

@@ -23,7 +23,7 @@ from vemcvx.arrays import Bools, Floats, Ints, read_only
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import SIDES, Box, check_boundaries, check_cell_data, check_datum_name, chosen_parts
 from vemcvx.meshes.checks.plane import checked
-from vemcvx.meshes.interfaces import Interface, on_boundary
+from vemcvx.meshes.interfaces import Interface, on_boundary, outside
 from vemcvx.meshes.polygons import geometry, topology
 from vemcvx.outline import Outline, in_a_line
 
@@ -42,7 +42,7 @@ class Mesh(ABC):
     ARRAYS: ClassVar[tuple[str, ...]]
     """Names of the arrays that make it."""
     PARTS: ClassVar[str]
-    """What its boundary is made of."""
+    """Name of the parts that make its boundary."""
 
     @property
     @abstractmethod
@@ -293,11 +293,7 @@ class Tessellation(Mesh):
 
     @property
     def _choice(self) -> tuple[Ints, Floats]:
-        inner = [side for found in self.interfaces.values() for side in (found.edges, found.partners)]
-        free = np.ones(len(self._boundary), dtype=bool)
-        if inner:
-            free[topology.positions(np.concatenate(inner), self._boundary, self.n_nodes)] = False
-        edges = self._boundary[free]
+        edges = self._boundary[outside(self.interfaces, self._boundary, self.n_nodes)]
         return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
 
     def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:

@@ -340,7 +340,7 @@ def fault_of(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[An
 
 
 def fault_in_words(misfit: Misfit, edge: Ints, other: Ints) -> str:
-    """What is wrong with a polygon, after its name."""
+    """The fault of a polygon in words that follow its name."""
     if misfit.kind == "crossing":
         return (
             f" crosses itself: its edges {brief_row(edge)} and {brief_row(other)} intersect. List its vertices in "

@@ -41,23 +41,14 @@ def one_thread(unknowns: int) -> Iterator[None]:
         yield
 
 
-# Which linear solver: the one asked for, else by size, dimension and what is installed; memory is said beforehand.
-
-
 # It takes less time from 300 unknowns on (.5 of it at 10,000); of a thousand both take five milliseconds.
 SMALLEST_PARDISO = 1_000
 # A million unknowns on squares take 22 s to factorise and 5.6 GB at the peak; three million would take 20 GB.
 LARGEST_FACTOR = 2_000_000
-GIGABYTE = 1e9
-MOST_MEMORY = 8 * GIGABYTE
+MOST_MEMORY = 8e9
 """Of factors in space."""
 MOST_DENSE = 6_000
 """Unknowns of contact in space: a dense system of so many takes seconds, and there are a few of them in every step."""
-DENSE_MATRICES = 4
-"""Of the retained unknowns, at a time."""
-SPACE_MODES = 6
-"""Rigid motions in space."""
-
 log = logging.getLogger("vemcvx")
 
 
@@ -79,11 +70,11 @@ def choose_linear(
     if asked is not None:
         return asked
     direct = direct_solver(unknowns)
-    if modes < SPACE_MODES:
+    if modes < 6:
         fits, takes = unknowns <= LARGEST_FACTOR, ""
     else:
-        memory = direct.memory_in_space(unknowns) + DENSE_MATRICES * 8 * float(retained) ** 2
-        fits, takes = memory <= MOST_MEMORY and retained <= MOST_DENSE, f" in space take {memory / GIGABYTE:.2g} GB"
+        memory = direct.memory_in_space(unknowns) + 4 * 8 * float(retained) ** 2
+        fits, takes = memory <= MOST_MEMORY and retained <= MOST_DENSE, f" in space take {memory / 1e9:.2g} GB"
     if fits:
         if takes and unknowns >= SMALLEST_PARDISO:
             log.info("linear solver: %s; factors for %d unknowns%s", type(direct).__name__, unknowns, takes)

@@ -1,4 +1,10 @@
-"""Factors of K: what they promise, dense Cholesky, and SciPy's sparse direct solver with orders of little fill."""
+"""Factors of K: what they promise, dense Cholesky, and SciPy's sparse direct solver with orders of little fill.
+
+This is the seam for linear algebra: everything above asks a :class:`LinearSolver` for factors, and a parallel one
+(PETSc, say) would stand here. If the unknowns c come last in K = L U, the Schur complement onto them is S = L_cc U_cc,
+the trailing block of the factors: it costs no more than the factorisation, where one solve an unknown of c would cost
+six of them on the paper's reference (h = 1/256).
+"""
 
 from __future__ import annotations
 
@@ -17,17 +23,9 @@ from scipy.sparse.linalg import LinearOperator, cg, spilu, splu
 from vemcvx.arrays import EPS, Bools, Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted, SceneError
 
-# What it means to solve with a symmetric positive definite matrix, whoever does it.
-#
-# This is the seam for linear algebra: everything above asks a :class:`LinearSolver` for factors, and a
-# parallel one (PETSc, say) would stand here.
-
-
 Matrix = Floats | sp.csr_matrix
 """Of a program: dense where it was condensed, sparse where it was not."""
 
-MOST_CORRECTING = 100
-"""Conjugate gradients of a correction: what these have not reached, the next one will."""
 SAMPLES = 8
 """Random forces from which the energy of others is estimated."""
 
@@ -189,8 +187,8 @@ class Scaled(Factor):
 def corrected(M: Matrix, x: Floats, b: Floats, free: Bools, *, cycle: Cycle, part: float) -> Floats:
     """x (n,) changed on the `free` unknowns until b - M x is, there, only `part` of what it was.
 
-    By conjugate gradients on the principal part of M, K up to added stiffness, for which the principal part of K's
-    cycle is a preconditioner, too.
+    By at most 100 conjugate gradients on the principal part of M, K up to added stiffness, for which the principal part
+    of K's cycle is a preconditioner, too.
     """
 
     def within(v: Floats) -> Floats:
@@ -201,7 +199,7 @@ def corrected(M: Matrix, x: Floats, b: Floats, free: Bools, *, cycle: Cycle, par
 
     shape = (len(b), len(b))
     apply, before = (LinearOperator(shape, matvec=f, dtype=np.float64) for f in (within, conditioned))
-    step, _ = cg(apply, np.where(free, b - M @ x, 0.0), rtol=part, atol=0.0, maxiter=MOST_CORRECTING, M=before)
+    step, _ = cg(apply, np.where(free, b - M @ x, 0.0), rtol=part, atol=0.0, maxiter=100, M=before)
     return x + np.where(free, step, 0.0)
 
 
@@ -279,9 +277,6 @@ def singular() -> SceneError:
     )
 
 
-# SciPy's sparse direct solver, the default, and orders of elimination with little fill.
-
-
 LEAF = 8
 """Sets this small are ordered as they come; with 48 there is 9 % more fill at 131k unknowns, with 4 none less."""
 
@@ -346,20 +341,6 @@ def minimum_degree(K: sp.csr_matrix) -> Ints:
     return np.argsort(spilu(dominant, drop_tol=1e6, fill_factor=1, permc_spec="MMD_AT_PLUS_A").perm_c)
 
 
-# SciPy's sparse direct solver, the default.
-#
-# If the unknowns c come last in K = L U, the Schur complement onto them is S = L_cc U_cc, the trailing block of
-# the factors: it costs no more than the factorisation, where one solve an unknown of c would cost six of them
-# on the paper's reference (h = 1/256).
-
-
-# Symmetric mode: pivots stay on the diagonal, which a positive definite matrix allows, and halves the
-# time of the default (1.3 s against 3.1 s at 100k unknowns). Equilibration is off because powers of two
-# in the data must stay powers of two in the factors.
-PIVOTS = 0.0
-SYMMETRIC = {"SymmetricMode": True, "Equil": False}
-
-
 @dataclass(frozen=True)
 class SuperLU(LinearSolver):
     """Sparse LU with diagonal pivots: the default up to two million unknowns."""
@@ -387,8 +368,11 @@ class SparseFactor(Factor):
         self._order = np.arange(K.shape[0]) if order is None else order
         columns: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if order is None else "NATURAL"
         ordered = sp.csc_matrix(K if order is None else K[order][:, order])
+        # Symmetric mode: pivots stay on the diagonal, which a positive definite matrix allows, and which halves the
+        # time (1.3 s against 3.1 s at 100k unknowns). Without equilibration powers of two stay powers of two.
+        options = {"SymmetricMode": True, "Equil": False}
         try:
-            self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=PIVOTS, options=SYMMETRIC)
+            self._lu = splu(ordered, permc_spec=columns, diag_pivot_thresh=0.0, options=options)
         except RuntimeError as error:
             raise singular() from error
 

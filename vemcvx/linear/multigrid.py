@@ -1,4 +1,38 @@
-"""Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise."""
+"""Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
+
+PyAMG finds the prolongations P by smoothed aggregation. All matrices are Galerkin's, A_1 = P'A P, the smoother is a
+Chebyshev polynomial in D^{-1}A, D the diagonal: symmetric and positive definite as long as the spectrum ends where
+it is said to. The near-kernel (the rigid motions, three in the plane and six in space) is what makes it converge: 15
+iterations to 1e-8 at 131k unknowns in the plane with it, none without; 16 at 44k in space. Close to incompressibility
+(nu > .49) it does not, and says so.
+
+A cycle for all of K serves K + S on the free unknowns F badly, S the stiffness of what acts at contact: it lets go what
+is held (sixteen corrections in a block of 44,400 unknowns took 641 conjugate gradients with it, and take 64). So the
+coarse matrices know what is held and what is stiff. With P_F = P - Q, Q the rows of P that are held,
+
+    P_F'(K + S)P_F = P'KP - X - X' + P_F'S P_F,    X = Q'(KP - 1/2 KQ).
+
+Few rows are held, so that this costs a few cycles. On the finest level the spectrum needs no new bound: by
+Rayleigh's quotient (D + D_S)^{-1}(K + S) ends where D^{-1}K or D_S^{-1}S does, and S <= q D_S with at most q
+entries in a row.
+
+Its solves are inexact, so no certificate may rest on one. With x any approximation of K^{-1}b, rho = b - K x, M the
+multigrid cycle, symmetric positive definite, and l <= lambda_min(MK) a bound on the spectrum from below,
+
+    b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
+
+because x'Kx = x'(b - rho) and M^{1/2}K M^{1/2} >= l is K^{-1} <= M / l. It holds whatever the tolerance of x is; on
+a principal part K_FF, stiffened or not, with M_FF, as (K_FF)^{-1} <= (K^{-1})_FF. The bound l is from k steps of
+Lanczos' method for MK, whose extreme Ritz values xi lie within the spectrum. Started from a direction that is
+uniformly distributed in n dimensions it misses the largest eigenvalue of a positive semidefinite matrix by more
+than the part eps with probability < 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J.
+Matrix Anal. Appl. 13, 1992). Applied to MK and to lambda_max - MK,
+
+    lambda_max <= xi_max / (1 - eps),    lambda_min >= xi_min - eps lambda_max =: l.
+
+The start is a random force: uniform but for the condition of M, by whose root at most (1e8 in double precision) the
+probability grows. eps is taken so that it stays below MISSED, and k so that l is at least a tenth of xi_min.
+"""
 
 from __future__ import annotations
 
@@ -16,31 +50,10 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints, part, whole
 from vemcvx.errors import NotAccepted, SceneError
 from vemcvx.linear.factor import Cycle, DenseCholesky, Factor, LinearSolver, Matrix, SuperLU, singular
 
-# A multigrid cycle for K, and for K + S on some of its unknowns, S the stiffness of what acts at contact.
-#
-# PyAMG finds the prolongations P by smoothed aggregation. All matrices are Galerkin's, A_1 = P'A P, the smoother is a
-# Chebyshev polynomial in D^{-1}A, D the diagonal: symmetric and positive definite as long as the spectrum ends where
-# it is said to.
-#
-# A cycle for all of K serves K + S on the free unknowns F badly: it lets go what is held (sixteen corrections in a
-# block of 44,400 unknowns took 641 conjugate gradients with it, however it was scaled, and take 64). Here the coarse
-# matrices know what is held and what is stiff. With P_F = P - Q, Q the rows of P that are held,
-#
-#     P_F'(K + S)P_F = P'KP - X - X' + P_F'S P_F,    X = Q'(KP - 1/2 KQ).
-#
-# Few rows are held, so that this costs a few cycles. On the finest level the spectrum needs no new bound: by
-# Rayleigh's quotient (D + D_S)^{-1}(K + S) ends where D^{-1}K or D_S^{-1}S does, and S <= q D_S with at most q
-# entries in a row.
-
-
 DEGREE = 2
 """Of the smoother: 1 takes a half more cycles of two thirds the time."""
 SMOOTHED = 30.0
 """It serves the upper part of the spectrum, from the end over this."""
-BEYOND, SHARP = 1.1, 0.1
-"""The end of the spectrum is taken so many times as large as it was found, which is to that part."""
-NOTHING = 1e-12
-"""Of the largest stiffness of K on the coarsest level: so much is added, as motions of what is all held have none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +76,11 @@ class Level:
         weight = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
         if not weight.any():
             return cls(K=K, S=None, diagonal=diagonal, weight=weight, end=1.0, P=P)
-        root, shape = np.sqrt(weight), K.shape
-        scaled = LinearOperator(shape, matvec=lambda v: root * (K @ (root * v)), dtype=np.float64)
+        root = np.sqrt(weight)
+        scaled = LinearOperator(K.shape, matvec=lambda v: root * (K @ (root * v)), dtype=np.float64)
         start = np.random.default_rng(0).normal(size=len(root))
-        end = float(eigsh(scaled, k=1, which="LA", v0=start, tol=SHARP, return_eigenvectors=False)[0])
-        return cls(K=K, S=None, diagonal=diagonal, weight=weight, end=BEYOND * end, P=P)
+        end = float(eigsh(scaled, k=1, which="LA", v0=start, tol=0.1, return_eigenvectors=False)[0])
+        return cls(K=K, S=None, diagonal=diagonal, weight=weight, end=1.1 * end, P=P)  # Of what was found to a tenth.
 
     def within(self, S: sp.csr_matrix, free: Bools) -> Level:
         """The finest level of K + S on the free unknowns."""
@@ -115,7 +128,8 @@ class Hierarchy:
         found = smoothed_aggregation_solver(K, B=near_kernel, max_coarse=coarse).levels
         matrices = [sp.csr_matrix(level.A) for level in found]
         levels = [Level.of(A, sp.csr_matrix(level.P)) for A, level in zip(matrices[:-1], found, strict=False)]
-        return cls(levels, matrices[-1], NOTHING * float(matrices[-1].diagonal().max()))
+        # Motions of what is all held have no stiffness.
+        return cls(levels, matrices[-1], 1e-12 * float(matrices[-1].diagonal().max()))
 
     def cycle(self, b: Floats, depth: int = 0) -> Floats:
         """K^{-1}b (n,), about: linear, symmetric and positive definite in b."""
@@ -144,30 +158,6 @@ class Hierarchy:
         stiff = np.flatnonzero(free & (np.diff(S.indptr) > 0))
         R = P[stiff]
         return sp.csr_matrix(A - X - X.T + R.T @ (S[stiff][:, stiff] @ R))
-
-
-# Conjugate gradients with smoothed aggregation from PyAMG, for meshes too large to factorise.
-#
-# The near-kernel (the rigid motions, three in the plane and six in space) is what makes it converge: 15 iterations to
-# 1e-8 at 131k unknowns in the plane with it, none without; 16 at 44k in space. Close to incompressibility (nu > .49)
-# it does not, and says so. The cycle is that above.
-#
-# Its solves are inexact, so no certificate may rest on one. With x any approximation of K^{-1}b, rho = b - K x, M the
-# multigrid cycle, symmetric positive definite, and l <= lambda_min(MK) a bound on the spectrum from below,
-#
-#     b'K^{-1}b = b'x + x'rho + rho'K^{-1}rho <= b'x + x'rho + rho'M rho / l,
-#
-# because x'Kx = x'(b - rho) and M^{1/2}K M^{1/2} >= l is K^{-1} <= M / l. It holds whatever the tolerance of x is; on
-# a principal part K_FF, stiffened or not, with M_FF, as (K_FF)^{-1} <= (K^{-1})_FF. The bound l is from k steps of
-# Lanczos' method for MK, whose extreme Ritz values xi lie within the spectrum. Started from a direction that is
-# uniformly distributed in n dimensions it misses the largest eigenvalue of a positive semidefinite matrix by more
-# than the part eps with probability < 1.648 sqrt(n) exp(-sqrt(eps) (2k - 1)) (Kuczynski and Wozniakowski, SIAM J.
-# Matrix Anal. Appl. 13, 1992). Applied to MK and to lambda_max - MK,
-#
-#     lambda_max <= xi_max / (1 - eps),    lambda_min >= xi_min - eps lambda_max =: l.
-#
-# The start is a random force: uniform but for the condition of M, by whose root at most (1e8 in double precision) the
-# probability grows. eps is taken so that it stays below MISSED, and k so that l is at least a tenth of xi_min.
 
 
 MISSED = 1e-9

@@ -41,7 +41,6 @@ from vemcvx.program.system import System
 HELD = 1e-30
 """Retained unknowns are held well enough when the energy of what they still move is this part of the whole: on K's
 kernel tau is the force that xi makes there, whose error is K times that motion."""
-MOST_ROUNDS = 5
 
 
 class Held:
@@ -77,7 +76,7 @@ class Held:
             return inner, b[c]
         x = self._factor.solve(inner)
         held, tau = still, b[c] + self._S @ x[c]
-        for _ in range(MOST_ROUNDS if len(c) else 0):
+        for _ in range(5 if len(c) else 0):
             left = self._S @ x[c]
             size, before = float(abs(left @ x[c])), size
             if size <= HELD * float(abs(inner @ x)) or size > 0.25 * before:

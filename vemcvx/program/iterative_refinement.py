@@ -37,10 +37,6 @@ from vemcvx.program.tolerances import COARSE_FACTORS
 
 CHUNK = 4096
 """Rows at a time: of squares, whose entries take 1.2 MB in extended precision; more save a twentieth of the time."""
-ROUNDS = 4
-"""Each round gains as many digits as the factors have; two are usual."""
-DOUBT = 100.0
-"""How much more a solve may lose, in squares, than a sample: on 72 systems, among them slender ones, up to 29 times."""
 TAIL = float(fdtri(1, SAMPLES, 1 - 1e-6))
 """The quotient of F's distribution with 1 and SAMPLES degrees of freedom that is exceeded once in a million."""
 
@@ -84,7 +80,8 @@ def needs_refinement(condensation: Condensation, accuracy: float) -> bool:
     """
     enough = (COARSE_FACTORS * accuracy) ** 2
     operators, c, K = condensation.operators, condensation.retained, condensation.system.K
-    if DOUBT * condensation.factor.lost <= enough:
+    # A solve may lose more, in squares, than a sample: on 72 systems, among them slender ones, up to 29 times.
+    if 100.0 * condensation.factor.lost <= enough:
         return False
     force = _off_kernel(condensation.system, np.ones(K.shape[0]))
     x = condensation.factor.solve(force)
@@ -131,7 +128,7 @@ def refined(
     F = np.flatnonzero(~held)
     turns = _turning(lam, slip, stick)
     best, springs, S_FF = np.inf, np.zeros_like(p), None
-    for _ in range(ROUNDS):
+    for _ in range(4):  # Each round gains as many digits as the factors have; two are usual.
         r = residual(force, condensation.system.K, y, condensation.system.multiplier_force(lam, p))
         left = condensation.reduce(r, remembered=False)
         stiffness, lacking = _softly(operators.compliance, p, operators.limits.read(y[condensation.retained]) - gap)

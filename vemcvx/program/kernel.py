@@ -28,11 +28,6 @@ from scipy.linalg import qr
 from vemcvx.arrays import EPS, Floats, as_real_array, brief, called, function, power_of_two
 from vemcvx.errors import SceneError
 
-# The anchors' stiffness in parts of K's diagonal: small, so that proximal points come close in a few steps; not so
-# small that K loses digits (seven bits of 53 here).
-ANCHOR = 2.0**-7
-MOST_NEWTON = 60
-
 
 @dataclass(frozen=True)
 class Kernel:
@@ -87,16 +82,15 @@ def rank_on(rows: sp.csr_matrix, modes: Floats) -> int:
 
 
 def anchors(modes: Floats, diagonal: Floats) -> Floats:
-    """(m,) stiffness at as many unknowns as there are modes (m, k), those that tell them apart best; else zero."""
+    """(m,) stiffness at as many unknowns as there are modes (m, k), those that tell them apart best; else zero.
+
+    In parts of K's diagonal it is small, so that proximal points come close in a few steps; not so small that K loses
+    digits: seven bits of 53.
+    """
     picked = qr(modes.T, mode="economic", pivoting=True)[2][: modes.shape[1]]
     stiffness = np.zeros(len(modes))
-    stiffness[picked] = ANCHOR * power_of_two(diagonal[picked])
+    stiffness[picked] = 2.0**-7 * power_of_two(diagonal[picked])
     return stiffness
-
-
-SHARP = 1e5
-"""The largest force in the linear program: its solver ignores gains below 1e-7, so that forces are scaled up to it."""
-MOST_CUTS = 20
 
 
 @dataclass(frozen=True)
@@ -144,7 +138,7 @@ class KernelBalance:
         most = np.einsum("i,ijk->k", a, self.friction_modes**2) + b @ self.contact_modes**2
         lift = 1e-6 * most.sum() * np.eye(len(most))
         units = 1 / np.sqrt(most + 1e-12 * most.sum())
-        for _ in range(MOST_NEWTON):
+        for _ in range(60):
             left = here.left
             if here.balanced or self.is_mechanism(left, w, push):
                 break
@@ -189,11 +183,12 @@ class KernelBalance:
         from scipy.optimize import linprog
 
         m, block, k = self.friction_modes.shape
-        cost = np.concatenate([-push, w]) * (SHARP / (np.abs(push).max(initial=0.0) or 1.0))
+        # The solver takes gains below 1e-7 for none: forces are scaled such that the largest is 1e5.
+        cost = np.concatenate([-push, w]) * (1e5 / (np.abs(push).max(initial=0.0) or 1.0))
         bounds = [(-1.0, 1.0)] * k + [(0.0, np.inf)] * m
         cuts = [sp.csr_matrix(np.pad(self.contact_modes, ((0, 0), (0, m))))]
         towards = [sign * np.tile(axis, (m, 1)) for axis in np.eye(block) for sign in (1.0, -1.0)]
-        for _ in range(1 if block == 1 else MOST_CUTS):
+        for _ in range(1 if block == 1 else 20):
             felt_along = [np.einsum("ij,ijk->ik", q, self.friction_modes) for q in towards]
             cuts += [sp.csr_matrix(sp.hstack([sp.csr_matrix(rows), -sp.identity(m)])) for rows in felt_along]
             A: Any = sp.csr_matrix(sp.vstack(cuts))

@@ -42,11 +42,6 @@ SMALLEST, LARGEST = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
 MOST = 1e150
 """Of scaled weights and of what limits leave free: beyond, they are as good as infinite, and products overflow."""
-CAP = 16.0
-"""Scaled weights beyond this are lowered to it, see above."""
-
-NOTHING = 2.0**-40
-"""Stiffness beside that of an anchor which is rounding."""
 
 
 def checked_norm(norm: float, t: float) -> float:
@@ -85,7 +80,7 @@ class Scaling:
                 e = np.minimum(np.maximum(e / (alpha * self.tau), -MOST), MOST)
         b = (self.operators.blocks(program.b) / (alpha * self.sigma[:, None])).ravel()
         if self.operators.rows.columns is not None and self.operators.kernel is None and len(e) == 0:
-            w = np.minimum(w, CAP * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
+            w = np.minimum(w, 16.0 * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
         return StepProgram(self.operators, self.delta * program.g / force, w, b, e)
 
     def weights(self, scaled: StepProgram, alpha: float) -> Floats:
@@ -172,7 +167,7 @@ def _scaled(K: Matrix, delta: Floats, kappa: float) -> Matrix:
 def _diagonal(operators: Operators) -> Floats:
     """The diagonal of K; theirs where anchors alone hold an unknown, and rounding is all that K has of it."""
     own, anchored = operators.K.diagonal(), operators.regular.K.diagonal()
-    return np.where(own > NOTHING * anchored, own, anchored)
+    return np.where(own > 2.0**-40 * anchored, own, anchored)
 
 
 def _size(rows: sp.csr_matrix, delta: Floats) -> Floats:

@@ -92,7 +92,12 @@ class PardisoFactor(Factor):
         isolated = _schur_of_isolated(K, rising)
         self._last = rising if isolated is None else rising[:0]
         longest = np.diff(K.indptr).max(initial=0)
-        self._pardiso = _with_values(_upper_triangle(K, self._unit), self._last, longest <= LONGEST)
+        if not K.has_canonical_format:
+            K = K.copy()
+            K.sum_duplicates()
+        upper = sp.triu(K, format="csr")
+        upper.data /= self._unit
+        self._pardiso = _with_values(upper, self._last, longest <= LONGEST)
         own = self._factorised()
         self._upper: Floats = _cholesky(own)
         rank = np.argsort(self._rising)
@@ -225,22 +230,6 @@ def _with_values(upper: sp.csr_matrix, last: Ints, blocks: bool) -> Any:
         solver.set_perm(chosen)
     solver.set_values(upper.data)
     return solver
-
-
-def _upper_triangle(K: sp.csr_matrix, unit: float) -> sp.csr_matrix:
-    """The entries of K / unit on and above the diagonal, all of which is there, columns ascending.
-
-    SciPy's `triu` sorts all of them anew.
-    """
-    if not K.has_canonical_format:
-        K = K.copy()
-        K.sum_duplicates()
-    n = K.shape[0]
-    kept = K.indices >= np.repeat(np.arange(n, dtype=K.indices.dtype), np.diff(K.indptr))
-    counts = np.add.reduceat(kept, K.indptr[:-1], dtype=K.indptr.dtype) if n else K.indptr[:-1]
-    indptr, entries = np.concatenate([[0], np.cumsum(counts)]), K.data[kept]
-    entries /= unit
-    return sp.csr_matrix((entries, K.indices[kept], indptr), shape=K.shape)
 
 
 def _schur_of_isolated(K: sp.csr_matrix, last: Ints) -> Floats | None:

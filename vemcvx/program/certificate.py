@@ -42,25 +42,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats, directions, lengths
 from vemcvx.outline import ArrayRecord
 
-if TYPE_CHECKING:
-    from vemcvx.program.step_program import StepProgram
-
 BOUND_ROUNDING = 4 * EPS
 """What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again. A multiplier so near
 its bound stands for the one on it, which is admissible, too, and as few floats are."""
-SLIP_ROUNDING = 1e-13
-"""Part of |A_i||d| + |b_i|: sums of a few hundred products, and what a solve leaves of its equations."""
-
-Gaps = tuple[Floats, Floats]
-"""The parts of norm terms (m,) and of limits (r,) in the gap: every one is >= 0 and belongs to one place."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -158,32 +148,3 @@ def limit_gaps(compliance: Floats, p: Floats, z: Floats, blur: Floats) -> Floats
     gap[both] = (z[both] - compliance[both] * p[both]) ** 2 / (2 * compliance[both])
     gap[above & ~soft & (z > blur)] = np.inf
     return gap
-
-
-def put_in_place(program: StepProgram, gaps: Gaps, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
-    """2 |v|_K of a move v that puts in place what sticks and acts, and the parts of the gap at d - v; `gaps` at d.
-
-    A row seems to stick or act if its part of the gap is at least x_i^2 / f_i, f_i = (A K^{-1}A')_ii, the energy that
-    it costs to put it alone in place, and if x_i is rounding: larger slips are for solvers to mend.
-    """
-    operators, slip, z = program.operators, program.slip(d), program.excess(d)
-    over = z - operators.compliance * p
-    x = np.concatenate([slip.ravel(), over])
-    pairs = (operators.rows, program.b), (operators.limits, program.e)
-    size = np.concatenate([rows.absolute.read(np.abs(d)) + np.abs(offset) for rows, offset in pairs])
-    sticks = lengths(slip) ** 2 <= gaps[0] * operators.norm_flexibility
-    # Within its rounding the excess over a bound has no part in the gap: p|z| on either side.
-    cost = np.where(operators.compliance > 0, gaps[1], p * np.abs(z))
-    acts = over**2 <= cost * operators.limit_flexibility
-    held = (np.abs(x) <= SLIP_ROUNDING * size) & np.concatenate([np.repeat(sticks, operators.block), acts])
-    if not held.any():
-        return 0.0, gaps
-    A, x = sp.vstack([operators.B, operators.D], format="csr")[held], x[held]
-    spread = operators.factor.solve(A.T.toarray())
-    W, v = A @ spread, np.zeros(len(d))
-    for _ in range(2):  # The second time for what the first one's rounding has left.
-        v = v + spread @ np.linalg.lstsq(W, x - A @ v, rcond=1e-12)[0]
-    blur = program.excess_blur(d) + EPS * len(v) * (abs(operators.D) @ np.abs(v))
-    friction = norm_gaps(program.w, lam, slip - operators.blocks(operators.B @ v))
-    limits = limit_gaps(operators.compliance, p, z - operators.D @ v, blur)
-    return 2.0 * operators.energy_norm(v), (friction, limits)

@@ -224,7 +224,8 @@ class Condensation:
         if (N := self.operators.kernel) is not None:  # It does the work there that phi does, whatever digits were lost.
             tau = tau + N @ (self._motions.T @ phi - N.T @ tau)
         respond = partial(self._halves.completed, z, x_c)
-        return SolvedForce(phi, z, tau, x_c, number, respond, self._halves.product)
+        product = self._halves.product
+        return SolvedForce(phi, z, tau, x_c, number=number, respond=respond, product=product)
 
 
 def _anchors(system: System, retained: Ints, linear: LinearSolver) -> Floats | None:

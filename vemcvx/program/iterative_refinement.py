@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from vemcvx.arrays import EPS, Bools, Floats
-from vemcvx.linear import SAMPLES, Matrix
+from vemcvx.linear import SAMPLES
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, transverse
@@ -127,13 +127,16 @@ def refined(
     held[columns[act]] = True
     F = np.flatnonzero(~held)
     turns = _turning(lam, slip, stick)
-    best, springs, S_FF = np.inf, np.zeros_like(p), None
+    best, springs, soft, S_FF = np.inf, np.zeros_like(p), operators.compliance > 0, None
     for _ in range(4):  # Each round gains as many digits as the factors have; two are usual.
         r = residual(force, condensation.system.K, y, condensation.system.multiplier_force(lam, p))
         left = condensation.reduce(r, remembered=False)
-        stiffness, lacking = _softly(operators.compliance, p, operators.limits.read(y[condensation.retained]) - gap)
+        # 1 / c of the soft limits that act, z > 0, and what the multipliers p of all soft ones lack of z_+ / c.
+        z = operators.limits.read(y[condensation.retained]) - gap
+        stiffness = np.divide(1.0, operators.compliance, out=np.zeros_like(p), where=soft & (z > 0))
+        lacking = np.where(soft, stiffness * z - p, 0.0)
         if S_FF is None or not np.array_equal(stiffness, springs):
-            springs, K = stiffness, _stiffened(operators.regular, turns, stiffness)
+            springs, K = stiffness, operators.regular.stiffened(turns, stiffness)
             S_FF = operators.factor.within(K[F][:, F], F)
         load, step = left.retained - operators.limits.force_of(lacking), np.zeros(len(held))
         step[F] = S_FF.solve(load[F])
@@ -147,32 +150,14 @@ def refined(
         y = y + condensation.recover(step, left)
         change = np.where(act, push[columns] / coefficient, 0.0)
         lam, p = lam + operators.blocks(change[: lam.size]), p + change[lam.size :] + pressed
-        if turns is not None:
-            lam = lam + np.einsum("ijk,ik->ij", turns, operators.blocks(operators.rows.read(step)))
+        lam = lam + np.einsum("ijk,ik->ij", turns, operators.blocks(operators.rows.read(step)))
     return y, lam, p
 
 
-def _softly(compliance: Floats, p: Floats, z: Floats) -> tuple[Floats, Floats]:
-    """1 / c (r,) of the soft limits that act, z > 0, and what the multipliers p of all soft ones lack of z_+ / c."""
-    soft = compliance > 0
-    stiffness = np.divide(1.0, compliance, out=np.zeros_like(p), where=soft & (z > 0))
-    return stiffness, np.where(soft, stiffness * z - p, 0.0)
-
-
-def _stiffened(operators: Operators, turns: Floats | None, stiffness: Floats) -> Matrix:
-    """K with what turning multipliers and soft limits that act add to it; K itself where there are none."""
-    if turns is None and not stiffness.any():
-        return operators.K
-    none = np.zeros((operators.count, operators.block, operators.block))
-    return operators.stiffened(none if turns is None else turns, stiffness if stiffness.any() else None)
-
-
-def _turning(lam: Floats, slip: Floats, stick: Bools) -> Floats | None:
-    """(m, block, block) how multipliers turn with their slips, |lam| / |s| (I - ss'/|s|^2); None where none does."""
+def _turning(lam: Floats, slip: Floats, stick: Bools) -> Floats:
+    """(m, block, block) how multipliers turn with their slips, |lam| / |s| (I - ss'/|s|^2); zero where none does."""
     size = np.linalg.norm(slip, axis=1)
     turns = ~stick & (size > 0)
-    if lam.shape[1] == 1 or not turns.any():
-        return None
     size = np.where(turns, size, 1.0)
     curvature = np.where(turns, np.linalg.norm(lam, axis=1) / size, 0.0)
     turning: Floats = curvature[:, None, None] * transverse(slip / size[:, None])
@@ -201,10 +186,7 @@ def full_certificate(
 
 def _off_kernel(system: System, force: Floats) -> Floats:
     """A force (n,) without what pushes along motions of no energy: multipliers hold that, not the anchors."""
-    if system.kernel is None:
-        return force
-    N = system.kernel.basis
-    return force - N @ (N.T @ force)
+    return force if (kernel := system.kernel) is None else force - kernel.basis @ (kernel.basis.T @ force)
 
 
 def rounding(condensation: Condensation, size: Floats) -> float:

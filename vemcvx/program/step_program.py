@@ -33,15 +33,18 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, brief, is_whole, read_only
+from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, read_only
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
-from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps, put_in_place
+from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
 from vemcvx.program.checks import of_shape
 from vemcvx.program.operators import Operators, Rows
 
 if TYPE_CHECKING:
     import cvxpy as cp
+
+Gaps = tuple[Floats, Floats]
+"""The parts of norm terms (m,) and of limits (r,) in the gap: every one is >= 0 and belongs to one place."""
 
 
 @dataclass(frozen=True)
@@ -332,10 +335,40 @@ class StepProgram(ArrayRecord):
         parts = norm_gaps(self.w, lam, self.slip(d)), limit_gaps(operators.compliance, p, *excess)
         rest = float(parts[0].sum() + parts[1].sum())
         if operators.own_columns is None and operators.factor.exact and equilibrium < rest < np.inf:
-            moved, placed = put_in_place(self, parts, d, lam, p)
+            moved, placed = self._put_in_place(parts, d, lam, p)
             if moved_gap(moved, equilibrium + float(placed[0].sum() + placed[1].sum())) < equilibrium + rest:
                 return equilibrium, *placed, moved
         return equilibrium, *parts, 0.0
+
+    def _put_in_place(self, gaps: Gaps, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
+        """2 |v|_K of a move v that puts in place what sticks and acts, and the parts of the gap at d - v; `gaps` at d.
+
+        That is theorem 2 of :mod:`vemcvx.program.certificate`. A row seems to stick or act if its part of the gap is at
+        least x_i^2 / f_i, f_i = (A K^{-1}A')_ii, the energy that it costs to put it alone in place, and if x_i is
+        rounding: larger slips are for solvers to mend.
+        """
+        operators, slip, z = self.operators, self.slip(d), self.excess(d)
+        over = z - operators.compliance * p
+        x = np.concatenate([slip.ravel(), over])
+        pairs = (operators.rows, self.b), (operators.limits, self.e)
+        size = np.concatenate([rows.absolute.read(np.abs(d)) + np.abs(offset) for rows, offset in pairs])
+        sticks = lengths(slip) ** 2 <= gaps[0] * operators.norm_flexibility
+        # Within its rounding the excess over a bound has no part in the gap: p|z| on either side.
+        cost = np.where(operators.compliance > 0, gaps[1], p * np.abs(z))
+        acts = over**2 <= cost * operators.limit_flexibility
+        # Rounding: of sums of a few hundred products, and what a solve leaves of its equations.
+        held = (np.abs(x) <= 1e-13 * size) & np.concatenate([np.repeat(sticks, operators.block), acts])
+        if not held.any():
+            return 0.0, gaps
+        A, x = sp.vstack([operators.B, operators.D], format="csr")[held], x[held]
+        spread = operators.factor.solve(A.T.toarray())
+        W, v = A @ spread, np.zeros(len(d))
+        for _ in range(2):  # The second time for what the first one's rounding has left.
+            v = v + spread @ np.linalg.lstsq(W, x - A @ v, rcond=1e-12)[0]
+        blur = self.excess_blur(d) + EPS * len(v) * (abs(operators.D) @ np.abs(v))
+        friction = norm_gaps(self.w, lam, slip - operators.blocks(operators.B @ v))
+        limits = limit_gaps(operators.compliance, p, z - operators.D @ v, blur)
+        return 2.0 * operators.energy_norm(v), (friction, limits)
 
     def _imbalance(self, N: Floats, lam: Floats, p: Floats) -> tuple[Floats, Floats]:
         """N'(g - B'lam - D'p), (k,), which is N'r because N'K = 0; and what rounding may leave of it."""

@@ -208,9 +208,8 @@ def turning(x, t):
     return np.column_stack([np.cos(9 * t * (1 + x[:, 1])), np.sin(7 * t * x[:, 1])])
 
 
-BESIDE = 2
-"""Solves that do not go by steps: one to see how many digits the factors have, one to certify the one stored row. That
-for all rounding floors goes with the first field."""
+BESIDE = 3
+"""Solves that do not go by steps: two to see how many digits the factors have, one to certify the one stored row."""
 
 
 def test_linear_scenes_cost_one_solve_a_field(counted):

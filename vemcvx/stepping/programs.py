@@ -19,7 +19,6 @@ from vemcvx.stepping.backward_euler import Steps
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.time_loop import (
-    begins,
     check_kinds,
     checked_times,
     first_state,
@@ -44,7 +43,7 @@ def programs_of_march(
     """March as :func:`vemcvx.march` does, and yield the program of every step with its certified answer."""
     check_kinds(system, solver, linear)
     instants, condense = checked_times(times), flag(condense, "condense")
-    run, steps = _prepared(system, instants, solver, condense, linear, begin=begins(system, instants))
+    run, steps = _prepared(system, instants, solver, condense, linear)
     run = replace(run, check=flag(check, "check"))
     before = certified_in_full(run, first_state(run, float(instants[0]), initial))
     states = states_of(run, steps, instants, 0, before)
@@ -79,11 +78,10 @@ def _prepared(
     solver: Solver | Solves | None,
     condense: bool,
     linear: LinearSolver | None,
-    begin: Sequence[float] = (),
 ) -> tuple[PreparedRun, Steps]:
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, True, condense, linear, begin=begin)
+        run = prepare(system, solver, True, condense, linear)
     return run, steps_of(run, instants)
 
 

@@ -29,7 +29,6 @@ program is the step's.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -122,9 +121,6 @@ class PreparedRun:
     default: bool = False
     """True if nobody asked for the solver's accuracy: at the rounding floor an answer is then good enough"""
 
-    begin: tuple[StepData, ...] = ()
-    """what drives the system at the first instants, solved for beforehand"""
-
     share: float = 1.0
     """of the solver's accuracy that steps are solved to, where answers are but a part of something"""
 
@@ -140,8 +136,7 @@ class PreparedRun:
 
     def driven(self, t: float) -> StepData:
         """The data of the system at an instant."""
-        known = (data for data in self.begin if data.t == t)
-        return next(known, None) or step_data(self.system, self.condensation, t)
+        return step_data(self.system, self.condensation, t)
 
     def after(self, iterations: int) -> PreparedRun:
         """The run whose solver has taken so many of them."""
@@ -324,18 +319,12 @@ def prepare(
     check: bool,
     condense: bool,
     linear: LinearSolver | None = None,
-    begin: Iterable[float] = (),
 ) -> PreparedRun:
-    """Factorise, condense, scale, and let the solver do what all steps share.
-
-    What drives the system at the instants `begin`, those which the run asks for first, is solved for beside the samples
-    that tell how sharp the factor is.
-    """
+    """Factorise, condense, scale, and let the solver do what all steps share."""
     condensation = Condensation(system, condense, linear)
     chosen = choose_solver(condensation.operators, solver)
     scales = scaling(condensation.operators)
     prepared = prepared_solver(chosen, scales.operators, system)
-    driven = tuple(step_data(system, condensation, t) for t in begin)
     refines = condensation.refinable and needs_refinement(condensation, chosen.accuracy)
     return PreparedRun(
         system=system,
@@ -346,5 +335,4 @@ def prepare(
         check=check,
         refines=refines,
         default=solver is None,
-        begin=driven,
     )

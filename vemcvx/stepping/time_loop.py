@@ -252,7 +252,7 @@ def march(
     start = time.perf_counter()
     linear = system.linear(linear)
     with threads_of_steps(system, condense, linear):
-        run = prepare(system, solver, check, condense, linear, begin=begins(system, instants))
+        run = prepare(system, solver, check, condense, linear)
         prepared = time.perf_counter()
         recorder = Recorder(run, instants, kept, storage or Memory(), initial)
         earlier = recorder.begin()
@@ -282,11 +282,6 @@ def first_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -> 
     """The initial state at `t`, with the friction of what supports will drag along."""
     first = initial_state(run, t, initial)
     return replace(first, dragged=nothing_dragged(run.system, t, first.p))
-
-
-def begins(system: System, instants: Floats) -> list[float]:
-    """The first instants, whose loads the run asks for as they are: none where rates cost and the past drives, too."""
-    return instants[:2].tolist() if system.damping is None else []
 
 
 def threads_of_steps(system: System, condense: bool, linear: LinearSolver) -> AbstractContextManager[None]:

@@ -76,16 +76,14 @@ def test_rigid_motions_do_not_become_strain(n, linear):
 
 @LINEAR
 def test_energies_are_not_differences(system, linear):
-    """What pulls at touched unknowns, however hard, is no energy of the inside: y is the same whatever pulls there."""
+    """The energy of a state under a force inside, whatever holds the touched unknowns where they are."""
     K, condensation = system.K.toarray(), Condensation(system, linear=linear)
     c = condensation.retained
     i = np.setdiff1d(np.arange(system.n), c)
     rng = np.random.default_rng(4)
     f, y = rng.normal(size=system.n), rng.normal(size=system.n)
     y[i] = np.linalg.solve(K[np.ix_(i, i)], f[i] - K[np.ix_(i, c)] @ y[c])
-    pulled = condensation.less(condensation.reduce(f), 1e12 * rng.normal(size=len(c)))
-    assert len(c) == 0 or np.abs(pulled.phi).max() > 1e11
-    assert condensation.square(y[c], pulled) == pytest.approx(y @ K @ y, rel=1e-12)
+    assert condensation.square(y[c], condensation.reduce(f)) == pytest.approx(y @ K @ y, rel=1e-12)
 
 
 def inside(system, condensation, phi):

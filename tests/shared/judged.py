@@ -202,7 +202,7 @@ def _unsolved(drawn, system):
     part = drawn.linear.tolerance * np.sqrt(np.linalg.cond(K))
 
     def left(t):
-        loads = [system.load_at(t), *([] if moved is None else [moved.dirichlet_force(t)])]
+        loads = [system.force(t), *([] if moved is None else [moved.dirichlet_force(t)])]
         return part * sum(np.sqrt(max(float(b @ np.linalg.solve(K, b)), 0.0)) for b in loads)
 
     return left

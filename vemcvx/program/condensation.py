@@ -182,16 +182,7 @@ class Condensation:
         # Where nothing is eliminated the force stands for itself, and does not depend on how well is solved.
         tau = [(share, one.retained) for one, share in parts.items()]
         retained = everywhere() if self.whole else combined(tau, np.zeros(len(self.retained)))
-        return Reduced(everywhere, parts, parts, retained)
-
-    def less(self, f: Reduced, c: Floats, remembered: bool = True) -> Reduced:
-        """The force without B'c, which pulls at retained unknowns alone: exact however large c (k,) is."""
-        if not c.any():
-            return f
-        pulled = np.zeros(self.system.n)
-        pulled[self.retained] = self.operators.rows.force_of(c)
-        left = f - self.reduce(pulled, remembered)
-        return Reduced(lambda: f.phi - pulled, left.parts, f.within, f.retained - pulled[self.retained])
+        return Reduced(everywhere, parts, retained)
 
     def recover(self, y_c: Floats, f: Reduced) -> Floats:
         """All unknowns (n,) from the retained ones, K y = f + [0; rho]."""

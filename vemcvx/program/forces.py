@@ -96,14 +96,12 @@ class Reduced:
     phi : callable () -> (n,)
     parts : dict of SolvedForce to float
         The combination that the force is, but for rounding.
-    within : dict of SolvedForce to float
-        What of it acts inside, where the retained unknowns do not.
     retained : (m,) array
         tau, the force that it makes there.
     """
 
-    def __init__(self, phi: Callable[[], Floats], parts: Parts, within: Parts, retained: Floats):
-        self._phi, self.parts, self.within, self.retained = phi, parts, within, retained
+    def __init__(self, phi: Callable[[], Floats], parts: Parts, retained: Floats):
+        self._phi, self.parts, self.retained = phi, parts, retained
 
     @cached_property
     def phi(self) -> Floats:
@@ -117,8 +115,8 @@ class Reduced:
 
     @property
     def inner(self) -> Floats:
-        """The first half of a solve (n,) for what of it acts inside."""
-        return combined([(share, one.z) for one, share in self.within.items()], self.phi)
+        """The first half of a solve (n,), what it does inside."""
+        return combined([(share, one.z) for one, share in self.parts.items()], self.phi)
 
     @cached_property
     def norm(self) -> float:
@@ -135,7 +133,7 @@ class Reduced:
 
     def work_inside(self, other: Reduced) -> float:
         """phi'xi, the work on what another force does inside."""
-        pairs = ((one, a, two, b) for one, a in self.within.items() for two, b in other.within.items())
+        pairs = ((one, a, two, b) for one, a in self.parts.items() for two, b in other.parts.items())
         # Each share carries the unit of its force: the product of two may be no number where that of all three is.
         return float(sum(a * (b * one.products(two)[1]) for one, a, two, b in pairs))
 
@@ -152,15 +150,9 @@ class Reduced:
         return self._and(other, -1.0)
 
     def _and(self, other: Reduced, sign: float) -> Reduced:
-        def merged(parts: Parts, others: Parts) -> Parts:
-            return {one: parts.get(one, 0.0) + sign * others.get(one, 0.0) for one in {**parts, **others}}
-
-        return Reduced(
-            lambda: self.phi + sign * other.phi,
-            merged(self.parts, other.parts),
-            merged(self.within, other.within),
-            self.retained + sign * other.retained,
-        )
+        one, two = self.parts, other.parts
+        parts = {shape: one.get(shape, 0.0) + sign * two.get(shape, 0.0) for shape in {**one, **two}}
+        return Reduced(lambda: self.phi + sign * other.phi, parts, self.retained + sign * other.retained)
 
 
 def combined(shares: Sequence[tuple[float, Floats]], like: Floats) -> Floats:

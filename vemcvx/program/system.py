@@ -288,18 +288,13 @@ class System(ArrayRecord):
         """The number of unknowns."""
         return self.K.shape[0]
 
-    def force(self, t: float) -> Floats:
-        """The load vector (n,) at the instant `t`, the bias of norm terms taken off."""
-        f = self.load_at(t)
-        return f if self.norms is None or self.norms.bias is None else f - self.norms.B.T @ self.norms.bias_at(t)
-
     def faded(self, instants: Sequence[float]) -> System:
         """The system whose load is zero where it vanishes beside its largest one in a run."""
         load = self.load
         if isinstance(load, ForceOnPart):
             load = replace(load, entries=fading(load.entries, instants))
         else:
-            load = fading(self.load_at, instants)
+            load = fading(self.force, instants)
         other = copy(self)
         object.__setattr__(other, "load", load)  # All else has been checked.
         return other
@@ -312,10 +307,10 @@ class System(ArrayRecord):
     def load_on_part(self, t: float) -> tuple[Floats, Ints | None]:
         """The load at the instant `t`, checked: forces and the unknowns that they act on, None for all of them."""
         if not isinstance(self.load, ForceOnPart):
-            return self.load_at(t), None
+            return self.force(t), None
         return finite(self.load.entries(t), f"System: load({t:.6g})"), self.load.rows
 
-    def load_at(self, t: float) -> Floats:
+    def force(self, t: float) -> Floats:
         """The load vector (n,) at the instant `t`, checked."""
         subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
         return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)

@@ -66,7 +66,8 @@ class QuasistaticSteps:
         same = attempt.data.still_as(before.data) and np.array_equal(attempt.program.w, before.weights)
         # A given start may be out of balance by more than a step's accuracy.
         if same and before.accepted(run.accuracy):
-            guess = Answer(np.zeros_like(before.y), before.lam, 0, "nothing changed", p=before.p)
+            lam = before.lam - attempt.bias
+            guess = Answer(np.zeros_like(before.y), lam, 0, "nothing changed", p=before.p)
             state = attempt.state_after(guess, before.certificate, before.capped_weights)
         else:
             state = solved(attempt, n)
@@ -199,21 +200,17 @@ class ViscousSteps:
         """The data of the increment from the instant s to t."""
         system = self._run.system
         moved = self._damping.motion
-        phi = residual(system.load_at(t), system.K, y, np.zeros(len(y)))
+        phi = residual(system.force(t), system.K, y, np.zeros(len(y)))
         prescribed_slip = system.prescribed_slip(t) - system.prescribed_slip(s)
         if moved is not None:
             phi -= (moved.dirichlet_force(t) - moved.dirichlet_force(s)) / k
-        bias = system.bias(t)
-        # No two of these are alike, and a resumed run does not know those before it.
-        pushed = in_range(run.condensation.reduce(phi, remembered=False), t)
-        force = run.condensation.less(pushed, bias, remembered=False) if bias.any() else pushed
         return StepData(
             t=t,
-            force=force,
+            # No two of these are alike, and a resumed run does not know those before it.
+            force=in_range(run.condensation.reduce(phi, remembered=False), t),
             prescribed_slip=prescribed_slip,
             remaining_gap=system.remaining_gap(t) - system.D @ y,
-            bias=bias,
-            pushed=pushed,
+            bias=system.bias(t),
             ground=system.ground(t),
         )
 
@@ -232,7 +229,6 @@ class ViscousSteps:
             across = float(d @ (moved.dirichlet_force(t) - moved.dirichlet_force(s))) / k
             own = (moved.stored(t, t) - 2 * moved.stored(s, t) + moved.stored(s, s)) / k
             lost, work = lost + 2 * across + own, work + across + own
-        work += float(stepped.data.bias @ stepped.slip.ravel())
         past, rubbed = before.ledger, stepped.ledger
         lost += past.dissipated + rubbed.dissipated
         energy = energy_in_full(system, ahead, t, stepped.p)
@@ -257,7 +253,7 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     """Nothing has moved yet: where the increment begins."""
     zero, none = now.force - now.force, np.zeros_like(now.remaining_gap)
     slip = np.zeros_like(now.prescribed_slip)
-    data = replace(now, t=before.t, force=zero, prescribed_slip=slip, remaining_gap=none, pushed=zero, ground=None)
+    data = replace(now, t=before.t, force=zero, prescribed_slip=slip, remaining_gap=none, ground=None)
     rest = State.still(run.operators, data, np.zeros(len(run.condensation.retained)), before.weights)
     return replace(
         rest,

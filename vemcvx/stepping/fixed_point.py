@@ -163,10 +163,10 @@ class DependentStep:
         if self.convex and stability is not None and rate is not None:
             self._check_softening(state, w, rate)
             # A multiplier at its bound stays there: what that misses of forces counts by its square.
-            size, slip = lengths(state.lam), lengths(state.slip)
+            size, slip = lengths(state.lam - posed.bias), lengths(state.slip)
             slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - AT_BOUND) * state.weights)
             along = np.divide(w, slip, out=np.zeros_like(w), where=slides)[:, None] * state.slip
-            state = replace(state, lam=np.where(slides[:, None], along, state.lam))
+            state = replace(state, lam=np.where(slides[:, None], along + posed.bias, state.lam))
             return posed.under_own_weights(state, posed.convex_certificate(state, stability.margin))
         last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
         accuracy = self.run.accuracy

@@ -59,9 +59,7 @@ class StepData:
     remaining_gap: Floats
     """(r,) gaps of the limits at y = 0"""
     bias: Floats
-    """(m * block,) c of one-way friction: `force` includes -B'c"""
-    pushed: Reduced
-    """`force` without -B'c"""
+    """(m * block,) c of one-way friction"""
     ground: Floats | None = None
     """(m * block,) the motion of the ground, subtracted in `prescribed_slip`; None if it stands still"""
     carried: Carried | None = None
@@ -103,15 +101,13 @@ class Ledger:
 
 def step_data(system: System, condensation: Condensation, t: float) -> StepData:
     """Evaluate load and supports at `t`."""
-    bias, (forces, rows) = system.bias(t), system.load_on_part(t)
-    pushed = in_range(condensation.reduce(forces, rows=rows), t)
+    forces, rows = system.load_on_part(t)
     data = StepData(
         t=t,
-        force=condensation.less(pushed, bias),
+        force=in_range(condensation.reduce(forces, rows=rows), t),
         prescribed_slip=system.prescribed_slip(t),
         remaining_gap=system.remaining_gap(t),
-        bias=bias,
-        pushed=pushed,
+        bias=system.bias(t),
         ground=system.ground(t),
     )
     motion = system.motion
@@ -217,11 +213,8 @@ def advance_in_full(
 
 
 def _after_step(past: Ledger, now: StepData, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
-    """The ledger with a step's energy, its work but for the bias, and its slips."""
-    # The bias is a force in the balance, and friction in the ledger.
-    bias_work = np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
+    """The ledger with a step's energy, work and slips."""
     distance = lengths(slip)
-    loss = w * distance + bias_work
-    done = work + float(bias_work.sum())
+    loss = w * distance + np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
     dissipated = past.dissipated + float(loss.sum())
-    return Ledger(stored, dissipated, past.work + done, past.worn + loss, past.slipped + distance)
+    return Ledger(stored, dissipated, past.work + work, past.worn + loss, past.slipped + distance)

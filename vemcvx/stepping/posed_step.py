@@ -28,7 +28,7 @@ from functools import partial
 
 import numpy as np
 
-from vemcvx.arrays import Floats, power_of_two
+from vemcvx.arrays import Floats, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.condensation import Condensation
@@ -65,12 +65,17 @@ def data_norm(condensation: Condensation, force: Reduced) -> float:
 def data_norms(
     condensation: Condensation, now: StepData, norm: float, floor: float, accuracy: float
 ) -> tuple[float, float]:
-    """The energy norms that the data, and friction's own forces, can cause, if the state is at the floor `floor`.
+    """The energy norms that the data, and the bias of friction, can cause, if the state is at the floor `floor`.
 
     Zero, unseen, where states of energy norm `norm` are not zero beside it.
     """
-    data = _data_norm_if_large(condensation, now.pushed, norm, accuracy)
-    return data, _data_norm_if_large(condensation, now.force, norm, accuracy) if norm <= FLOORS * floor else 0.0
+    size, noise = 0.0, 0.0
+    if now.force.norm > 0.0 and norm <= accuracy * now.force.norm:
+        size = data_norm(condensation, now.force)
+    if now.bias.any() and norm <= FLOORS * floor:
+        operators = condensation.operators
+        noise = float(lengths(operators.blocks(now.bias)) @ np.sqrt(operators.norm_flexibility))
+    return size, noise
 
 
 def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float:
@@ -86,10 +91,6 @@ def ground_norm(operators: Operators, ground: Floats | None, w: Floats) -> float
     # No field goes anywhere where rows read nothing.
     far = np.divide(way, root, out=np.where(way > 0, np.inf, 0.0), where=root > 0)
     return float(min(far.max(initial=0.0), w @ root))
-
-
-def _data_norm_if_large(condensation: Condensation, force: Reduced, norm: float, accuracy: float) -> float:
-    return 0.0 if force.norm == 0.0 or not norm <= accuracy * force.norm else data_norm(condensation, force)
 
 
 def require_certified(run: PreparedRun, state: State, n: int) -> None:
@@ -191,6 +192,8 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
         norms = run.system.norms
         w = np.zeros(0) if norms is None else norms.weights_under(now.t, before.p, before.ledger.slipped)
     g = before.unbalanced + (now.force.retained - before.data.force.retained)
+    if now.bias.any():
+        g = g - run.operators.rows.force_of(now.bias)
     e = now.remaining_gap - run.operators.limits.read(before.y)
     b = before.data.prescribed_slip - now.prescribed_slip
     return PosedStep(run, before, StepProgram(run.operators, g, w, b, e), now)
@@ -198,12 +201,21 @@ def pose_step(run: PreparedRun, before: State, now: StepData, w: Floats | None =
 
 @dataclass(frozen=True)
 class PosedStep:
-    """One step being solved."""
+    """One step being solved.
+
+    Where friction is one-way, |lam_i - c_i| <= w_i, its bias c is a force in the program, -B'c in g, and multipliers of
+    the program are those of states less c.
+    """
 
     run: PreparedRun
     before: State
     program: StepProgram
     data: StepData
+
+    @property
+    def bias(self) -> Floats:
+        """c (m, block)."""
+        return self.run.operators.blocks(self.data.bias)
 
     def solve_balanced(self, n: int, share: float = 1.0, near: State | None = None) -> State:
         """The solution, as `solve` finds it, of step `n`.
@@ -249,7 +261,7 @@ class PosedStep:
         accuracy = share * self.run.accuracy
         norm = float(np.sqrt(scales.kappa)) * alpha
         if norm < SMALLEST and norm <= accuracy * self.before.unit(accuracy):
-            return self._still(self.before.lam, "nothing pushes that counts")
+            return self._still(self.before.lam - self.bias, "nothing pushes that counts")
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
         guess = self.before.expected(self.data.t) if near is None else (near.lam, near.p)
@@ -286,7 +298,7 @@ class PosedStep:
         """The solver's answer within the bounds, certified; its iterations are those left after so many."""
         scales, name = self.run.scaling, self.run.solver.name
         scaled = scales.scale(self.program, alpha, free)
-        target, begin = scales.energy(gap, alpha), scales.guess(*guess, alpha)
+        target, begin = scales.energy(gap, alpha), scales.guess(guess[0] - self.bias, guess[1], alpha)
         with named_failures(name):
             answer = fitting(self.run.after(spent).prepared.solve(scaled, target, *begin), scaled, name)
         d, lam, p = scaled.admissible_point(answer.d, answer.lam, answer.p)
@@ -304,7 +316,9 @@ class PosedStep:
         past = self.before.ledger.slipped
         weights, slope = partial(norms.weights_under, t, past=past), partial(norms.slope_under, t, past=past)
         law = WeightLaw(weights, slope).scaled(up, down)
-        start = Iterate(scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam, state.p, alpha))
+        start = Iterate(
+            scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam - self.bias, state.p, alpha)
+        )
         scaled = scales.scale(self.program, alpha)
         found = solution_near(scaled, law, start, self.run.response, rounds)
         if found is None:
@@ -326,29 +340,30 @@ class PosedStep:
         if alpha == 0.0:
             return state.certificate
         scaled = scales.scale(self.program, alpha)
-        lam, p = scales.guess(state.lam, state.p, alpha)
+        lam, p = scales.guess(state.lam - self.bias, state.p, alpha)
         own = scaled.certify(scales.shrink(state.y - self.before.y, alpha), scaled.project(lam), p)
         own = own.times(1.0 / scales.energy(1.0, alpha))
         return replace(own, floor=own.floor / margin**2).away(own.error / margin, False)
 
     def under_own_weights(self, state: State, certificate: Certificate) -> State:
         """A state that was found for other weights, under those of this program."""
-        d, lam = state.y - self.before.y, self.program.project(state.lam)
+        d, lam = state.y - self.before.y, self.program.project(state.lam - self.bias)
         return self.state_after(state.answer(d, lam, state.p), certificate)
 
     def with_forces_of(self, state: State, under: State, certificate: Certificate) -> State:
         """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
         # y_n - y_{n-1} is d but for rounding, by which it may be beyond a bound, and that would cost no end of work.
-        program, d = self.program, self.program.feasible(state.y - self.before.y)
-        friction = norm_gaps(program.w, under.lam, program.slip(d))
+        program, d, lam = self.program, self.program.feasible(state.y - self.before.y), under.lam - self.bias
+        friction = norm_gaps(program.w, lam, program.slip(d))
         limits = limit_gaps(program.operators.compliance, under.p, program.excess(d), program.excess_blur(d))
         certificate = replace(certificate, friction=friction, limits=limits)
-        return self.state_after(state.answer(d, under.lam, under.p), certificate)
+        return self.state_after(state.answer(d, lam, under.p), certificate)
 
     def state_after(self, answer: Answer, certificate: Certificate, capped_weights: Floats | None = None) -> State:
-        """The state that an answer leads to."""
+        """The state that an answer of the program leads to."""
         capped_weights = self.program.w if capped_weights is None else capped_weights
-        before, y = self.before, self.before.y + answer.d
+        answer = replace(answer, lam=answer.lam + self.bias)
+        before, operators, y = self.before, self.run.operators, self.before.y + answer.d
         slip = self.program.slip(answer.d)
         ledger = advance(
             self.run.condensation,
@@ -365,7 +380,9 @@ class PosedStep:
         return State(
             t=self.data.t,
             y=y,
-            unbalanced=self.program.g - self.run.operators.force(answer.d),
+            unbalanced=self.program.g
+            + self.run.operators.rows.force_of(self.data.bias)
+            - self.run.operators.force(answer.d),
             data=self.data,
             weights=self.program.w,
             capped_weights=capped_weights,
@@ -378,7 +395,7 @@ class PosedStep:
             iterations=answer.iterations,
             status=answer.status,
             safeguards=answer.safeguards,
-            size=max(before.size, size, ground_norm(self.run.operators, self.data.ground, capped_weights)),
+            size=max(before.size, size, ground_norm(operators, self.data.ground, capped_weights)),
             noise=noise,
             earlier=Earlier(before.t, before.lam, before.p),
             dragged=before.dragged,

@@ -90,7 +90,7 @@ def _solved_program(steps: Steps, before: State, after: State, n: int) -> Solved
     posed = steps.posed(before, n, after.t, after.weights)
     program, norms = posed.program, posed.run.system.norms
     # The difference of two states may lie a rounding error beyond a bound.
-    answer = after.answer(program.feasible(after.y - before.y), after.lam, after.p)
+    answer = after.answer(program.feasible(after.y - before.y), after.lam - posed.bias, after.p)
     found = SolvedProgram.of(program, answer, n, after.t)
     if found.certificate.gap > after.certificate.gap + found.certificate.floor:
         # It has lost digits, to which gaps are linear where terms stick and limits touch; they are found again.
@@ -120,10 +120,9 @@ def _stored(run: PreparedRun, trajectory: Trajectory, n: int) -> State:
         return state_given(run, now, trajectory.initial)
     row, norms = int(np.searchsorted(trajectory.stored, n)), slice(0, run.operators.count)
     state = state_given(run, now, trajectory.state[row])
-    lam = trajectory.multipliers[row, norms]
     return replace(
         state,
-        lam=lam - now.bias.reshape(lam.shape),
+        lam=trajectory.multipliers[row, norms],
         p=trajectory.pressures[row],
         weights=trajectory.weights[row, norms],
         ledger=replace(state.ledger, slipped=trajectory.slipped[row, norms]),

@@ -32,10 +32,11 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
     run, before, operators = attempt.run, attempt.before, attempt.run.operators
     force, remaining_gap, retained = state.data.force, state.data.remaining_gap, run.condensation.retained
-    stick = np.linalg.norm(state.lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.capped_weights
+    lam = state.lam - attempt.bias
+    stick = np.linalg.norm(lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.capped_weights
     y = run.condensation.recover(state.y, force)
-    held = {"gap": remaining_gap, "lam": state.lam, "p": state.p, "stick": stick, "slip": state.slip}
-    y, lam, p = refined(run.condensation, operators, force.phi, y, **held)
+    held = {"gap": remaining_gap, "lam": lam, "p": state.p, "stick": stick, "slip": state.slip}
+    y, lam, p = refined(run.condensation, operators, force.phi - run.system.B.T @ state.data.bias, y, **held)
     lam, p = replace(attempt.program, w=state.capped_weights).project(lam), np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     bounds, beyond = operators.compliance == 0, operators.limits.read(y[retained]) - remaining_gap
@@ -52,6 +53,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
     away = state.certificate.distance if run.system.follows_answer else 0.0
     friction = norm_gaps(state.capped_weights, lam, slip)
+    lam = lam + attempt.bias
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
     answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
@@ -80,9 +82,8 @@ def posed_sharply(attempt: PosedStep, refined: State) -> PosedStep:
     held = run.system.multiplier_force(refined.lam, refined.p)
     r = residual(attempt.data.force.phi, run.system.K, refined.unknowns, held)
     left = run.condensation.reduce(r, remembered=False)
-    return replace(
-        attempt, program=replace(attempt.program, g=refined.unbalanced + run.operators.force(d) + left.retained)
-    )
+    g = refined.unbalanced + run.operators.force(d) + left.retained - run.operators.rows.force_of(attempt.data.bias)
+    return replace(attempt, program=replace(attempt.program, g=g))
 
 
 def _aligned(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
@@ -180,7 +181,7 @@ def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
     ledger, dragged = state.ledger, state.dragged
     return {
         "state": state.unknowns,
-        "multipliers": np.concatenate([state.lam + state.data.bias.reshape(state.lam.shape), dragged.lam]),
+        "multipliers": np.concatenate([state.lam, dragged.lam]),
         "pressures": state.p,
         "weights": np.concatenate([state.weights, dragged.weights]),
         "sticking": sticks,

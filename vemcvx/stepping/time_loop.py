@@ -96,7 +96,7 @@ def initial_state(run: PreparedRun, t: float, initial: ArrayLike | str | None) -
         return replace(state, ledger=ledger, scale=ledger.norm, full=y)
     settled = _settle(run, state)
     jump = energy_norm(run.system.K, settled.unknowns - y)
-    scale = max(state.ledger.norm, energy_norm(run.system.K, now.pushed.x))
+    scale = max(state.ledger.norm, energy_norm(run.system.K, now.force.x))
     if not jump <= JUMP * scale + settled.certificate.error:
         raise SceneError(_overlap(run, state) or _violation(run, state, jump / scale if scale > 0 else np.inf))
     # How far it may be from a state that obeys (2.1): its jump to the one settled, and the error of that.
@@ -170,7 +170,7 @@ def _violation(run: PreparedRun, state: State, jump: float) -> str:
     where = ""
     if norms is not None and operators.count:
         needed = np.linalg.lstsq(operators.B.T.toarray(), state.unbalanced, rcond=None)[0]
-        excess = np.linalg.norm(operators.blocks(needed), axis=1) - state.weights
+        excess = np.linalg.norm(operators.blocks(needed - state.data.bias), axis=1) - state.weights
         worst = int(np.argmax(excess))
         if excess[worst] > 0:
             where = (

@@ -387,4 +387,4 @@ def _in_units(system: System, length: float, stress: float) -> System:
         gap, compliance = limits.remaining_gap, np.asarray(limits.compliance, dtype=float)
         limits = Limits(limits.D, lambda t: length * gap(t), compliance=compliance / stress)
     K = sp.csr_matrix(stress * system.K)
-    return replace(system, K=K, load=lambda t: force * system.load_at(t), norms=norms, limits=limits, motion=None)
+    return replace(system, K=K, load=lambda t: force * system.force(t), norms=norms, limits=limits, motion=None)

@@ -112,7 +112,8 @@ class _Sums:
         gap = system.remaining_gap(t)
         blocks = [("load", system.force(t)), ("gap", gap)]
         if system.norms is not None:
-            blocks.append(("bound of friction", system.norms.weights_under(t, np.ones(len(gap)))))
+            bounds = np.append(system.norms.weights_under(t, np.ones(len(gap))), system.bias(t))
+            blocks.append(("bound of friction", bounds))
             blocks += [] if system.norms.ground is None else [("ground", system.norms.moved(t))]
         if system.motion is not None:
             blocks.append(("support", system.motion.prescribed_slip(t)))

@@ -27,9 +27,7 @@ from vemcvx.meshes.space_tessellation import SpaceTessellation
 from vemcvx.meshes.tessellation import Tessellation
 
 
-def write_cells(
-    path: Path, mesh: Tessellation | SpaceTessellation, point_data: Arrays, cell_data: Arrays
-) -> None:
+def write_cells(path: Path, mesh: Tessellation | SpaceTessellation, point_data: Arrays, cell_data: Arrays) -> None:
     """Write fields on a mesh as a VTU file that ParaView opens.
 
     Parameters

@@ -15,8 +15,7 @@ from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TOUC
 
 import vemcvx as vx
 from vemcvx.linear import factor
-from vemcvx.program.condensation import Condensation
-from vemcvx.program.forces import MOST_FIELDS
+from vemcvx.program.condensation import MOST_FIELDS, Condensation
 from vemcvx.scene import pose_scene
 from vemcvx.testing.effects import TIMES, mesh
 

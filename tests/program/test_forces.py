@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.program.forces import MOST_FIELDS, SAME_FIELD, SolvedForce, SolvedForces, combined
+from vemcvx.program.condensation import MOST_FIELDS, SAME_FIELD, SolvedForce, SolvedForces, combined
 
 N = 400
 

@@ -247,9 +247,7 @@ class _Draw:
             cap = self.young * self.strain * self._ten(-1, 0)
         mu = self.rng.uniform(0.05, 0.6)
         f = self.field(mu, 0.5, 1.0)
-        return vx.CoulombFriction(
-            mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground()
-        )
+        return vx.CoulombFriction(mu if self.chance(0.6) else lambda x, t: f(x), on=side, cap=cap, ground=self.ground())
 
     def ground(self):
         """Ground that stands still, or runs by what strains move and by up to a thousand times more."""

@@ -22,7 +22,8 @@ CELLS = np.ones(MESH.n_cells)
 GIVEN = {
     "Elasticity": (vx.Elasticity, {"young": 200 * CELLS, "poisson": 0.3 * CELLS}),
     "Orthotropic": (
-        vx.Orthotropic, {"young": [200.0, 100.0], "poisson": 0.2, "shear": 50 * CELLS, "angle": 0.1 * CELLS}
+        vx.Orthotropic,
+        {"young": [200.0, 100.0], "poisson": 0.2, "shear": 50 * CELLS, "angle": 0.1 * CELLS},
     ),
     "Traction": (vx.Traction, {"force": np.array([8.0, -1.0]), "on": ["left"]}),
     "BodyForce": (vx.BodyForce, {"force": np.array([1.0, -1.0])}),

@@ -43,12 +43,36 @@ from vemcvx.program.checks import (
     motions,
     permutation,
 )
-from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 
 DRAG_ROUNDING = 16 * EPS
 """Slips below this part of the positions that they are differences of are zero but for rounding: they drag nothing."""
+
+
+@dataclass(frozen=True)
+class ForceOnPart:
+    """A force that acts on some of n unknowns alone: their numbers `rows`, ascending, and t -> the forces there."""
+
+    n: int
+    rows: Ints
+    entries: Callable[[float], Floats]
+
+    def __call__(self, t: float) -> Floats:
+        """All forces (n,)."""
+        return spread(self.entries(t), self.rows, self.n)
+
+
+def on_part(force: Callable[[float], Floats], t: float) -> tuple[Floats, Ints | None]:
+    """A force at the instant `t`, and the unknowns that it acts on; None for all of them."""
+    return (force.entries(t), force.rows) if isinstance(force, ForceOnPart) else (force(t), None)
+
+
+def spread(values: Floats, rows: Ints, n: int) -> Floats:
+    """The force (n,) with these values on some rows."""
+    phi = np.zeros(n)
+    phi[rows] = values
+    return phi
 
 
 @dataclass(frozen=True)

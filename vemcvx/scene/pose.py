@@ -19,9 +19,8 @@ from vemcvx.effects import Contribution, Friction, GivenDatum, Load, Material, O
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.factor import nested_dissection
 from vemcvx.meshes import AnyMesh
-from vemcvx.program.forces import ForceOnPart
 from vemcvx.program.kernel import Kernel
-from vemcvx.program.system import Damping, Motion, System
+from vemcvx.program.system import Damping, ForceOnPart, Motion, System
 from vemcvx.scene.contact import (
     FrictionLaw,
     Obstacles,

@@ -29,12 +29,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.arrays import Floats, lengths
-from vemcvx.program.condensation import Condensation
-from vemcvx.program.forces import Reduced, on_part
+from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.iterative_refinement import residual
 from vemcvx.program.scaling import LARGEST, checked_norm
 from vemcvx.program.step_program import Answer
-from vemcvx.program.system import System
+from vemcvx.program.system import System, on_part
 
 
 @dataclass(frozen=True)

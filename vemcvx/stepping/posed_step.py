@@ -31,8 +31,7 @@ import numpy as np
 from vemcvx.arrays import Floats, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
 from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
-from vemcvx.program.condensation import Condensation
-from vemcvx.program.forces import Reduced
+from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Norms, Operators
 from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm

@@ -83,10 +83,6 @@ class Scaling:
             w = np.minimum(w, 16.0 * np.sqrt(self.operators.block) * (max(1.0, free / alpha) + np.abs(b).sum()))
         return StepProgram(self.operators, self.delta * program.g / force, w, b, e)
 
-    def weights(self, scaled: StepProgram, alpha: float) -> Floats:
-        """The weights (m,) of a scaled program in unscaled units."""
-        return scaled.w / self.sigma * (self.kappa * alpha)
-
     def restore(self, answer: Answer, alpha: float) -> Answer:
         """An answer of the scaled program in the units of the unscaled one."""
         lam = self.kappa * alpha * answer.lam / self.sigma[:, None]

@@ -68,7 +68,7 @@ class QuasistaticSteps:
         if same and before.accepted(run.accuracy):
             lam = before.lam - attempt.bias
             guess = Answer(np.zeros_like(before.y), lam, 0, "nothing changed", p=before.p)
-            state = attempt.state_after(guess, before.certificate, before.capped_weights)
+            state = attempt.state_after(guess, before.certificate)
         else:
             state = solved(attempt, n)
         if run.refines:

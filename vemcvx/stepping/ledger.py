@@ -5,8 +5,8 @@ work     = load_n . dy + a(u_n, du_D) + lam . dc + p . (dD^u_D - de)
            (forces and reactions at the end of the step; this load is without the Dirichlet force; c is the motion of
            supports along norm terms, less that of the ground, which friction pulls along; the last is of supports that
            move towards limits, and of limits e that move themselves: obstacles push)
-loss     = lam . s = sum_i w_i |s_i| + c_i . s_i, kept term by term, too: friction work, which wears what rubs
-           (Archard 1953)
+loss     = sum_i lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, kept term by term, too: friction work, which
+           wears what rubs (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
            bounds, is -p . z_prev >= 0, that of soft limits, less what they store, c (dp)^2 / 2 and more
 
@@ -83,7 +83,7 @@ class Ledger:
     dissipated: float
     work: float
     worn: Floats
-    """(m,) cumulative w_i |s_i| of every norm term; they sum to `dissipated`, where nothing else dissipates"""
+    """(m,) cumulative lam_i . s_i of every norm term; they sum to `dissipated`, where nothing else dissipates"""
     slipped: Floats
     """(m,) cumulative |s_i|, which laws of friction may see"""
 
@@ -166,7 +166,6 @@ def advance(
     y: Floats,
     answer: Answer,
     slip: Floats,
-    w: Floats,
 ) -> Ledger:
     """The ledger after a step."""
     last, now = between
@@ -182,7 +181,7 @@ def advance(
         work += _anchor_work(condensation, moved, y + reaction.x[c])
         work -= float(condensation.operators.multiplier_force(answer.lam, answer.p) @ moved.x[c])
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _after_step(past, now, stored=energy(condensation, y, now, answer.p), work=work, slip=slip, w=w)
+    return _after_step(past, stored=energy(condensation, y, now, answer.p), work=work, rubbed=(answer.lam, slip))
 
 
 def advance_in_full(
@@ -192,7 +191,6 @@ def advance_in_full(
     y: tuple[Floats, Floats],
     answer: Answer,
     slip: Floats,
-    w: Floats,
 ) -> Ledger:
     """The ledger after a step of which all unknowns (n,) are known, `y` before and after.
 
@@ -208,12 +206,12 @@ def advance_in_full(
         seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
         work += motion.pair(seen, seen - then) + float(system.multiplier_force(answer.lam, answer.p) @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _after_step(past, now, stored=energy_in_full(system, end, now.t, answer.p), work=work, slip=slip, w=w)
+    return _after_step(past, stored=energy_in_full(system, end, now.t, answer.p), work=work, rubbed=(answer.lam, slip))
 
 
-def _after_step(past: Ledger, now: StepData, stored: float, work: float, slip: Floats, w: Floats) -> Ledger:
-    """The ledger with a step's energy, work and slips."""
-    distance = lengths(slip)
-    loss = w * distance + np.einsum("mb,mb->m", now.bias.reshape(slip.shape), slip)
+def _after_step(past: Ledger, stored: float, work: float, rubbed: tuple[Floats, Floats]) -> Ledger:
+    """The ledger with a step's energy and work, and what its multipliers lose on its slips."""
+    lam, slip = rubbed
+    loss = np.maximum(np.einsum("mb,mb->m", lam, slip), 0.0)
     dissipated = past.dissipated + float(loss.sum())
-    return Ledger(stored, dissipated, past.work + work, past.worn + loss, past.slipped + distance)
+    return Ledger(stored, dissipated, past.work + work, past.worn + loss, past.slipped + lengths(slip))

@@ -303,7 +303,7 @@ class PosedStep:
         d, lam, p = scaled.admissible_point(answer.d, answer.lam, answer.p)
         certificate = scaled.certificate_at(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)
-        return self.state_after(answer, certificate, scales.weights(scaled, alpha))
+        return self.state_after(answer, certificate)
 
     def solution_near(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
         """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
@@ -358,9 +358,8 @@ class PosedStep:
         certificate = replace(certificate, friction=friction, limits=limits)
         return self.state_after(state.answer(d, lam, under.p), certificate)
 
-    def state_after(self, answer: Answer, certificate: Certificate, capped_weights: Floats | None = None) -> State:
+    def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """The state that an answer of the program leads to."""
-        capped_weights = self.program.w if capped_weights is None else capped_weights
         answer = replace(answer, lam=answer.lam + self.bias)
         before, operators, y = self.before, self.run.operators, self.before.y + answer.d
         slip = self.program.slip(answer.d)
@@ -371,7 +370,6 @@ class PosedStep:
             y,
             answer=answer,
             slip=slip,
-            w=capped_weights,
         )
         scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.accuracy
         floor = certificate.error_floor
@@ -384,7 +382,6 @@ class PosedStep:
             - self.run.operators.force(answer.d),
             data=self.data,
             weights=self.program.w,
-            capped_weights=capped_weights,
             lam=answer.lam,
             p=answer.p,
             slip=slip,
@@ -394,7 +391,7 @@ class PosedStep:
             iterations=answer.iterations,
             status=answer.status,
             safeguards=answer.safeguards,
-            size=max(before.size, size, ground_norm(operators, self.data.ground, capped_weights)),
+            size=max(before.size, size, ground_norm(operators, self.data.ground, self.program.w)),
             noise=noise,
             earlier=Earlier(before.t, before.lam, before.p),
             dragged=before.dragged,

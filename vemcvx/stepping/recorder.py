@@ -33,17 +33,17 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     run, before, operators = attempt.run, attempt.before, attempt.run.operators
     force, remaining_gap, retained = state.data.force, state.data.remaining_gap, run.condensation.retained
     lam = state.lam - attempt.bias
-    stick = np.linalg.norm(lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.capped_weights
+    stick = np.linalg.norm(lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.weights
     y = run.condensation.recover(state.y, force)
     held = {"gap": remaining_gap, "lam": lam, "p": state.p, "stick": stick, "slip": state.slip}
     y, lam, p = refined(run.condensation, operators, force.phi - run.system.B.T @ state.data.bias, y, **held)
-    lam, p = replace(attempt.program, w=state.capped_weights).project(lam), np.maximum(p, 0.0)
+    lam, p = replace(attempt.program, w=state.weights).project(lam), np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     bounds, beyond = operators.compliance == 0, operators.limits.read(y[retained]) - remaining_gap
     y[retained[operators.limits.columns]] -= np.where(bounds, np.maximum(beyond, 0.0), 0.0) / operators.D.data
     # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
     slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
-    aligned = _aligned(attempt.run.operators, state.capped_weights, lam=lam, slip=slip, stick=stick)
+    aligned = _aligned(attempt.run.operators, state.weights, lam=lam, slip=slip, stick=stick)
     y[retained[operators.rows.columns]] += (aligned - slip).ravel() / operators.B.data
     slip, moved, excess = aligned, y[retained] - state.y, operators.limits.read(y[retained]) - remaining_gap
     over = limit_gaps(operators.compliance, p, excess, EPS * (np.abs(remaining_gap) + np.abs(excess)))
@@ -52,12 +52,12 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     over[acts] = state.certificate.limits[acts] * (p[acts] / state.p[acts])
     # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
     away = state.certificate.distance if run.system.follows_answer else 0.0
-    friction = norm_gaps(state.capped_weights, lam, slip)
+    friction = norm_gaps(state.weights, lam, slip)
     lam = lam + attempt.bias
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
     answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
-    ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip, w=state.capped_weights)
+    ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip)
     return replace(
         state,
         y=y[retained],

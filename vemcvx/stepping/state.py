@@ -208,8 +208,6 @@ class State:
     data: StepData
     weights: Floats
     """(m,) of the friction bounds"""
-    capped_weights: Floats
-    """(m,) the weights, those far above every multiplier lowered"""
     lam: Floats
     p: Floats
     """(r,) forces of the limits"""
@@ -250,7 +248,6 @@ class State:
             unbalanced=data.force.retained - operators.force(y),
             data=data,
             weights=weights,
-            capped_weights=weights,
             lam=nothing,
             p=none,
             slip=nothing,

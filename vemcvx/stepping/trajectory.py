@@ -154,8 +154,8 @@ class Trajectory(ArrayRecord):
     sticking : (S, m) array of bool
         True where the increment B_i (y - y_prev) cannot be told from zero, and in row 0.
     worn : (S, m) array
-        Work of each norm term since the initial instant, the cumulative sum of its w_i |s_i| over all steps, stored or
-        not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
+        Work of each norm term since the initial instant, the cumulative sum of its lam_i . s_i over all steps, stored
+        or not; a row sums to `dissipated`, but for what damping loses. Terms whose slip is given, where supports drag
         (:class:`vemcvx.program.operators.DraggedTerms`), follow the others here as in `multipliers`, `weights`,
         `sticking` and `stuck`.
     slipped : (S, m) array
@@ -165,14 +165,14 @@ class Trajectory(ArrayRecord):
     energy : (N + 1,) array
         Stored energy 1/2 a(u, u).
     dissipated : (N + 1,) array
-        Cumulative sum of w_i |s_i|.
+        Cumulative sum of lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution.
     work : (N + 1,) array
         Cumulative sum of end-of-step forces times increments.
     norm : (N + 1,) array
         Energy norm |u_n|_a.
     gap : (N + 1,) array
         Certified duality gap of each step. Weights far above every multiplier count as lowered
-        (:mod:`vemcvx.program.scaling`), here and in `dissipated`: the minimiser is the same.
+        (:mod:`vemcvx.program.scaling`): the minimiser is the same.
     floor : (N + 1,) array
         The part of `gap` that round-off alone may account for.
     iterations : (N + 1,) array of int

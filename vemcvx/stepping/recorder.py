@@ -31,12 +31,12 @@ from vemcvx.stepping.trajectory import Storage, Trajectory
 def refined_state(attempt: PosedStep, state: State) -> State:
     """The state after iterative refinement against the original K; slips, ledger and certificate are those of it."""
     run, before, operators = attempt.run, attempt.before, attempt.run.operators
-    force, remaining_gap, retained = state.data.force, state.data.remaining_gap, run.condensation.retained
-    lam = state.lam - attempt.bias
+    remaining_gap, retained = state.data.remaining_gap, run.condensation.retained
+    force, lam = state.data.force.phi - run.system.B.T @ state.data.bias, state.lam - attempt.bias
     stick = np.linalg.norm(lam + Shifts.of(operators).norms[:, None] * state.slip, axis=1) <= state.weights
-    y = run.condensation.recover(state.y, force)
+    y = run.condensation.recover(state.y, state.data.force)
     held = {"gap": remaining_gap, "lam": lam, "p": state.p, "stick": stick, "slip": state.slip}
-    y, lam, p = refined(run.condensation, operators, force.phi - run.system.B.T @ state.data.bias, y, **held)
+    y, lam, p = refined(run.condensation, operators, force, y, **held)
     lam, p = replace(attempt.program, w=state.weights).project(lam), np.maximum(p, 0.0)
     # What was free to move may have moved a rounding error beyond its bound.
     bounds, beyond = operators.compliance == 0, operators.limits.read(y[retained]) - remaining_gap
@@ -52,7 +52,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     over[acts] = state.certificate.limits[acts] * (p[acts] / state.p[acts])
     # Where weights depend on the answer its distance to a solution stays; else the gap of what is refined says all.
     away = state.certificate.distance if run.system.follows_answer else 0.0
-    friction = norm_gaps(state.weights, lam, slip)
+    friction, forces = norm_gaps(state.weights, lam, slip), run.system.multiplier_force(lam, p)
     lam = lam + attempt.bias
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
     answer = state.answer(state.y - before.y + moved, lam, p)
@@ -66,7 +66,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
         lam=lam,
         p=p,
         slip=slip,
-        certificate=full_certificate(run.condensation, force.phi, y, run.system.multiplier_force(lam, p), own),
+        certificate=full_certificate(run.condensation, force, y, forces, own),
         ledger=ledger,
         scale=float(np.maximum(before.scale, ledger.norm)),
     )
@@ -135,12 +135,13 @@ def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None
     if state.full is not None:
         return state
     y = run.condensation.recover(state.y, state.data.force)
-    force = state.data.force.phi if lost is None else state.data.force.phi - lost @ y
-    own = state.certificate
-    held = run.system.multiplier_force(state.lam, state.p)
+    # The bias is on both sides, lest its own rounding be none where the two cancel.
+    own, bias = state.certificate, run.system.B.T @ state.data.bias
+    force = (state.data.force.phi if lost is None else state.data.force.phi - lost @ y) - bias
+    held = run.system.multiplier_force(state.lam, state.p) - bias
     if run.system.follows_answer:
-        held = np.zeros_like(y)
-        held[run.condensation.retained] = state.unbalanced
+        held = -bias
+        held[run.condensation.retained] += state.unbalanced
     full = full_certificate(run.condensation, force, y, held, own)
     if full.error > INTERIOR * run.accuracy * state.unit(run.accuracy) and len(state.y) < run.system.n:
         r = residual(force, run.system.K, y, held)

@@ -62,10 +62,9 @@ from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
-from vemcvx.stepping.backward_euler import QuasistaticSteps
+from vemcvx.stepping.backward_euler import QuasistaticSteps, initial_state
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
-from vemcvx.stepping.time_loop import initial_state
 
 STEPS = {"growing": (0.0, 0.75, 1.0), "return": (0.0, 1.0, 0.5, 1.0)}
 """Parts of the full load, instant by instant; the last step is measured."""

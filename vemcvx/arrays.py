@@ -281,3 +281,51 @@ def called(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str
 def sealed(x: Array) -> Array:
     """The same numbers, for somebody else to read."""
     return read_only(x.view())
+
+
+def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
+    """data(t), or a SceneError that says how it failed; the data where they are no function."""
+    if not callable(data):
+        return data
+    failed = f"{subject}: its function failed when called as f(t) with t = {t:.6g}"
+    value: ArrayLike = called(data, (t,), failed, "take an instant and return an array")
+    return value
+
+
+def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None) -> sp.csr_matrix:
+    """A sparse matrix of finite numbers, from a dense or sparse one; of a shape, if one is given.
+
+    It is a copy, unless nobody may write to the entries of the one given.
+    """
+    sparse = sp.issparse(raw)
+    if sparse and raw.dtype.kind in "biuf":
+        if hasattr(raw, "check_format"):
+            # SciPy's compiled code reads and writes where indices lead.
+            try:
+                raw.check_format(full_check=True)
+            except (ValueError, TypeError, AttributeError) as error:
+                raise SceneError(f"{subject}: found a sparse matrix that leads out of itself: {error}.") from error
+        open_to_change = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
+        matrix: sp.csr_matrix = sp.csr_matrix(raw, dtype=np.float64, copy=open_to_change)
+    else:
+        dense = as_real_array(raw, subject, "a matrix of real numbers")
+        if dense.ndim != 2:
+            raise SceneError(f"{subject}: found {shape_in_words(dense)}; wanted a matrix, dense or sparse.")
+        matrix = sp.csr_matrix(dense)
+    finite(matrix.data, subject)
+    if shape is not None and matrix.shape != shape:
+        raise SceneError(f"{subject}: found a matrix of shape {matrix.shape}; wanted {shape}.")
+    return matrix
+
+
+def of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
+    """An array of real numbers of that shape, which may be given flat."""
+    wanted = f"numbers of shape {shape}"
+    return shaped(raw, subject, wanted, shape, (int(np.prod(shape)),)).reshape(shape)
+
+
+def finite(values: Floats, subject: str) -> Floats:
+    """The values, or SceneError for NaN or infinity."""
+    if not np.isfinite(values).all():
+        raise SceneError(f"{subject}: found NaN or infinite values; all must be finite.")
+    return values

@@ -10,17 +10,18 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
-from vemcvx.outline import Outline, Outlined
+from vemcvx.outline import Lines, Outline, Outlined
 from vemcvx.plots import animate
 from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
 from vemcvx.results.results import Results, programs_of_steps
-from vemcvx.results.tables import Columns, dataset, frame, in_words, table
+from vemcvx.results.tables import Columns, dataset, frame, table
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -46,7 +47,7 @@ class History(Results, Outlined):
     contact : Contact
     moduli : (2, n_cells) or (6, n_cells)
         Lame's lambda (as it acts in the plane) and mu; where some cell is anisotropic the upper triangle of the elastic
-        matrix row by row, see :mod:`vemcvx.vem.stress`.
+        matrix row by row, see :mod:`vemcvx.vem.elasticity`.
     trajectory : Trajectory
         The results in free unknowns, and scalars at all N + 1 instants.
     seconds : dict
@@ -219,3 +220,49 @@ def read_history(folder: str | Path) -> History:
         There is no such folder, no history in it, or one that is damaged or of another format.
     """
     return History.of(read_results(folder))
+
+
+WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
+"""Reason why certificates are no bounds; see :mod:`vemcvx.stepping.fixed_point`."""
+
+
+def in_words(history: Results) -> Outline:
+    """The summary in words: effects, certificates, cost."""
+    run, touch = history.trajectory, history.contact
+    sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
+    gone = f", {opened} are open" if opened else ""
+    title = (
+        f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
+        f"{len(touch.nodes)} contact nodes, {history.steps} steps"
+    )
+    certified = (
+        f"{run.certificate.max():.1e} relative energy error a step (floor {run.certificate_floor.max():.1e}), "
+        f"{run.certificate_total[-1]:.1e} accumulated"
+    )
+    iterations = (
+        f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
+        f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
+    )
+    estimated = run.estimated.sum()
+    at = f"an estimate at {estimated} of {len(run.estimated)} instants, {WHY_ESTIMATED}; else a bound"
+    kind = [("", at)] if estimated else []
+    energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
+    lines = [
+        *(("left out", words) for words in history.inactive),
+        ("solver", history.solver),
+        ("certified", certified),
+        *kind,
+        *_errors(history.errors),
+        ("iterations", iterations),
+        ("energy", energy),
+        ("contact", f"{sticks} nodes stick, {slips} slip{gone} in the last step"),
+        ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
+    ]
+    return Outline(title, lines)
+
+
+def _errors(errors: dict[str, float] | None) -> Lines:
+    if errors is None:
+        return []
+    parts = ", ".join(f"{name} {errors[name]:.2%}" for name in ("algebra", "space", "time"))
+    return [("estimated", f"{errors['total']:.2%} energy error ({parts}); {errors['target']:.2%} was asked for")]

@@ -21,8 +21,8 @@ from vemcvx.results.results import record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver, Solves
+from vemcvx.stepping.backward_euler import checked_times, march
 from vemcvx.stepping.programs import programs_of_march
-from vemcvx.stepping.time_loop import checked_times, march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage
 
 

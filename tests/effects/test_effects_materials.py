@@ -10,7 +10,7 @@ from test_effects_loads_and_supports import Pin, near, tensor, turned
 import vemcvx as vx
 from vemcvx.scene import pose_scene
 from vemcvx.vem import Space, elastic_matrix, upper_triangle
-from vemcvx.vem.stiffness_matrix import softest_shear
+from vemcvx.vem.elasticity import softest_shear
 
 BOX = ((0.0, 2.0), (0.0, 1.0))
 
@@ -164,7 +164,7 @@ class TestOrthotropic:
 
         # Measured 1.037; the error falls with h. By the trace, and by the mean of the two shears, less than 1e-3.
         assert share() == pytest.approx(1.0, abs=0.06)
-        monkeypatch.setattr("vemcvx.vem.stiffness_matrix.softest_shear", lambda C: np.trace(C, axis1=1, axis2=2))
+        monkeypatch.setattr("vemcvx.vem.elasticity.softest_shear", lambda C: np.trace(C, axis1=1, axis2=2))
         assert share() < 0.01
 
     def test_nor_where_volume_is_kept(self):

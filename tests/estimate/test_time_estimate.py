@@ -13,9 +13,9 @@ import vemcvx as vx
 from vemcvx.estimate.budget import beside_finer, error_budget
 from vemcvx.estimate.budget.finer_steps import course
 from vemcvx.scene import pose_scene
+from vemcvx.stepping.backward_euler import initial_state
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
-from vemcvx.stepping.time_loop import initial_state
 
 MOST = 5.0
 NOISE = 1e-6

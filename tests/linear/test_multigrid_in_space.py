@@ -12,8 +12,8 @@ import vemcvx as vx
 from vemcvx.linear.multigrid import Hierarchy
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import INEXACT, Iterate, Sets, answer_on
+from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.state import prepare
-from vemcvx.stepping.time_loop import march
 
 pytest.importorskip("pyamg")
 

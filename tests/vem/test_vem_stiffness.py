@@ -11,7 +11,7 @@ from skfem.models.elasticity import linear_elasticity
 
 import vemcvx as vx
 from vemcvx.vem import Space, rigid_modes, stiffness
-from vemcvx.vem.stiffness_matrix import assemble_cells, distinct, local_blocks
+from vemcvx.vem.elasticity import assemble_cells, distinct, local_blocks
 
 SLOPE = np.array([[0.3, -1.2], [0.7, 0.4]])
 EPS = np.finfo(float).eps

@@ -19,7 +19,7 @@ from vemcvx.solvers import conic
 ROOT = Path(vx.__file__).parent
 NUMBER = 4 * math.e / math.pi
 STEP = "QuasistaticSteps.step"
-CHECKS = {"arrays.py", "effects/data.py", "program/checks.py"}
+CHECKS = {"arrays.py", "effects/data.py"}
 """They hand back what they are given."""
 
 
@@ -108,7 +108,7 @@ def displacement_to_file(folder):
     return traced(lambda: simulated(scene()).write(folder), number=largest, since="PosedStep._asked")
 
 
-RECORD = "effects/contribution.py"
+RECORD = "effects/effect.py"
 """It holds functions and matrices, and does nothing with them."""
 WALKS = {
     "`bound`, from `TrescaFriction` to the cone": (bound_to_cone, "stepping/state.py"),
@@ -118,18 +118,18 @@ WALKS = {
     ),
     "`young`, from `Elasticity` to K": (
         young_to_stiffness,
-        "vem/stiffness_matrix.py vem/stress.py vem/space.py scene/pose.py",
+        "vem/elasticity.py vem/elasticity.py vem/space.py scene/pose.py",
     ),
     "`accuracy`, from the command line to an option of a solver": (
         accuracy_to_option,
-        "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/time_loop.py "
+        "solvers/solver.py program/iterative_refinement.py stepping/posed_step.py stepping/backward_euler.py "
         "stepping/recorder.py",
     ),
     "`u`, from the answer to a step to a VTU file": (
         displacement_to_file,
         "linear/factor.py linear/factor.py solvers/newton.py program/step_program.py program/operators.py "
         "stepping/ledger.py program/operators.py program/certificate.py program/condensation.py "
-        "program/iterative_refinement.py results/contact.py history.py vem/stress.py",
+        "program/iterative_refinement.py results/contact.py history.py vem/elasticity.py",
     ),
 }
 """What is traced, and the files beside the way: they use the number, or give it back to who called them."""

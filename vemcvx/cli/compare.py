@@ -31,7 +31,7 @@ from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver, ThroughCvxpy
 from vemcvx.solvers.conic import TUNED, installed
-from vemcvx.stepping.time_loop import checked_times
+from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.version import __version__
 

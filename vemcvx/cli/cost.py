@@ -18,7 +18,7 @@ from vemcvx.cost.table import REFUSED, answers, table, within_reach
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, plane_mesh
 from vemcvx.owned_files import Owned
-from vemcvx.stepping.time_loop import checked_times
+from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.version import __version__
 
 USUAL = ("squares", "triangles", "voronoi")

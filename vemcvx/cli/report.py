@@ -20,11 +20,10 @@ from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.show import mesh_name, scene_in_words
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
-from vemcvx.history import History
+from vemcvx.history import WHY_ESTIMATED, History
 from vemcvx.outline import Lines, Outline
 from vemcvx.outline import html as table
 from vemcvx.plots.pictures import draw_pictures, left_out
-from vemcvx.results.tables import WHY_ESTIMATED
 from vemcvx.version import __version__
 
 # Pages of HTML that need nothing else: their style stands in them, their pictures, too.

@@ -18,8 +18,8 @@ from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers.default import BY_SIZE, words
+from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.state import stability
-from vemcvx.stepping.time_loop import checked_times
 
 INSTANTS = 64
 """Steps at which data are looked at, to see whether they are zero at all times."""

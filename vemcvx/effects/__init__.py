@@ -1,9 +1,11 @@
 """Effects: the physics a scene can name."""
 
 from vemcvx.effects.contact import BilateralContact, NormalCompliance, UnilateralContact
-from vemcvx.effects.contribution import (
+from vemcvx.effects.data import Tabulated
+from vemcvx.effects.effect import (
     ContactSurface,
     Contribution,
+    Effect,
     Eigenstrain,
     Friction,
     GivenDatum,
@@ -14,8 +16,6 @@ from vemcvx.effects.contribution import (
     SlipLaw,
     Support,
 )
-from vemcvx.effects.data import Tabulated
-from vemcvx.effects.effect import Effect
 from vemcvx.effects.friction import CoulombFriction, TrescaFriction
 from vemcvx.effects.loads import BodyForce, PointLoad, Pressure, Traction
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity

@@ -10,8 +10,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, GivenDatum, Obstacle, Support
-from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.effects.effect import ContactSurface, Contribution, Effect, GivenDatum, Obstacle, Support, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 

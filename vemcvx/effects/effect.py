@@ -1,15 +1,400 @@
-"""The base of effects: settings of a piece of physics, and one pure method that turns them into arrays."""
+"""The base of effects, and what one contributes to the assembled problem: arrays, and data to be evaluated at t_n.
+
+Displacements are vectors u of n_nodes * dim nodal values, component a of node i at position i * dim + a. The kinds of
+contributions are closed; effects are open (each returns any of these kinds).
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
 
-from vemcvx.arrays import brief, read_only
-from vemcvx.effects.contribution import Contribution
-from vemcvx.vem import Space
+from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
+from vemcvx.effects import data
+from vemcvx.errors import SceneError
+from vemcvx.vem import BoundaryRows, EdgeEnds, Space, elastic_matrix, softest_shear
+
+
+@dataclass(frozen=True)
+class SlipLaw:
+    """Weights of friction that depend on slip: that of the step, and all that was before it.
+
+    Within a step weights follow its own slip, which follows them: a fixed point, of convex programs with given weights
+    (:mod:`vemcvx.stepping.fixed_point`). Where they fall slowly enough it is the only one, and certificates are bounds.
+    A law that reads the slip before the step alone has `softening` zero.
+    """
+
+    weights: Callable[[float, Floats, Floats, Floats], ArrayLike]
+    """(t, normal forces, sum of |slip| over the steps before, |slip| of the step), each (m,) -> (m,) weights >= 0"""
+    softening: ArrayLike | None = None
+    """one for all, or (m,), by which weights fall at most, per length that slip of the step grows: for laws that read
+    no normal forces. None: unknown, and certificates are estimates"""
+    pressed: bool = False
+    """whether weights depend on normal forces, which one-sided contact on the same boundary tells; without, that
+    argument is an empty array"""
+    slope: Callable[[float, Floats, Floats], ArrayLike] | None = None
+    """(t, normal forces, slip before the step) -> (m,), the derivative by the forces of a `pressed` law that is
+    piecewise affine in them, and does not read the slip of the step: steps are certified as those of Coulomb's law"""
+
+    def added(self, subject: str, nodes: Ints, t: float, forces: Floats, slips: tuple[Floats, Floats]) -> Floats:
+        """The weights (m,) of rows at these nodes, under normal forces (m,), after slips before the step and in it.
+
+        Raises
+        ------
+        SceneError
+            The law fails, or gives something else than a weight >= 0 for every row.
+        """
+        failed = f"{subject}: its slip law failed when called as f(t, forces, before, slip) with t = {t:.6g}"
+        arguments = (t, forces if self.pressed else np.zeros(0), *slips)
+        wanted = "take the values of all rows at once and return a weight for each"
+        if not self.pressed:
+            wanted += "; normal forces are told where pressed=True says that it reads them"
+        w = _of_rows(called(self.weights, arguments, failed, wanted), f"{subject}: slip law", nodes, "weights")
+        lawful = (w >= 0) & (w < np.inf)
+        if not lawful.all():
+            i = int(np.argmin(lawful))
+            raise SceneError(
+                f"{subject}: found the weight {w[i]:.6g} at node {nodes[i]} and t = {t:.6g}, where the slip is "
+                f"{slips[0][i]:.6g} before the step and {slips[1][i]:.6g} in it; slip laws give finite weights >= 0."
+            )
+        return w
+
+    def slope_at(self, subject: str, nodes: Ints, t: float, forces: Floats, before: Floats) -> Floats:
+        """The derivative (m,) of the weights of rows by the normal forces; zero if it is not known."""
+        if self.slope is None:
+            return np.zeros(len(nodes))
+        failed = f"{subject}: slope failed when called as f(t, forces, before) with t = {t:.6g}"
+        raw = called(self.slope, (t, forces, before), failed, "take the values of all rows at once")
+        return _of_rows(raw, f"{subject}: slope", nodes, "derivatives of weights")
+
+    def rate(self, subject: str, nodes: Ints) -> Floats:
+        """The largest rate (m,) at which weights fall with slip.
+
+        Raises
+        ------
+        SceneError
+            That is no number >= 0, or forces of contact change them, too.
+        """
+        rate = _of_rows(self.softening, f"{subject}: softening", nodes, "weights lost per length of slip")
+        lawful = (rate >= 0) & (rate < np.inf)
+        if self.pressed or not lawful.all():
+            found = "beside pressed=True" if self.pressed else f"{rate[np.argmin(lawful)]:.6g}"
+            raise SceneError(
+                f"{subject}: found softening {found}; it is a finite number >= 0 of a law that reads no normal forces, "
+                "or None, which makes certificates estimates."
+            )
+        return rate
+
+
+def _of_rows(raw: object, subject: str, nodes: Ints, what: str) -> Floats:
+    m = len(nodes)
+    return np.array(np.broadcast_to(shaped(raw, subject, f"one number, or ({m},) {what}, one a row", (), (m,)), (m,)))
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force that enters linearly: its nodal vector at t is matrix @ value(points, t)."""
+
+    subject: str
+    points: Floats
+    """(q, dim) points where the datum is evaluated."""
+    matrix: sp.csr_matrix
+    """(n_u, q * dim) quadrature times test functions; (n_u, q) where the datum is a scalar."""
+    value: data.Datum
+    cells: Ints | None = None
+    """(q,) of a load in the body: the cell of each point"""
+    edges: Ints | None = None
+    """(q, 2) of a load on the boundary: the edge of each point"""
+    times: tuple[float, ...] = ()  # of the run, where they are known
+
+    def at(self, x: Floats, t: float) -> Floats:
+        """The datum, (k,) or (k, dim), at points x (k, dim) and the instant `t`."""
+        read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
+        return read(self.value, x, t, self.subject)
+
+    @property
+    def given(self) -> tuple[GivenDatum, ...]:
+        """The datum as a function of place, if it is one."""
+        edges = None if self.edges is None else np.unique(self.edges, axis=0)
+        return (GivenDatum(self.subject, "force", self.at, edges, self),) if callable(self.value) else ()
+
+    def vector(self, t: float) -> Floats:
+        """Nodal force (n_u,) at the instant `t`."""
+        return self.matrix @ self.values(t)
+
+    def values(self, t: float) -> Floats:
+        """The datum at all points, by which `matrix` is to be multiplied."""
+        return fading(lambda t: self.at(self.points, t).ravel(), self.times)(t)
+
+    def forces(self, t: float) -> Floats:
+        """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""
+        dim = self.points.shape[1]
+        # Basis functions sum to one, so the rows of one component do to its total.
+        scalar, value = self.matrix.shape[1] == len(self.points), self.values(t)
+        nodes = np.ones(self.matrix.shape[0] // dim)
+        total = np.stack([nodes @ self.matrix[a::dim] * value for a in range(dim)], axis=1)
+        return total if scalar else total.reshape(-1, dim, dim).sum(axis=1)
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed components directions . u(node) = value(points, t); contact (value 0) yields to the rest."""
+
+    subject: str
+    nodes: Ints
+    """(m,) node numbers; a node may appear once a direction."""
+    directions: Floats
+    """(m, dim) unit vectors."""
+    points: Floats
+    """(m, dim) where the nodes are."""
+    value: Callable[[float], Floats] | None = None
+    """t -> (m,) prescribed components; None means zero at all times."""
+    contact: bool = False
+    """Contact, u.n = 0, which at shared nodes yields to supports in the same direction."""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1: the components of u(node) - u(partner) are prescribed"""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The displacement of what a body rubs on, (q, dim) at points: what of it is along the boundary counts."""
+
+    subject: str
+    points: Floats
+    """(q, dim)"""
+    value: data.Datum
+
+    @classmethod
+    def of(cls, value: data.Datum | None, subject: str, points: Floats, partners: Ints) -> Ground | None:
+        """The ground of a friction effect; None if it stands still.
+
+        Raises
+        ------
+        SceneError
+            It is a constant, which moves nothing, or another body is there.
+        """
+        if value is None:
+            return None
+        if (partners >= 0).any():
+            raise SceneError(
+                f"{subject}: found ground= on an interface, where the body rubs on another one; prescribe how that "
+                "moves instead."
+            )
+        ground = cls(f"{subject}: ground", points, value)
+        if not callable(value):
+            ground.vector(0.0)
+            raise SceneError(
+                f"{ground.subject}: found {brief(value)}; it is the displacement of the ground, and a constant moves "
+                "nothing. Give a function of time, such as lambda x, t: (0.5 * t, 0.0), or a Tabulated."
+            )
+        return ground
+
+    def at(self, x: Floats, t: float) -> Floats:
+        """The datum (k, dim) at points x (k, dim) and the instant `t`."""
+        return data.vector(self.value, x, t, self.subject)
+
+    def vector(self, t: float) -> Floats:
+        """The displacements (q, dim) at the instant `t`."""
+        return self.at(self.points, t)
+
+    def given(self, edges: Ints) -> GivenDatum:
+        """The datum as a function of place: where the body sticks to the ground, it is to move like it."""
+        return GivenDatum(self.subject, "displacement", self.at, edges)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Terms w_i(t) |(I - n n') (v - v_prev)(node_i)|, v = u less the ground's motion: one row a node and normal."""
+
+    subject: str
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    weights: Callable[[float], Floats]
+    """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
+    steady: bool = False
+    """whether these are the same at all times"""
+    law: Callable[[float, Floats], Floats] | None = None
+    """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
+    bias: Callable[[float], Floats] | None = None
+    """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
+    ends: EdgeEnds | None = None
+    """the edges of each row; without, `lengths` are of an edge that no other part has"""
+    slope: Callable[[float, Floats], Floats] | None = None
+    """(t, normal forces (m,)) -> (m,), the derivative of `law`, which is piecewise affine; the right one at corners"""
+    in_the_air: bool = False
+    """whether to warn if it rubs where one-sided contact is open"""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
+    ground: Ground | None = None
+    """what it rubs on, if that moves"""
+    slip_law: SlipLaw | None = None
+    """what the slip adds to the weights"""
+    directions: Floats | None = None
+    """(m, 2) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents; in the plane"""
+
+    @property
+    def across(self) -> Floats:
+        """(m, dim) unit vectors across which the terms are: normals, or `directions` turned by -90 degrees."""
+        return self.normals if self.directions is None else self.directions[:, ::-1] * (1.0, -1.0) + 0.0
+
+    @property
+    def dependent(self) -> bool:
+        """True if weights depend on the forces of contact, or on the slip."""
+        return self.law is not None or self.slip_law is not None
+
+    @property
+    def has_slope(self) -> bool:
+        """True if the derivatives of all its laws by these forces are known."""
+        law = self.slip_law
+        return (self.law is None or self.slope is not None) and (law is None or law.slope is not None)
+
+    @property
+    def reads_forces(self) -> bool:
+        """True if weights depend on the forces of contact."""
+        return self.law is not None or bool(self.slip_law and self.slip_law.pressed)
+
+    @classmethod
+    def of(cls, rows: BoundaryRows, subject: str) -> Friction:
+        """Friction on the rows of a part of the boundary, whose weights are zero."""
+        own, none = (subject, rows.nodes, rows.normals, rows.lengths), np.zeros(len(rows.nodes))
+        return cls(*own, lambda t: none, ends=rows.ends, partners=rows.partners)
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Limits n . u(node_i) <= gap_i(t), one row a node and distinct normal; squared penalties if compliant."""
+
+    subject: str
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    """(m,) integrals of the nodal basis functions over the edges with that normal."""
+    gap: Callable[[float], Floats]
+    """t -> (m,) distance to the obstacle along the outward normal."""
+    compliance: Floats
+    """(m,) depth per nodal force; 0 where the obstacle is rigid."""
+    ends: EdgeEnds | None = None
+    """the edges of each row, as of friction"""
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1: limits are those of u(node) - u(partner)"""
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """The surface on which contact is reported: one row a node and distinct normal."""
+
+    nodes: Ints
+    normals: Floats
+    lengths: Floats
+    ends: EdgeEnds | None = None
+    partners: Ints | None = None
+    """(m,) nodes of other bodies, or -1; lengths and edges are those of friction"""
+
+    @classmethod
+    def of(cls, rows: BoundaryRows) -> ContactSurface:
+        """The surface of the rows of a part of the boundary."""
+        return cls(rows.nodes, rows.normals, rows.lengths, rows.ends, rows.partners)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Hooke's law on the cells of a material; zero on all others."""
+
+    subject: str
+    moduli: Floats
+    """(2, n_cells) Lame's lam, already reduced in plane stress, and mu; or (6, n_cells), the upper triangle of the
+    elastic matrix row by row: see :mod:`vemcvx.vem.elasticity`"""
+    thermal_stress_moduli: Floats
+    """(n_cells, components) stress that holds back a unit strain in all directions of space, with a minus sign"""
+    plane: str
+    """plane "strain", as in space, or "stress"; one for the whole body"""
+    cells: Bools | None = None
+    """(n_cells,) which cells; None means all"""
+    out_of_plane: Floats | None = None
+    """(n_cells, 4) stress zz across the plane of unit strains e_xx, e_yy, 2 e_xy, and what holds back a unit
+    eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
+    stabilisation: Floats | None = None
+    """(n_cells,) tau, by which the stiffness weighs what Pi misses; None means :func:`vemcvx.vem.softest_shear`"""
+
+    @property
+    def tau(self) -> Floats:
+        """(n_cells,) the factor of the stabilisation."""
+        return softest_shear(elastic_matrix(self.moduli)) if self.stabilisation is None else self.stabilisation
+
+
+@dataclass(frozen=True)
+class Eigenstrain:
+    """An isotropic strain that is free of stress; the material of a cell says what blocking it costs."""
+
+    subject: str
+    value: Callable[[float], Floats]
+    """t -> (n_cells,)"""
+
+
+@dataclass(frozen=True)
+class InitialStress:
+    """A stress that is there without strain."""
+
+    subject: str
+    value: Callable[[float], Floats]
+    """t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz"""
+
+
+@dataclass(frozen=True)
+class GivenDatum:
+    """A datum as the scene gives it, of which the assembled problem has read some points: an error estimate reads more.
+
+    What `value` takes and gives goes with the kind; x (k, dim) are points of the edges, or of the cells numbered (k,):
+
+        "force"         (x, t) -> (k, dim), or (k,) of a pressure; `load` says what was assembled
+        "bound"         (x, t, pressure (k,)) -> (j, k) bounds of friction, force per length
+        "gap"           (x, t) -> (k,)
+        "spring"        (x, t, u . n (k,)) -> (k,) pressure, and stiffness (k,)
+        "foundation"    (x) -> (2, k) springs along the normal and the tangent
+        "displacement"  (x, t) -> (k,) or (k, dim)
+        "moduli"        (x, cells) -> (6, k) upper triangle of the elastic matrix, (k, 3) thermal stress moduli
+        "eigenstrain"   (x, cells, t) -> (k,)
+        "stress"        (x, t) -> (k, 3)
+    """
+
+    subject: str
+    kind: str
+    value: Callable[..., Any]
+    edges: Ints | None = None
+    """(m, 2) of a datum on the boundary"""
+    load: Load | None = None
+    cells: Bools | None = None
+    """(n_cells,) which cells have these moduli; None means all"""
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """The sum of what an effect adds; every field may be absent."""
+
+    stiffness: sp.csr_matrix | None = None
+    """of a material, or of springs to the ground: motions that these feel are held"""
+    material: Material | None = None
+    loads: tuple[Load, ...] = ()
+    supports: tuple[Support, ...] = ()
+    frictions: tuple[Friction, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
+    surfaces: tuple[ContactSurface, ...] = ()
+    eigenstrains: tuple[Eigenstrain, ...] = ()
+    initial_stresses: tuple[InitialStress, ...] = ()
+    viscosity: sp.csr_matrix | None = None
+    """matrix of b^h, stress in proportion to the rate of strain"""
+    given: tuple[GivenDatum, ...] = ()
+    """data that vary in space"""
+    curves: tuple[str, ...] = ()
+    """subjects whose conditions on normals hold along curves"""
 
 
 class Effect(ABC):

@@ -9,9 +9,8 @@ import numpy as np
 
 from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
-from vemcvx.effects.contribution import ContactSurface, Contribution, Friction, GivenDatum, Ground
 from vemcvx.effects.data import varies
-from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.effects.effect import ContactSurface, Contribution, Effect, Friction, GivenDatum, Ground, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 

@@ -10,9 +10,8 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief
-from vemcvx.effects.contribution import Contribution, Load
 from vemcvx.effects.data import Datum
-from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.effects.effect import Contribution, Effect, Load, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Space, cell_load, edge_load
 

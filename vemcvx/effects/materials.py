@@ -11,9 +11,8 @@ import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, choice
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, Eigenstrain, GivenDatum, InitialStress, Material
 from vemcvx.effects.data import Constant
-from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, GivenDatum, InitialStress, Material, amount, where
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import (
     Space,
@@ -191,7 +190,7 @@ class Elasticity(MaterialLaw):
 class Orthotropic(MaterialLaw):
     """Orthotropic linear elasticity with two axes of symmetry in the plane.
 
-    The stabilisation is scaled by the softest shear modulus (:mod:`vemcvx.vem.stiffness_matrix`). Every modulus is a
+    The stabilisation is scaled by the softest shear modulus (:mod:`vemcvx.vem.elasticity`). Every modulus is a
     number, an (n_cells,) array, a callable f(x) at centroids, or the name of a cell datum.
 
     Parameters

@@ -10,8 +10,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief
 from vemcvx.effects import data
-from vemcvx.effects.contribution import Contribution, GivenDatum, Support
-from vemcvx.effects.effect import Effect, amount, where
+from vemcvx.effects.effect import Contribution, Effect, GivenDatum, Support, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Part, SideRule, Space
 

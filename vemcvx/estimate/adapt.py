@@ -24,9 +24,9 @@ from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
 from vemcvx.solvers import Solver, Solves, as_solver
+from vemcvx.stepping.backward_euler import checked_times, initial_state, march
 from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
-from vemcvx.stepping.time_loop import checked_times, initial_state, march
 from vemcvx.stepping.trajectory import Memory
 
 # Which cells to refine, and which steps to split: the largest indicators.

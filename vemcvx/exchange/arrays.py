@@ -24,13 +24,13 @@ import scipy.sparse as sp
 from scipy.io import mmwrite
 
 from vemcvx.archives import read_arrays
-from vemcvx.arrays import Floats, as_real_array
+from vemcvx.arrays import Floats, as_real_array, checked_matrix, finite, of_shape
 from vemcvx.errors import ProgramError, VemcvxError
 from vemcvx.linear import Matrix
-from vemcvx.program.checks import check_symmetric, checked_matrix, finite, of_shape
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, SolvedProgram, StepProgram
+from vemcvx.program.system import check_symmetric
 
 Parts = dict[str, Matrix]
 SIZES = {

@@ -16,12 +16,26 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, Ints, MatrixLike, brief, called, function, is_whole, shaped
+from vemcvx.arrays import (
+    EPS,
+    Floats,
+    Ints,
+    MatrixLike,
+    at_instant,
+    brief,
+    called,
+    checked_matrix,
+    finite,
+    function,
+    is_whole,
+    shaped,
+)
 from vemcvx.errors import SceneError
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
-from vemcvx.program.checks import SAY, at_instant, checked_matrix, finite
 from vemcvx.program.kernel import KernelBalance
+
+SAY = "take the number of a term and say where it acts"
 
 
 class Rows:

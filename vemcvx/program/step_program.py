@@ -33,11 +33,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, read_only
+from vemcvx.arrays import EPS, Floats, brief, is_whole, lengths, of_shape, read_only
 from vemcvx.errors import SceneError, SolverFailed
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.certificate import Certificate, limit_gaps, moved_gap, norm_gaps
-from vemcvx.program.checks import of_shape
 from vemcvx.program.operators import Operators, Rows
 
 if TYPE_CHECKING:

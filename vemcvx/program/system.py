@@ -23,26 +23,20 @@ from vemcvx.arrays import (
     Ints,
     MatrixLike,
     as_real_array,
+    at_instant,
     brief,
     called,
+    checked_matrix,
     fading,
+    finite,
     instance,
     shape_in_words,
     shaped,
 )
 from vemcvx.errors import SceneError
-from vemcvx.linear import LinearSolver, choose_linear
+from vemcvx.linear import LinearSolver, choose_linear, direct_solver
+from vemcvx.linear.factor import singular
 from vemcvx.outline import ArrayRecord
-from vemcvx.program.checks import (
-    SYMMETRIC,
-    at_instant,
-    check_semidefinite,
-    check_stiffness,
-    checked_matrix,
-    finite,
-    motions,
-    permutation,
-)
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 
@@ -338,3 +332,75 @@ class System(ArrayRecord):
         """The load vector (n,) at the instant `t`, checked."""
         subject, wanted = f"System: load({t:.6g})", f"({self.n},) forces, one an unknown"
         return finite(shaped(at_instant(self.load, t, "System: load"), subject, wanted, (self.n,)), subject)
+
+
+# Products such as A'CA round (i, j) and (j, i) differently, by eps times the number of summands.
+SYMMETRIC = 1e-10
+
+
+def check_stiffness(K: sp.csr_matrix) -> None:
+    """Raise SceneError unless K is square and symmetric with a positive diagonal."""
+    if K.nnz == 0 and K.shape[0] == K.shape[1]:
+        return
+    check_symmetric(K, "System: K")
+    diagonal = K.diagonal()
+    if diagonal.min() <= 0:
+        i = int(np.argmin(diagonal))
+        raise SceneError(f"System: found K[{i}, {i}] = {diagonal[i]:.6g}; K must be positive definite.")
+
+
+def check_semidefinite(C: sp.csr_matrix, subject: str) -> None:
+    """Raise SceneError unless C is square, symmetric and positive semidefinite to rounding.
+
+    With a diagonal of ones, and SYMMETRIC added to it, its pivots must be positive; rows without a diagonal are empty.
+    """
+    check_symmetric(C, subject)
+    diagonal = C.diagonal()
+    felt = np.flatnonzero(diagonal > 0)
+    unit = sp.diags_array(diagonal[felt] ** -0.5)
+    scaled = sp.csr_matrix(unit @ C[felt][:, felt] @ unit + SYMMETRIC * sp.eye_array(len(felt)))
+    try:
+        if (diagonal < 0).any() or abs(C).sum() > abs(C[felt][:, felt]).sum():
+            raise singular()
+        if len(felt):
+            direct_solver(len(felt)).factorise(scaled)
+    except SceneError as error:
+        raise SceneError(
+            f"{subject}: found a matrix that is not positive semidefinite: some motion would gain energy from it."
+        ) from error
+
+
+def check_symmetric(K: sp.csr_matrix, subject: str) -> None:
+    """Raise SceneError unless K is square and symmetric."""
+    if K.shape[0] != K.shape[1]:
+        raise SceneError(f"{subject}: found a matrix of shape {K.shape}; it must be square.")
+    # Kx = K'x for one x without structure: a tenth of the cost of K - K', which is formed only to name the place.
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, K.shape[0])
+    largest = max(K.data.max(initial=0.0), -K.data.min(initial=0.0))
+    doubtful = np.abs(K @ x - x @ K).max() > 0.01 * SYMMETRIC * largest
+    apart = abs(K - K.T).tocoo() if doubtful else sp.coo_matrix(K.shape)
+    if apart.nnz and apart.data.max() > SYMMETRIC * largest:
+        worst = int(np.argmax(apart.data))
+        i, j = int(apart.row[worst]), int(apart.col[worst])
+        raise SceneError(
+            f"{subject}: found {K[i, j]:.6g} at [{i}, {j}] but {K[j, i]:.6g} at [{j}, {i}]; it must be symmetric. "
+            "For the energy 1/2 y'Ky, give (K + K.T) / 2."
+        )
+
+
+def permutation(raw: ArrayLike, n: int) -> Ints:
+    """An order of n unknowns."""
+    wanted = f"a permutation of the {n} unknowns, or None"
+    order = as_real_array(raw, "System: order", wanted)
+    if order.ndim != 1 or not np.array_equal(np.sort(order), np.arange(n)):
+        raise SceneError(f"System: found order = {brief(raw)}; wanted {wanted}.")
+    return order.astype(np.int64)
+
+
+def motions(raw: ArrayLike, n: int) -> Floats:
+    """Motions (n, k) of little energy."""
+    wanted = f"({n}, k) motions of little energy, one a column, or None"
+    found = as_real_array(raw, "System: near_kernel", wanted)
+    if found.ndim != 2 or len(found) != n or not found.shape[1] or not np.isfinite(found).all():
+        raise SceneError(f"System: found near_kernel = {brief(raw)}; wanted {wanted}.")
+    return found

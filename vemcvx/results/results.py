@@ -185,7 +185,7 @@ class Results:
     def von_mises(self, step: int) -> Floats:
         """(n_cells,) von Mises' equivalent stress at a stored step, the stress across the plane included.
 
-        See :mod:`vemcvx.vem.stress` for the formula, `out_of_plane_stress` for that component and its errors.
+        See :mod:`vemcvx.vem.elasticity` for the formula, `out_of_plane_stress` for that component and its errors.
         """
         stress = self.stress(step)
         return equivalent(stress, self.out_of_plane_stress(step)) if self._space.in_plane else equivalent(stress)

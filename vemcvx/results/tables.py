@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, brief, quantities
 from vemcvx.errors import HistoryError, VemcvxError
-from vemcvx.outline import Lines, Outline, csv_text
+from vemcvx.outline import csv_text
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
 
@@ -114,49 +114,3 @@ def dataset(history: Results) -> Dataset:
     axes = list("xyz")[: history.mesh.points.shape[1]]
     coordinates = {"step": history.stored, "instant": history.trajectory.times, "axis": axes}
     return Dataset(arrays, {**coordinates, "time": ("step", history.times)}, {"solver": history.solver})
-
-
-WHY_ESTIMATED = "where what sticks, slips and touches did not settle"
-"""Reason why certificates are no bounds; see :mod:`vemcvx.stepping.fixed_point`."""
-
-
-def in_words(history: Results) -> Outline:
-    """The summary in words: effects, certificates, cost."""
-    run, touch = history.trajectory, history.contact
-    sticks, slips, opened = (int(count[-1]) for count in (touch.stick_count, touch.slip_count, touch.open_count))
-    gone = f", {opened} are open" if opened else ""
-    title = (
-        f"{history.mesh.n_cells} cells, {history.mesh.n_nodes} nodes, {run.state.shape[1]} unknowns, "
-        f"{len(touch.nodes)} contact nodes, {history.steps} steps"
-    )
-    certified = (
-        f"{run.certificate.max():.1e} relative energy error a step (floor {run.certificate_floor.max():.1e}), "
-        f"{run.certificate_total[-1]:.1e} accumulated"
-    )
-    iterations = (
-        f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "
-        f"{run.iterations.max()}; {run.safeguards.sum()} of them safeguards"
-    )
-    estimated = run.estimated.sum()
-    at = f"an estimate at {estimated} of {len(run.estimated)} instants, {WHY_ESTIMATED}; else a bound"
-    kind = [("", at)] if estimated else []
-    energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
-    lines = [
-        *(("left out", words) for words in history.inactive),
-        ("solver", history.solver),
-        ("certified", certified),
-        *kind,
-        *_errors(history.errors),
-        ("iterations", iterations),
-        ("energy", energy),
-        ("contact", f"{sticks} nodes stick, {slips} slip{gone} in the last step"),
-        ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
-    ]
-    return Outline(title, lines)
-
-
-def _errors(errors: dict[str, float] | None) -> Lines:
-    if errors is None:
-        return []
-    parts = ", ".join(f"{name} {errors[name]:.2%}" for name in ("algebra", "space", "time"))
-    return [("estimated", f"{errors['total']:.2%} energy error ({parts}); {errors['target']:.2%} was asked for")]

@@ -1,6 +1,6 @@
 """Backward Euler: step after step, solved, certified, entered into the ledger, kept."""
 
-from vemcvx.stepping.time_loop import march
+from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.trajectory import Trajectory
 
 __all__ = ["Trajectory", "march"]

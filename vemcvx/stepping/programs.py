@@ -15,10 +15,8 @@ from vemcvx.program.step_program import SolvedProgram
 from vemcvx.program.system import System
 from vemcvx.solvers import Solver, Solves
 from vemcvx.solvers.conic import polished
-from vemcvx.stepping.backward_euler import Steps
-from vemcvx.stepping.recorder import certified_in_full
-from vemcvx.stepping.state import PreparedRun, State, prepare
-from vemcvx.stepping.time_loop import (
+from vemcvx.stepping.backward_euler import (
+    Steps,
     check_kinds,
     checked_times,
     first_state,
@@ -27,6 +25,8 @@ from vemcvx.stepping.time_loop import (
     steps_of,
     threads_of_steps,
 )
+from vemcvx.stepping.recorder import certified_in_full
+from vemcvx.stepping.state import PreparedRun, State, prepare
 from vemcvx.stepping.trajectory import Trajectory
 
 

@@ -203,7 +203,7 @@ class Recorder:
         Numbers of the steps to keep.
     storage : Storage
         Where the rows go.
-    initial : what :func:`vemcvx.stepping.time_loop.initial_state` takes
+    initial : what :func:`vemcvx.stepping.backward_euler.initial_state` takes
         A run goes on only where it began.
     """
 

@@ -166,7 +166,7 @@ class PreparedRun:
 
 @dataclass(frozen=True)
 class Dragged:
-    """The friction of nodes that supports drag along, after a step: see :mod:`vemcvx.stepping.time_loop`."""
+    """The friction of nodes that supports drag along, after a step: see :mod:`vemcvx.stepping.backward_euler`."""
 
     weights: Floats
     """(q,)"""

@@ -32,7 +32,7 @@ from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.solvers import Newton, Solver
-from vemcvx.stepping.time_loop import march
+from vemcvx.stepping.backward_euler import march
 from vemcvx.stepping.trajectory import Trajectory
 
 # Small problems on which solvers are tested: every kind of term, alone and together, under a load that reverses.

@@ -1,29 +1,27 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
 from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds, FacePart, MirrorPlanes, SideRule
-from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
-from vemcvx.vem.points_in_solids import solid_places
-from vemcvx.vem.projection import CellGroup, tangents_of
-from vemcvx.vem.space import Part, Space
-from vemcvx.vem.stiffness_matrix import (
+from vemcvx.vem.elasticity import (
     anisotropic_stiffness,
-    mean_shear,
-    softest_shear,
-    stabilisation_factor,
-    stiffness,
-)
-from vemcvx.vem.stress import (
     component_names,
     elastic_matrix,
     equivalent,
     isotropic_stress,
+    mean_shear,
     principal,
     rigid_modes,
+    softest_shear,
     split_motion,
+    stabilisation_factor,
+    stiffness,
     strains,
     stresses,
     upper_triangle,
 )
+from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
+from vemcvx.vem.points_in_solids import solid_places
+from vemcvx.vem.projection import CellGroup, tangents_of
+from vemcvx.vem.space import Part, Space
 
 __all__ = [
     "BoundaryPart",

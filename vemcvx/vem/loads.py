@@ -7,9 +7,9 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.geometry import INNER, clip_ears, cross, places, polygon_centroids, signed_areas
+from vemcvx.vem.elasticity import COMPONENTS
 from vemcvx.vem.projection import CellGroup, PolyhedronGroup
 from vemcvx.vem.space import Part, Space
-from vemcvx.vem.stress import COMPONENTS
 
 # Quadrature on polygons, exact for degree 2, that never leaves the cell; on polyhedra at the centroid.
 #
@@ -174,7 +174,7 @@ def stress_load(space: Space) -> sp.csr_matrix:
     Returns
     -------
     (n_u, components n_cells) csr_matrix
-        ``matrix @ sigma.ravel()`` for sigma (n_cells, components), in the order of :mod:`vemcvx.vem.stress`.
+        ``matrix @ sigma.ravel()`` for sigma (n_cells, components), in the order of :mod:`vemcvx.vem.elasticity`.
     """
     dim, components = space.dim, COMPONENTS[space.dim]
     rows, columns, values = [], [], []

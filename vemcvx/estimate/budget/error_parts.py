@@ -22,7 +22,7 @@ from vemcvx.scene.scene import InitialStresses
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import elastic_matrix, strains, stresses
-from vemcvx.vem.stiffness_matrix import missed_squares
+from vemcvx.vem.elasticity import missed_squares
 
 # Residual indicators of one state, cell by cell.
 #

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.program.system import System
-from vemcvx.stepping.backward_euler import QuasistaticSteps
+from vemcvx.stepping.backward_euler import QuasistaticSteps, settled_from
 from vemcvx.stepping.state import PreparedRun
-from vemcvx.stepping.time_loop import settled_from
 
 # The course of a system's data in time: where they bend, and where they jump.
 #

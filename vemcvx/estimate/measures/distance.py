@@ -8,15 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, flag, number, totals
+from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, finite, flag, number, totals
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.estimate.measures.overlap import CommonRule, check_covered, common_rule
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import nearest
-from vemcvx.program.checks import finite
 from vemcvx.results.results import Results
 from vemcvx.vem import CellGroup, Space, elastic_matrix, strains, stresses, upper_triangle
-from vemcvx.vem.stiffness_matrix import missed_squares, softest_shear
+from vemcvx.vem.elasticity import missed_squares, softest_shear
 
 # Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
 #

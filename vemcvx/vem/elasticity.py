@@ -1,4 +1,40 @@
-"""The stiffness matrix of a^h, (3.13): local matrices of isotropic and anisotropic materials, stabilised and summed."""
+"""Elasticity on virtual elements: the stiffness matrix (3.13), strains and stresses of cells, motions without strain.
+
+With Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`, Pi_0 div u the trace of eps(Pi u), on a cell K
+
+    a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K
+                  + tau h_K^(dim - 2) sum_i chi_i(u - Pi u) chi_i(v - Pi v),
+
+which between the components a, b of the vertices i, j is
+
+    (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau h_K^(dim - 2) delta_ab ((I - Pi)'(I - Pi))_ij.
+
+tau = 2 mu ("shear") has the units of the rest and leaves the volumetric part alone, so nothing locks as lam grows;
+tau = 1 ("unit") is (3.13) to the letter. On triangles and tetrahedra Pi v = v, and the last term is left out.
+
+For any elastic matrix C (3, 3) a cell the first two terms are |K| eps(Pi u)' C eps(Pi v), eps = (e_xx, e_yy, 2 e_xy).
+What Pi misses (hourglass modes) is mostly deviatoric, and tau stands for the modulus it meets. In Kelvin's notation,
+C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3 that keep the volumetric
+direction (1, 1, 0) and turn the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), within itself. We take
+
+    tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
+
+It has the units of C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock: a
+volumetric modulus that grows leaves the deviatoric plane alone, and fibres whose modulus grows add a matrix of rank
+one to it, which leaves the smaller of its two eigenvalues bounded. (The trace or the mean would grow with the fibres:
+with E1 / G = 2e8 and 8 Voronoi cells a side, 1.04 of the energy of a sheared body is found; with either of them
+nothing.)
+
+Components of symmetric tensors are in the order xx, yy, xy in the plane and xx, yy, zz, xy, yz, xz in space; of
+strains those across are 2 e_xy and so on. Moduli are rows over cells: (2, n_cells) Lame's lam (in the plane as it acts
+there) and mu, or, in the plane, (6, n_cells) the upper triangle of the elastic matrix C row by row: xx-xx, xx-yy,
+xx-xy, yy-yy, yy-xy, xy-xy. Principal stresses in the plane, and von Mises' equivalent stress:
+
+    sigma_1,2 = (xx + yy) / 2 +- sqrt(((xx - yy) / 2)^2 + xy^2)                                 Mohr's circle (1882)
+    sigma_v^2 = ((xx - yy)^2 + (yy - zz)^2 + (zz - xx)^2) / 2 + 3 (xy^2 + yz^2 + xz^2)          von Mises (1913)
+
+zz, across the plane, is the third principal stress: 0 in plane stress, lam (e_xx + e_yy) and more in plane strain.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +49,6 @@ from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import SceneError
 from vemcvx.vem.projection import CellGroup
 from vemcvx.vem.space import Space
-
-# Sums of local matrices into one sparse matrix, by counting sorts instead of a sort of all triples.
-#
-# The pattern lives on nodes: an entry (i, j) is a dim x dim block. Every pair of vertices of every cell is one
-# contribution; two stable counting sorts (by column, then by row) bring the contributions to one block
-# together, in the order of cells. The blocks (i, j) and (j, i) are then sums of the same numbers in the same
-# order: local matrices that are symmetric to the bit give a global one that is.
-
 
 # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
 CHUNK = 2**16
@@ -103,11 +131,6 @@ def _counting_sort(keys: Ints, n: int) -> Ints:
     return np.asarray(columns.indices)
 
 
-# What the projection misses: tau h_K^(dim - 2) |(I - Pi) v|^2 in vertex values, added to the stiffness of every cell.
-#
-# A triangle or tetrahedron misses nothing. What tau is stands in :mod:`.isotropic` and :mod:`.anisotropic`.
-
-
 def add_stabilisation(blocks: Floats, cells: CellGroup, tau: Floats) -> None:
     """Add tau h_K^(dim - 2) (I - Pi)'(I - Pi), component by component, to local matrices (c, n, n, dim, dim)."""
     if cells.simplices:
@@ -134,21 +157,6 @@ def missed_squares(space: Space, u: Floats) -> Floats:
             missed = about - np.matmul(chunk.vertex_values(), about)
             squares[chunk.cells] = np.sum(missed**2, axis=(1, 2))
     return squares
-
-
-# The stiffness matrix of a^h, (3.13).
-#
-#     a_K^h(u, v) = 2 mu (eps(Pi u), eps(Pi v))_K + lam (Pi_0 div u, Pi_0 div v)_K
-#                   + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v)
-#
-# with Pi and |K| G_i = g_i as in :mod:`vemcvx.vem.projection`; Pi_0 div u is the trace of eps(Pi u). Between the
-# components a, b of the vertices i, j this is
-#
-#     (lam g_ia g_jb + mu g_ib g_ja + mu delta_ab g_i.g_j) / |K| + tau h_K^(dim - 2) delta_ab ((I - Pi)'(I - Pi))_ij.
-#
-# tau = 2 mu ("shear") has the units of the rest and leaves the volumetric part alone, so nothing locks as
-# lam grows; tau = 1 ("unit") is (3.13) to the letter. On triangles and
-# tetrahedra Pi v = v, and the last term is left out.
 
 
 def stiffness(space: Space, lam: Floats, mu: Floats, stabilisation: str = "shear") -> sp.csr_matrix:
@@ -206,24 +214,6 @@ def local_blocks(cells: CellGroup, lam: Floats, mu: Floats, tau: Floats) -> Floa
     return blocks
 
 
-# The stiffness matrix of a^h, (3.13), for any elastic matrix C (3, 3) a cell.
-#
-#     a_K^h(u, v) = |K| eps(Pi u)' C eps(Pi v) + tau sum_i chi_i(u - Pi u) chi_i(v - Pi v),   eps = (e_xx, e_yy, 2 e_xy)
-#
-# What Pi misses (hourglass modes) is mostly deviatoric, and tau stands for the modulus it meets. In Kelvin's
-# notation, C_k = D C D with D = diag(1, 1, sqrt 2), rotations of the plane act as rotations of R^3 that keep the
-# volumetric direction (1, 1, 0) and turn the deviatoric plane, spanned by (1, -1, 0) / sqrt 2 and (0, 0, 1), within
-# itself. We take
-#
-#     tau = smallest eigenvalue of C_k on the deviatoric plane = mean - sqrt(((p - q) / 2)^2 + r^2) of [[p, r], [r, q]].
-#
-# It has the units of C, does not depend on the axes, and is 2 mu for an isotropic material. It does not lock: a
-# volumetric modulus that grows leaves the deviatoric plane alone, and fibres whose modulus grows add a matrix of rank
-# one to it, which leaves the smaller of its two eigenvalues bounded. (The trace or the mean would grow with the
-# fibres: with E1 / G = 2e8 and 8 Voronoi cells a side, 1.04 of the energy of a sheared body is found; with either of
-# them nothing.)
-
-
 def anisotropic_stiffness(space: Space, C: Floats) -> sp.csr_matrix:
     """Matrix of a^h over all nodal values, (2 n_nodes, 2 n_nodes), symmetric to the bit.
 
@@ -269,3 +259,114 @@ def general_blocks(cells: CellGroup, C: Floats, tau: Floats) -> Floats:
     blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1, 4, 3))
     add_stabilisation(blocks, cells, tau)
     return blocks
+
+
+def strains(space: Space, u: Floats) -> Floats:
+    """The mean strain of a virtual function on each cell, eps(Pi u), (3.13): (n_cells, components).
+
+    These are e_xx, e_yy and 2 e_xy in the plane, and e_xx, e_yy, e_zz, 2 e_xy, 2 e_yz, 2 e_xz in space. u are nodal
+    displacements, (n_nodes, dim) or (n_u,).
+    """
+    dim = space.mesh.points.shape[1]
+    u = np.reshape(u, (-1, dim))
+    result = np.empty((space.mesh.n_cells, len(COMPONENTS[dim])))
+    for group in space.groups:
+        for chunk in group.chunks(CHUNK):
+            measures, g = chunk.gradients()
+            v = u[chunk.nodes]
+            # Differences from a vertex: a rigid translation much larger than the deformation costs no digits.
+            v -= v[:, :1]
+            slope = np.matmul(v.transpose(0, 2, 1), g) / measures[:, None, None]
+            for k, (a, b) in enumerate(COMPONENTS[dim]):
+                result[chunk.cells, k] = slope[:, a, a] if a == b else slope[:, a, b] + slope[:, b, a]
+    return result
+
+
+def rigid_modes(points: Floats) -> Floats:
+    """The infinitesimal rigid motions (n_u, 3 or 6): translations along the axes, then rotations about the origin.
+
+    In the plane the rotation is (-y, x), in space they are (0, -z, y), (z, 0, -x) and (-y, x, 0).
+    """
+    dim = points.shape[1]
+    turns = ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1))
+    modes = np.zeros((*points.shape, dim + len(turns)))
+    for axis in range(dim):
+        modes[:, axis, axis] = 1.0
+    for k, (a, b) in enumerate(turns, start=dim):
+        modes[:, a, k] = -points[:, b]
+        modes[:, b, k] = points[:, a]
+    return modes.reshape(-1, modes.shape[2])
+
+
+def split_motion(mode: Floats) -> tuple[Floats, Floats]:
+    """The translation and the rotation, one number in the plane and three in space, of a sum of rigid modes."""
+    return (mode[:2], mode[2:]) if len(mode) == 3 else (mode[:3], mode[3:])
+
+
+UPPER = np.triu_indices(3)
+COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
+"""Of symmetric tensors in dim dimensions, axis by axis."""
+
+
+def component_names(dim: int) -> tuple[str, ...]:
+    """The names of components: xx, yy, xy ..."""
+    return tuple("xyz"[a] + "xyz"[b] for a, b in COMPONENTS[dim])
+
+
+def isotropic_stress(value: Floats, dim: int) -> Floats:
+    """(k, components) of a stress (k,) in all directions."""
+    return np.column_stack([value if a == b else np.zeros_like(value) for a, b in COMPONENTS[dim]])
+
+
+def stresses(moduli: Floats, strain: Floats) -> Floats:
+    """Stresses (n_cells, components) of strains of these components."""
+    if len(moduli) == len(UPPER[0]):
+        stress: Floats = np.einsum("ckl,cl->ck", elastic_matrix(moduli), strain)
+        return stress
+    lam, mu = moduli
+    dim = 2 if strain.shape[1] == len(COMPONENTS[2]) else 3
+    trace = strain[:, 0] + strain[:, 1] if dim == 2 else strain[:, 0] + strain[:, 1] + strain[:, 2]
+    normal = [2 * mu * strain[:, a] + lam * trace for a in range(dim)]
+    return np.column_stack([*normal, *(mu * shear for shear in strain[:, dim:].T)])
+
+
+def elastic_matrix(moduli: Floats) -> Floats:
+    """C (n_cells, 3, 3) of moduli in either form, in the plane."""
+    C = np.zeros((moduli.shape[1], 3, 3))
+    if len(moduli) == len(UPPER[0]):
+        C[:, UPPER[0], UPPER[1]] = C[:, UPPER[1], UPPER[0]] = moduli.T
+        return C
+    lam, mu = moduli
+    C[:, 0, 0] = C[:, 1, 1] = lam + 2 * mu
+    C[:, 0, 1] = C[:, 1, 0] = lam
+    C[:, 2, 2] = mu
+    return C
+
+
+def upper_triangle(C: Floats) -> Floats:
+    """Moduli (6, n_cells) of C (n_cells, 3, 3)."""
+    return np.ascontiguousarray(C[:, UPPER[0], UPPER[1]].T)
+
+
+def principal(stress: Floats) -> Floats:
+    """Principal stresses (n, dim), those in the plane or all three, the largest first, of stresses (n, components)."""
+    if stress.shape[1] == len(COMPONENTS[3]):
+        tensor = np.empty((len(stress), 3, 3))
+        for (a, b), component in zip(COMPONENTS[3], stress.T, strict=True):
+            tensor[:, a, b] = tensor[:, b, a] = component
+        return np.ascontiguousarray(np.linalg.eigvalsh(tensor)[:, ::-1])
+    xx, yy, xy = stress.T
+    centre, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    return np.column_stack([centre + radius, centre - radius])
+
+
+def equivalent(stress: Floats, out_of_plane: Floats | None = None) -> Floats:
+    """Von Mises' stress (n,) of stresses (n, 6), or (n, 3) in the plane and (n,), zz, across it."""
+    if out_of_plane is None:
+        xx, yy, zz, *shear = stress.T
+    else:
+        xx, yy, *shear = stress.T
+        zz = out_of_plane
+    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    squared: Floats = 0.5 * apart + 3.0 * sum(component**2 for component in shear)
+    return np.sqrt(squared)

@@ -331,7 +331,7 @@ def test_full_programs_have_the_same_answers():
 
 def test_ground_that_moves_wears_friction_off():
     """A block held at its top on a belt: the friction of the block sheared over a floor at rest, to rounding."""
-    belt = vx.effects.contribution.Ground
+    belt = vx.effects.effect.Ground
 
     @dataclass(frozen=True)
     class OnBelt(Law):

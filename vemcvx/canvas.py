@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
 
-MOST_TICKS = 5
-"""Spaces between ticks of a bar of colours; those of the flattest bodies have room for as many."""
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
@@ -199,7 +197,8 @@ def bar_beside(ax: Axes, cells: Collection) -> Colorbar:
 
     # By default the number of ticks goes with the height of the bar, and the room for their labels with the ticks: on
     # a page that is laid out for some, others may then be drawn, and cut off.
-    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=MaxNLocator(MOST_TICKS))
+    # Spaces between ticks of a bar of colours; those of the flattest bodies have room for as many.
+    return figure_of(ax).colorbar(cells, cax=ax.inset_axes((1.03, 0.0, 0.04, 1.0)), ticks=MaxNLocator(5))
 
 
 def draw_faces(

@@ -34,11 +34,7 @@ ANY_KIND = r"[^/\\\x00-\x1f]+\.(npy|npz|json|jsonl|csv|png|pvd|vtu|mtx|cbf|qps|m
 """Names of the files that are written to folders, as a regular expression."""
 DRAFTS = "new"
 """The one folder that may be ours; what is in it is ours if it is a file of such a name."""
-LONGEST_MARK = 2**24
-"""Bytes: a hundred times those of the largest collection of programs."""
 BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
-BEYOND = 2**30
-"""Windows locks bytes, and nobody may read a locked one: this one the text never reaches."""
 
 
 class Owned:
@@ -63,7 +59,8 @@ class Owned:
             if os.path.lexists(path / MARK) and not _is_file(path / MARK):
                 raise self._foreign(MARK)
             self._mark = _locked(path / MARK)
-            text = os.read(self._mark, LONGEST_MARK).decode(errors="replace")
+            # 16 MB are a hundred times the mark of the largest collection of programs.
+            text = os.read(self._mark, 2**24).decode(errors="replace")
         except BlockingIOError as error:
             raise HistoryError(
                 f"{path}: another run is writing there. Wait until it has ended, or choose another folder."
@@ -222,7 +219,8 @@ def _lock(descriptor: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(descriptor, BEYOND, os.SEEK_SET)
+        # Windows locks bytes, and nobody may read a locked one: this one the text never reaches.
+        os.lseek(descriptor, 2**30, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
     else:
         import fcntl

@@ -218,10 +218,6 @@ def _of_misses(run: Trajectory, missed: Ints) -> str:
 # Tables of a comparison on a terminal: as many columns as fit; the rest is in the files that can be asked for.
 
 
-WIDE = 112
-"""Characters that all columns take."""
-
-
 @dataclass(frozen=True)
 class Column:
     """A column: its head, the unit below it, and what it says of a row."""
@@ -268,7 +264,8 @@ def in_words(found: Compared) -> str:
         console.print(f"{found.title}\n{found.size}\n")
         answered = [row for row in found.judged.rows if row.certified is not None]
         if answered:
-            console.print(_answers(answered, console.width >= WIDE))
+            # All columns take 112 characters.
+            console.print(_answers(answered, console.width >= 112))
             console.print()
         for table in (_words(found), _settings(found)):
             if table.row_count:

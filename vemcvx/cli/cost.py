@@ -24,7 +24,6 @@ from vemcvx.version import __version__
 USUAL = ("squares", "triangles", "voronoi")
 USUAL_N, USUAL_TARGETS = "8,16,32,64,128", "0.05,0.02,0.01"
 TABLE, PICTURE = "cost.csv", "cost.png"
-DPI = 160
 
 
 @dataclass(frozen=True)
@@ -205,7 +204,7 @@ def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
             if not any(row.done for row in found.rows):
                 return f"{files}\npicture     none: no run has an answer"
             title = f"{problem.name}: what accuracy costs"
-            picture(found.rows, grid.targets, found.reference.estimated, title).savefig(places[1], dpi=DPI)
+            picture(found.rows, grid.targets, found.reference.estimated, title).savefig(places[1], dpi=160)
         except OSError as error:
             raise HistoryError(f"{folder}: cannot write the table and the picture there: {error}.") from error
         except VemcvxError as error:

@@ -73,14 +73,10 @@ def short(value: float) -> str:
 # What came out of a run, as parts of its report: results with their units, certificates, the budget of errors.
 
 
-ROWS = 12
-"""Steps that the table of steps has at most; steps.csv has all."""
 FORCE, LENGTH, ENERGY, STRESS = "force", "length", "force × length", "force / length²"
 SPREAD = {2: ("length", "force / length"), 3: ("area", STRESS)}
 """Over what forces of contact are spread, and their unit, by the dimension."""
 THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
-CARRIES = 1e-9
-"""Reactions below this part of the largest are rounding."""
 COLUMNS = {
     "step": ("step", ""),
     "time": ("t", ""),
@@ -116,7 +112,8 @@ def results(history: History, points: Floats | None) -> str:
     )
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
-    held = [(name, force) for name, force in forces.items() if np.linalg.norm(force) > CARRIES * largest]
+    # Reactions below this part of the largest are rounding.
+    held = [(name, force) for name, force in forces.items() if np.linalg.norm(force) > 1e-9 * largest]
     axes = [f"{axis}\n{FORCE}" for axis in "xyz"[: history.mesh.points.shape[1]]]
     table = numbers(["boundary", *axes], [[name, *map(figure, force)] for name, force in held])
     reactions = (
@@ -183,7 +180,8 @@ def certificates(history: History) -> str:
         ("all steps added up", short(run.certificate_total[-1])),
     ]
     columns = history.table("steps")
-    rows = np.unique(np.linspace(0, history.steps, min(ROWS, history.steps + 1)).round().astype(int))
+    # The table has twelve steps at most; steps.csv has all.
+    rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
     body = [[(short if "certificate" in name else figure)(columns[name][row]) for name in COLUMNS] for row in rows]
     return (
         f"<p>{bound}</p>"
@@ -212,7 +210,6 @@ def budget(history: History) -> str:
 
 
 REPORT = "report.html"
-DPI = 130
 CAPTIONS = {
     "deformed_mesh": "The body as it is deformed at the end.",
     "friction_traction": "Friction along the contact boundary, within its bound.",
@@ -288,7 +285,7 @@ def _scene(problem: Problem, asked: RunOptions, history: History) -> str:
 
 def _pictures(history: History) -> Iterator[str]:
     for name, drawn in draw_pictures(history).items():
-        data, says = base64.b64encode(as_png(drawn, DPI)).decode(), CAPTIONS[name]
+        data, says = base64.b64encode(as_png(drawn, 130)).decode(), CAPTIONS[name]
         yield f'<figure><img src="data:image/png;base64,{data}" alt="{says}"><figcaption>{says}</figcaption></figure>'
     for why in dict.fromkeys(left_out(history).values()):
         yield f"<p>Left out: {escape(why)}.</p>"

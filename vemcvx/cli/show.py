@@ -21,13 +21,11 @@ from vemcvx.solvers.default import BY_SIZE, words
 from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.state import stability
 
-INSTANTS = 64
-"""Steps at which data are looked at, to see whether they are zero at all times."""
-
 
 def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[str, ...]) -> None:
     """Print the table to standard output; without colours and frames it reads the same."""
-    times = checked_times(problem.times(INSTANTS))
+    # Data are looked at at 64 instants, to see whether they are zero at all times.
+    times = checked_times(problem.times(64))
     rows = scene_in_words(problem.scene(settings), problem.mesh(n, family), times, mesh_name(problem, family, n))
     # Square brackets in a user's words are no markup.
     Console(highlight=False, markup=False).print(f"{problem.name}: {problem.title}")

@@ -132,14 +132,9 @@ def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, 
 
 
 PART = 0.25
-MOST_UNKNOWNS = 700_000
-"""Some 4 GB at the peak."""
-THETA = 0.7
-"""Fewer passes than adapt makes by default: the last one costs most."""
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
 FILES = (ARCHIVE, ABOUT, f"new-{ARCHIVE}", f"new-{ABOUT}")
 """What is written of a reference."""
-SAME_AREA = 1e-9
 
 
 @dataclass(frozen=True)
@@ -226,7 +221,7 @@ def build_reference(
     """Compute the reference, write it to the folder, and say what it is."""
     start = time.perf_counter()
     made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
-    common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > SAME_AREA)
+    common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > 1e-9)
     wanted, mesh = np.append(made.times[0], instants), fine.mesh if common else made.mesh
     try:
         history, estimated = _adapted(replace(made, mesh=mesh), wanted, goal)
@@ -253,6 +248,8 @@ def build_reference(
 
 def _adapted(coarse: Ingredients, wanted: Floats, goal: float) -> tuple[History, float | None]:
     """On a mesh adapted from a coarse one, and its estimate."""
+    # 700,000 unknowns take some 4 GB at the peak.
+    # Fewer passes than adapt makes by default: the last one costs most.
     found = adapt(
         coarse.scene,
         coarse.mesh,
@@ -260,8 +257,8 @@ def _adapted(coarse: Ingredients, wanted: Floats, goal: float) -> tuple[History,
         goal,
         solver=coarse.solver,
         initial=coarse.initial,
-        most_unknowns=MOST_UNKNOWNS,
-        theta=THETA,
+        most_unknowns=700_000,
+        theta=0.7,
     )
     return found.history, found.passes[-1].total
 

@@ -20,8 +20,6 @@ from vemcvx.solvers import Solver
 
 FACTOR = 200
 """Assembling and factorising cost as much as so many steps, on the paper's scene with 33,000 unknowns."""
-ADAPTIVE = 3.0
-"""Unknowns of an adaptive run times target^2, and its steps times target: 3 and 1 on the paper's scene."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,8 @@ class Point:
     def work(self) -> float:
         """Unknowns times steps, roughly: for the order of runs and the time left, and nothing else."""
         if self.target is not None:
-            return 2.0 * ADAPTIVE / self.target**2 * (FACTOR + 1.0 / self.target)
+            # An adaptive run has 3 / target^2 unknowns and 1 / target steps on the paper's scene.
+            return 2.0 * 3.0 / self.target**2 * (FACTOR + 1.0 / self.target)
         unknowns = (4.0 if self.family == "voronoi" else 2.0) * self.n**2
         return unknowns * (FACTOR + (self.steps or 0))
 
@@ -87,8 +86,6 @@ class Recipe(Protocol):
 
 
 OTHERS = ("clarabel", "osqp")
-OTHER_ACCURACIES = (1e-3, 1e-6)
-"""Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family."""
 MOST_INSTANTS = 4
 SAME_INSTANT = 1e-9
 
@@ -130,7 +127,8 @@ class Grid:
             ]
         if self.solvers is None and self.accuracies is None:
             where = sorted(self.ns)[1:-1:2] or self.ns[:1]
-            chosen = product(where, self.steps[-1:], OTHERS, OTHER_ACCURACIES)
+            # Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family.
+            chosen = product(where, self.steps[-1:], OTHERS, (1e-3, 1e-6))
             found += [Point(self.families[0], *settings) for settings in chosen]
         return tuple(sorted(dict.fromkeys(found), key=lambda point: -point.work))
 

@@ -163,15 +163,12 @@ def table(rows: Sequence[Row]) -> str:
     return csv_text(heads, ([*astuple(row), *(int(row.key in keys) for keys in fronts.values())] for row in rows))
 
 
-SAME = 0.01
-"""Errors that differ by less than this part are the same: solvers differ in the last digits of one mesh's error."""
-
-
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     """Pareto front: the pairs of cost and error better than all that cost no more, by growing cost; first of equals."""
     best, kept = float("inf"), []
     for k in sorted(range(len(costs)), key=lambda k: (costs[k], errors[k])):
-        if errors[k] < (1.0 - SAME) * best:
+        # Errors that differ by less than a hundredth are the same: solvers differ in the last digits of a mesh's error.
+        if errors[k] < (1.0 - 0.01) * best:
             best = errors[k]
             kept.append(k)
     return kept

@@ -112,10 +112,6 @@ class BodyForce(Effect):
 # force spread over about one cell; away from it the answer converges.
 
 
-# A point that a user computes may miss its node by rounding, never by a noticeable part of the body's size.
-SAME_POINT = 1e-9
-
-
 @dataclass(frozen=True)
 class PointLoad(Effect):
     """A force on single nodes (per unit thickness).
@@ -153,7 +149,8 @@ class PointLoad(Effect):
             nodes = np.array([np.argmin(np.linalg.norm(points - place, axis=1)) for place in at])
             apart = np.linalg.norm(points[nodes] - at, axis=1)
         worst = int(np.argmax(apart))
-        if apart[worst] > SAME_POINT * np.ptp(points, axis=0).max():
+        # A point that a user computes may miss its node by rounding, never by a noticeable part of the body's size.
+        if apart[worst] > 1e-9 * np.ptp(points, axis=0).max():
             node = nodes[worst]
             raise SceneError(
                 f"PointLoad: there is no node at {at[worst]}; the nearest is node {node} at {points[node]}, "

@@ -65,9 +65,6 @@ def region(space: Space, on: str | Sequence[str] | None, subject: str) -> Bools 
 
 
 STABILISATIONS = ("shear", "unit")
-# Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds
-# twice that of polygons of the same size, and grows without bound towards 1/2.
-LOCKING_POISSON = 0.49
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,9 @@ class Elasticity(MaterialLaw):
     def _warn_of_locking(self, lam: Floats, mu: Floats, space: Space) -> None:
         largest = float((0.5 * lam / (lam + mu)).max())
         (simplices, others), part = space.simplices
-        if largest > LOCKING_POISSON and part > 0.5:
+        # Linear triangles cannot follow a volume-preserving motion: at nu = .49 the error of P1 already exceeds twice
+        # that of polygons of the same size, and grows without bound towards 1/2.
+        if largest > 0.49 and part > 0.5:
             warnings.warn(
                 f"Elasticity: poisson = {largest:.9g} on a mesh of {simplices}, which lock near 1/2; {others} do not.",
                 SceneWarning,

@@ -175,9 +175,6 @@ class PrescribedDisplacement(Effect):
 # matrix of the edge) for constant and affine k; likewise on faces of polyhedra, where traces are piecewise linear.
 
 
-GAUSS = 2
-
-
 @dataclass(frozen=True)
 class ElasticFoundation(Effect):
     """Springs between a part of the boundary and the ground, in tension and compression (Winkler foundation).
@@ -200,7 +197,7 @@ class ElasticFoundation(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "ElasticFoundation")
-        springs = [_spread(self._of_sides(rule, part.normals[rule.sides]), rule, space) for rule in part.rules(GAUSS)]
+        springs = [_spread(self._of_sides(rule, part.normals[rule.sides]), rule, space) for rule in part.rules(2)]
 
         def at(x: Floats) -> Floats:
             return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])

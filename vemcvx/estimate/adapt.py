@@ -43,10 +43,6 @@ GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
 MARGIN = 0.9
 """Of the target: what the last pass aims at, so that it need not be followed by another."""
-SPLIT = 0.8
-"""Part of the squared loss that is split at once."""
-GREATLY = 4.0
-"""Steps are cut into more than two at once where the error exceeds this many times what is allowed."""
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
@@ -74,9 +70,11 @@ def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
     lost = np.where(np.diff(times) > ACROSS * (times[-1] - times[0]), finer.added, 0.0)
     if error <= allowed or not lost.any():
         return times
-    marked = largest(lost**2, SPLIT)
+    # Steps with .8 of the squared loss are split at once.
+    marked = largest(lost**2, 0.8)
     # Where loads are smooth the error falls with the square of the step.
-    parts = 2 if error <= GREATLY * allowed else 3
+    # Steps are cut into more than two at once where the error exceeds this many times what is allowed.
+    parts = 2 if error <= 4.0 * allowed else 3
     new = [times]
     for n in np.flatnonzero(marked):
         a, b = times[n], times[n + 1]
@@ -97,12 +95,6 @@ log = logging.getLogger("vemcvx")
 TIME_SHARE = 0.3
 """Part of the target for time."""
 THETA = 0.6
-NEAR = 1.5
-"""Steps are split once the error of the mesh is this near to what it may be."""
-SOON = 1.4
-"""Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse mesh."""
-MOST_STEPS = 4000
-"""Beyond so many, steps are not split before the mesh is."""
 MOST_LOOKED_AT = 8
 """Instants at which the mesh is judged; each costs one back-substitution a pass."""
 
@@ -240,7 +232,9 @@ def adapt(
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=begin, store=kept)
         assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
         history = History.of(record(posed, trajectory, assembled, Memory()))
-        near = len(passes) > 0 and passes[-1].space <= SOON * target
+        # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
+        # mesh.
+        near = len(passes) > 0 and passes[-1].space <= 1.4 * target
         budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
         now = _pass_of(posed, budget, steps=len(instants) - 1, seconds=time.perf_counter() - start)
         passes.append(now)
@@ -292,7 +286,8 @@ def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, th
     """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
     for_space = _for_space(budget, target)
     marked = cells_to_refine(budget.cells**2, for_space**2, theta)
-    if budget.largest["space"] > NEAR * for_space or budget.largest["time"] <= TIME_SHARE * target:
+    # Steps are split once the error of the mesh is this near to what it may be.
+    if budget.largest["space"] > 1.5 * for_space or budget.largest["time"] <= TIME_SHARE * target:
         return marked, instants
     return marked, split_steps(instants, finer, TIME_SHARE * target * (budget.scale or finer.norm))
 
@@ -337,7 +332,8 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
         finer = beside_finer(run, times, state.unknowns, known)
         allowed = TIME_SHARE * target * finer.norm
         split = split_steps(times, finer, allowed)
-        if len(split) == len(times) or len(split) > MOST_STEPS:
+        # Beyond so many, steps are not split before the mesh is.
+        if len(split) == len(times) or len(split) > 4000:
             return times, finer
         times = split
 

@@ -28,8 +28,6 @@ from vemcvx.errors import ProgramError
 from vemcvx.program.step_program import SolvedProgram, StepProgram
 
 MODEL = "u = W r + q; r_N >= 0, u_N >= 0, r_N u_N = 0; |r_T| <= mu r_N, r_T opposite to u_T where it slips"
-PAIRED = 64 * EPS
-"""Of the weights, that may differ from mu p: both are sums and products of a few numbers."""
 
 
 def to_fclib(program: StepProgram) -> dict[str, bytes]:
@@ -85,7 +83,8 @@ def _contacts(program: SolvedProgram) -> tuple[Ints, Floats]:
     if not single:
         raise ProgramError(f"{words}here weights are at a cap, or not one to a limit.")
     mu = pairs.data
-    other = np.abs(program.w[pairs.indices] - mu * program.answer.p) > PAIRED * program.w[pairs.indices]
+    # Weights may differ from mu p by rounding: both are sums and products of a few numbers.
+    other = np.abs(program.w[pairs.indices] - mu * program.answer.p) > (64 * EPS) * program.w[pairs.indices]
     if other.any():
         raise ProgramError(f"{words}here {other.sum()} weights are not those of the answer's own pressures.")
     return pairs.indices.astype(np.int64), mu

@@ -47,8 +47,6 @@ SMALLEST_PARDISO = 1_000
 LARGEST_FACTOR = 2_000_000
 MOST_MEMORY = 8e9
 """Of factors in space."""
-MOST_DENSE = 6_000
-"""Unknowns of contact in space: a dense system of so many takes seconds, and there are a few of them in every step."""
 log = logging.getLogger("vemcvx")
 
 
@@ -74,7 +72,8 @@ def choose_linear(
         fits, takes = unknowns <= LARGEST_FACTOR, ""
     else:
         memory = direct.memory_in_space(unknowns) + 4 * 8 * float(retained) ** 2
-        fits, takes = memory <= MOST_MEMORY and retained <= MOST_DENSE, f" in space take {memory / 1e9:.2g} GB"
+        # A dense system of 6,000 unknowns of contact takes seconds, and there are a few of them in every step.
+        fits, takes = memory <= MOST_MEMORY and retained <= 6_000, f" in space take {memory / 1e9:.2g} GB"
     if fits:
         if takes and unknowns >= SMALLEST_PARDISO:
             log.info("linear solver: %s; factors for %d unknowns%s", type(direct).__name__, unknowns, takes)

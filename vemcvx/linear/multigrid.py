@@ -52,8 +52,6 @@ from vemcvx.linear.factor import Cycle, DenseCholesky, Factor, LinearSolver, Mat
 
 DEGREE = 2
 """Of the smoother: 1 takes a half more cycles of two thirds the time."""
-SMOOTHED = 30.0
-"""It serves the upper part of the spectrum, from the end over this."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +92,8 @@ class Level:
 
     def smoothed(self, b: Floats, x: Floats | None = None) -> Floats:
         """x after DEGREE steps of Chebyshev's method; from zero, if none is given."""
-        begin = self.end / SMOOTHED
+        # It serves the upper part of the spectrum, from the end over this.
+        begin = self.end / 30.0
         centre, half = 0.5 * (self.end + begin), 0.5 * (self.end - begin)
         step = self.weight * (b if x is None else self.residual(b, x)) / centre
         x = step if x is None else x + step

@@ -28,14 +28,9 @@ from vemcvx.errors import NotAccepted
 from vemcvx.linear.factor import SAMPLES, Factor, LinearSolver, Matrix, singular, weighted
 
 PACKAGE = "pymklpardiso"
-SEEN = 0.1
-"""Of a (K^{-1})_ii, by the mean of SAMPLES squares: it is less once in a thousand times."""
-POSITIVE_DEFINITE = 2
 FACTORISE, SOLVE, FORWARD, BACKWARD = 12, 33, 331, 333
 OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO = (0, 1), (1, 2), (23, 1), (34, 1)
 SCHUR_AND_FACTORS, EQUAL_ROWS = (35, 2), (36, -100)
-LONGEST = 128
-"""Entries of a row up to which blocks are asked for: half of the largest block that PARDISO takes."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +92,8 @@ class PardisoFactor(Factor):
             K.sum_duplicates()
         upper = sp.triu(K, format="csr")
         upper.data /= self._unit
-        self._pardiso = _with_values(upper, self._last, longest <= LONGEST)
+        # Blocks are asked for where rows have at most 128 entries, half of the largest block that PARDISO takes.
+        self._pardiso = _with_values(upper, self._last, longest <= 128)
         own = self._factorised()
         self._upper: Floats = _cholesky(own)
         rank = np.argsort(self._rising)
@@ -108,7 +104,8 @@ class PardisoFactor(Factor):
 
         That is where EPS K_ii (K^{-1})_ii >= 1 for some i, by an estimate that is taken for ten times as large.
         """
-        if (EPS * self._diagonal * self.compliance >= SEEN).any():
+        # The mean of SAMPLES squares is less than a tenth of (K^{-1})_ii once in a thousand times.
+        if (EPS * self._diagonal * self.compliance >= 0.1).any():
             raise singular()
         return self
 
@@ -214,7 +211,7 @@ def _with_values(upper: sp.csr_matrix, last: Ints, blocks: bool) -> Any:
             "Pardiso: the package py-mkl-pardiso (0.0.6 or a later 0.0) is not installed; pip install 'vemcvx[mkl]' "
             "(x86-64 on Linux and Windows), or use SuperLU()."
         )
-    n, solver = upper.shape[0], kind(POSITIVE_DEFINITE, 0)
+    n, solver = upper.shape[0], kind(2, 0)  # 2: symmetric positive definite
     for number, value in (OWN_SETTINGS, METIS, TWO_LEVELS, FROM_ZERO):
         solver.set_iparm(number, value)
     if len(last):

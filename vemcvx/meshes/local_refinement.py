@@ -47,18 +47,11 @@ from vemcvx.meshes.tessellation import Tessellation
 # turns first. The perimeter is at least twice the diameter: every cell has at least two such places.
 
 
-# Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
-STRAIGHT = 1e-6
 SHARP, TURN = np.radians(20.0), np.radians(40.0)
 # Part of the diameter. The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to
 # 1 : 3.2 are long; thinner rectangles are cut across only, which brings them back below. Zigzag cells of twelve sides
 # of 0.26 get 5 children; if 0.25 were enough it would be 10, thin ones around a point.
 SHORT = 0.3
-# A vertex this near to the middle of its side, in parts of it, is its middle. Else the edge in the middle is
-# at least 0.4 of the side long, and its own middle lies within 0.15 of the side's.
-NEAR = 0.2
-# In lengths of its share of a run: so much nearer to the middle a right turn seems to be.
-RIGHT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +142,8 @@ def _outline_of(mesh: Tessellation) -> Outline:
     length = np.hypot(edge[:, 0], edge[:, 1])
     before = previous_corner(mesh.offsets)
     sine, cosine = cross(edge[before], edge), np.einsum("ij,ij->i", edge[before], edge)
-    slack = STRAIGHT * length[before] * length + rounding(x) * (length[before] + length)
+    # Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
+    slack = 1e-6 * length[before] * length + rounding(x) * (length[before] + length)
     bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
     turn = np.where(bend, np.arctan2(sine, cosine), 0.0)
     return Outline(length, turn, bend, _at_least_three(_corners(turn, mesh.offsets), bend, mesh.offsets))
@@ -233,7 +227,9 @@ def _middles(length: Floats, sides: Sides) -> tuple[Ints, Ints]:
     away = np.where(inner, np.abs(begin - 0.5), np.inf)
     nearest = np.minimum.reduceat(away, first)
     is_nearest = first + first_in_row(away == nearest[side], np.append(first, len(side)))
-    taken = nearest <= NEAR
+    # A vertex this near to the middle of its side, in parts of it, is its middle. Else the edge in the middle is at
+    # least 0.4 of the side long, and its own middle lies within 0.15 of the side's.
+    taken = nearest <= 0.2
     between = long[side] & ~taken[side] & (begin < 0.5) & (end >= 0.5)
     return is_nearest[taken], np.flatnonzero(between)
 
@@ -250,7 +246,8 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
     place = begin[inner] * parts[run[inner]]
     part = np.minimum(np.floor(place), parts[run[inner]] - 1.0)
     bins = (np.cumsum(parts) - parts)[run[inner]] + part
-    order = np.lexsort((np.abs(place - part - 0.5) - RIGHT * right[inner], bins))
+    # A right turn counts as .3 of its share of the run nearer to the middle.
+    order = np.lexsort((np.abs(place - part - 0.5) - 0.3 * right[inner], bins))
     best = np.append(True, np.diff(bins[order]) > 0)[: len(order)]
     chosen: Ints = order[best]
     return inner[chosen]
@@ -267,11 +264,6 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
 #                        half-planes, which comes from clipping a square by one side after the other
 #
 # A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
-
-
-# In diameters: what the centre must be away from the line of every side. A side of a quarter of the diameter
-# is then seen under an angle of six degrees at least.
-CLEAR = 0.03
 
 
 def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]:
@@ -295,7 +287,9 @@ def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]
         about = (corners(cells, count) - mesh.centroids[cells, None]) / scale[:, None]
         inside, clear = kernel_centroids(about)
         centres[cells] += inside * scale
-        seen[cells] = clear >= CLEAR
+        # The centre is .03 diameters away from the line of every side: a side of a quarter of the diameter is then seen
+        # under an angle of six degrees at least.
+        seen[cells] = clear >= 0.03
     return centres, seen
 
 

@@ -464,9 +464,6 @@ class StepProgram(ArrayRecord):
 
 
 PROMISED = "return vx.Answer(d, lam, iterations), (d, lam, p), (d, lam), or d"
-LARGEST = 1e100
-"""Entries of answers to scaled programs, whose data are about 1, are no answer above it: their squares are no numbers.
-NaN is left to the certificate, which is infinite."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -512,7 +509,9 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
         if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
             raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
         size = float(np.abs(found).max(initial=0.0))
-        if size > LARGEST:
+        # Scaled programs have data of size one: entries whose squares are no numbers are no answer. NaN is left to the
+        # certificate, which is infinite.
+        if size > 1e100:
             raise SolverFailed(
                 f"solver {solver}: {name} reaches {size:.1e}, and the program is scaled: the solver has diverged."
             )

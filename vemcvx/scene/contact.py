@@ -383,11 +383,6 @@ def contact_surface(
 # their edges; compliant obstacles each act with a force of their own.
 
 
-GAP_ROUNDINGS = 4
-"""Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as much
-again for what lengths are computed from. Gaps that are negative by no more than this are zero."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Obstacles:
     """The limits of a posed scene."""
@@ -424,7 +419,9 @@ def gathered(obstacles: Sequence[Obstacle], owns: tuple[sp.csr_matrix, Ints], su
     first, limit = _limits(jumps, normals, compliance)
     rows = normal_rows(jumps[first], normals[first], points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
-    ends, rounding = ends_of_groups(ends, limit), GAP_ROUNDINGS * EPS * float(np.abs(points).max())
+    # Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as
+    # much again for what lengths are computed from. Gaps that are negative by no more than this are zero.
+    ends, rounding = ends_of_groups(ends, limit), 4 * EPS * float(np.abs(points).max())
 
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:

@@ -144,10 +144,6 @@ def _listed(components: Floats) -> str:
 # A rigid motion counts as free when less than this part of it (squared) meets a support: one clamped node of
 # a million leaves 1e-6 of the translations and of the rotation, far above it.
 FREE = 1e-12
-ROUNDING = 64 * EPS
-"""Of the largest component of a rigid motion."""
-SKEW = 1e-9
-"""Products of normed motions below this are rounding."""
 
 
 def floating_motions(
@@ -267,7 +263,8 @@ def _without_rounding(loose: Floats, reach: float) -> Floats:
     What is left there, 1e-15, presses against contact across, so that nothing but rounding says how far the body goes.
     Sides of length h at a distance of `reach` h from the origin have directions that are known to EPS reach.
     """
-    clean: Floats = np.where(np.abs(loose) > ROUNDING * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
+    # Components below 64 roundings of the largest one of a rigid motion are none.
+    clean: Floats = np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)
     return clean
 
 
@@ -331,7 +328,8 @@ def _motions(piece: Ints, node: Ints, points: Floats) -> Matrix:
     modes /= norm[piece][:, None, :]
     products /= norm[:, :, None] * norm[:, None, :]
     # Rotations about different axes are not orthogonal unless these are axes of inertia.
-    if np.abs(products - np.eye(k)).max() > SKEW:
+    # Products of normed motions below this are rounding.
+    if np.abs(products - np.eye(k)).max() > 1e-9:
         modes = modes @ np.linalg.inv(np.linalg.cholesky(products)).swapaxes(1, 2)[piece]
     if pieces == 1 and len(node) == len(points):
         return modes.reshape(-1, k)

@@ -201,8 +201,6 @@ def _spans(nodes: Ints, directions: Floats) -> MirrorPlanes:
 
 
 Varying = TypeVar("Varying", Load, Friction, Eigenstrain, InitialStress)
-# A force of contact under which friction that depends on pressure shows itself, whatever the units.
-PRESSED = 1e100
 
 
 def active_parts(
@@ -277,7 +275,8 @@ def _bound(friction: Friction) -> Callable[[float], Floats]:
         return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
     if law is None:
         return friction.weights
-    pressed = np.full(len(friction.nodes), PRESSED)
+    # Under this force of contact friction that depends on pressure shows itself, whatever the units.
+    pressed = np.full(len(friction.nodes), 1e100)
     return lambda t: friction.weights(t) + law(t, pressed)
 
 

@@ -75,9 +75,6 @@ rounding error of s_i: the gap is linear in that slip."""
 INEXACT = 0.03
 """Part of the forces out of balance that iterative linear solvers leave of them at each set: of 12 steps in space .1
 takes a half more sets and a tenth more conjugate gradients, .01 as many sets and as many of these."""
-STIFFEST = 1e8
-"""Largest curvature of slipping discs, in units of one over the flexibilities. Where several discs share a node, more
-would leave too little of the stiffness of the body beside it."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,9 @@ def sets_at(program: StepProgram, at: Iterate, shift: Shifts) -> Sets:
     direction = slip[:, None] * directions(q, size)
     if program.operators.block > 1:
         stiff = shift.norms[slip] * program.w[slip]
-        least = stiff * program.operators.norm_flexibility[slip] / STIFFEST
+        # The curvature of slipping discs is at most 1e8 over their flexibility. Where several discs share a node, more
+        # would leave too little of the stiffness of the body beside it.
+        least = stiff * program.operators.norm_flexibility[slip] / 1e8
         curvature[slip] = stiff / np.maximum(size[slip] - program.w[slip], least)
     act = np.zeros(len(at.p), dtype=bool)
     if len(act):
@@ -299,11 +298,6 @@ def independent(rows: Floats) -> Bools:
     return found
 
 
-INNER = 0.01
-"""Newton's decrement squared, in parts of how far the centre would move, after which the next centre is wanted: with
-Rockafellar's criterion (B) the outer iteration then converges as fast as with exact minimisers."""
-
-
 def proximal_points(program: StepProgram, start: Iterate, shift: Shifts) -> Iterator[tuple[Iterate, Shifts]]:
     """Yield a point and its shifts after every Newton step, centre after centre, for ever; the caller stops.
 
@@ -352,7 +346,9 @@ def _newton_step(program: StepProgram, d: Floats, centre: Iterate, shift: Shifts
         length *= 0.5
     dlam, dp = lam - centre.lam, p - centre.p
     moved = float(np.einsum("ij,ij->i", dlam, dlam) @ (1 / shift.norms) + dp * dp @ (1 / shift.limits))
-    return d + length * step, length > 1e-12 and decrement > INNER * moved
+    # The next centre is wanted once the decrement is .01 of how far this one would move: with Rockafellar's criterion
+    # (B) the outer iteration then converges as fast as with exact minimisers.
+    return d + length * step, length > 1e-12 and decrement > 0.01 * moved
 
 
 def _hessian(program: StepProgram, q: Floats, x: Floats, shift: Shifts) -> Matrix:

@@ -18,9 +18,6 @@ from vemcvx.solvers.solver import Solver
 
 UNFELT = 1e-9
 """Motions of which rows of B read less than that part of their largest entries are across these rows."""
-STEADY = 0.01
-"""Change of a proximal point's move, in parts of it, below which a constant force makes it: all terms are far from
-where they bend, and the centre goes where that ends."""
 MOST_MOVES = 2.0**40
 """Moves that a centre may go at a time, and the part of the way below which moves are rounding."""
 
@@ -153,7 +150,9 @@ class _Centres:
         if len(self._moves) > 1:
             dx, df = np.diff(self._centres, axis=0).T, np.diff(self._moves, axis=0).T
             length = np.linalg.norm(move)
-            self.steady = bool(np.linalg.norm(df[:, -1]) < STEADY * length and np.linalg.norm(x) < MOST_MOVES * length)
+            # A move that changes by less than .01 is that of a constant force: all terms are far from where they bend,
+            # and the centre goes where that ends.
+            self.steady = bool(np.linalg.norm(df[:, -1]) < 0.01 * length and np.linalg.norm(x) < MOST_MOVES * length)
             step = move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
             # Where points diverge, secants of them are rounding: no more than four lengths of the last move.
             size, far = np.linalg.norm(step), 4.0 * np.linalg.norm(dx[:, -1])

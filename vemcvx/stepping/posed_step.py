@@ -46,8 +46,6 @@ from vemcvx.stepping.state import Earlier, PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
-FLOORS = 10.0
-"""Rounding floors that the norm of a state at the rounding floor is at most as large as."""
 TRUST = 0.1
 """A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
 
@@ -71,7 +69,8 @@ def data_norms(
     size, noise = 0.0, 0.0
     if now.force.norm > 0.0 and norm <= accuracy * now.force.norm:
         size = data_norm(condensation, now.force)
-    if now.bias.any() and norm <= FLOORS * floor:
+    # The norm of a state at the rounding floor is at most ten floors.
+    if now.bias.any() and norm <= 10.0 * floor:
         operators = condensation.operators
         noise = float(lengths(operators.blocks(now.bias)) @ np.sqrt(operators.norm_flexibility))
     return size, noise

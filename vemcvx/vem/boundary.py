@@ -249,11 +249,7 @@ def _outline(group: FaceGroup, n: int) -> Floats:
 SMOOTH = 2.0 * float(np.sin(0.5 * np.radians(42.5)))
 """Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
 however their points are rounded."""
-SHORT = 0.03
-"""Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals."""
 CURVED = float(np.cos(0.5 * np.radians(1.5)))
-ONE_PLANE = 1.0 - 0.25 * 1e-2**2
-"""Planes of two bodies that are half a degree apart are one; their projections have this mean along the bisector."""
 NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
 """Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
 
@@ -287,7 +283,9 @@ class MirrorPlanes:
         at = np.flatnonzero(np.isin(nodes, self.nodes) & np.isin(partners, self.nodes))
         one, other = (self.projections[np.searchsorted(self.nodes, which[at])] for which in (nodes, partners))
         sizes, axes = np.linalg.eigh(0.5 * (one + other))
-        along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > ONE_PLANE)
+        # Planes of two bodies that are half a degree apart are one; their projections have this mean along the
+        # bisector.
+        along = np.einsum("kij,ki->kj", axes, vectors[at]) * (sizes > (1.0 - 0.25 * 1e-2**2))
         found[at] = np.einsum("kij,kj->ki", axes, along)
         return found
 
@@ -380,7 +378,8 @@ class SideEnds:
         part = (length / longest[row]) ** 4
         # Where no face has an angle at a node that hangs in its edges, areas count alone.
         share = np.divide(curvature, most[row], out=np.zeros_like(curvature), where=most[row] > 0)
-        weights: Floats = share * part / (part + SHORT**4) + NORMAL_ROUNDING * part
+        # Sides that are shorter by more, in parts of the longest at their node, hardly count in mean normals.
+        weights: Floats = share * part / (part + 0.03**4) + NORMAL_ROUNDING * part
         return weights
 
     def _grouped(self) -> tuple[Ints, Ints]:

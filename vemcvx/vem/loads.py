@@ -24,11 +24,6 @@ from vemcvx.vem.space import Part, Space
 
 
 Rule = tuple[Floats, Floats, Ints]
-# "Clearly inside": at least this far, in units of sqrt(|K|), on the inner side of each edge. It excludes the
-# touching cases (triangles with hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.
-MARGIN = 1e-6
-# Ears with less of the cell's area than this are flat, and their points on its boundary: they are left out.
-FLAT = 1e-14
 
 
 def cell_quadrature(group: CellGroup) -> Rule:
@@ -76,7 +71,9 @@ def _ring(about: Floats, areas: Floats) -> Floats:
 def _sees(points: Floats, corners: Floats, areas: Floats) -> Bools:
     """Return True if all points (c, p, 2) of a cell lie clearly left of all its edges: (c,)."""
     edge = np.roll(corners, -1, axis=1) - corners
-    reach = MARGIN * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
+    # "Clearly inside" is 1e-6 sqrt(|K|) on the inner side of each edge. It excludes the touching cases (triangles with
+    # hanging nodes), where round-off would decide; aspect ratios of 1e11 pass.
+    reach = 1e-6 * np.sqrt(np.einsum("cia,cia->ci", edge, edge) * areas[:, None])
     left = cross(edge[:, :, None], points[:, None] - corners[:, :, None])
     sees: Bools = np.all(left > reach[:, :, None], axis=(1, 2))
     return sees
@@ -97,7 +94,8 @@ def _on_ears(corners: Floats, owner: Ints) -> Rule:
     triangles = corners[np.arange(len(corners))[:, None, None], ears]
     points, weights, owner = _on_triangles(triangles.reshape(-1, 3, 2), np.repeat(owner, ears.shape[1]))
     per_cell = weights.reshape(len(corners), 3 * ears.shape[1])
-    kept = (np.abs(per_cell) > FLAT * per_cell.sum(axis=1)[:, None]).ravel()
+    # Ears with less of the cell's area than this are flat, and their points on its boundary: they are left out.
+    kept = (np.abs(per_cell) > 1e-14 * per_cell.sum(axis=1)[:, None]).ravel()
     return points[kept], weights[kept], owner[kept]
 
 
@@ -115,12 +113,6 @@ def _on_triangles(triangles: Floats, owner: Ints) -> Rule:
 # degree 2; seven points a triangle of a face, for f_2 of degree 4.
 
 
-# Gauss points on an edge.
-GAUSS = 2
-# Cells are taken in pieces of a few tens of megabytes.
-CHUNK = 2**22
-
-
 def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     """The load of a force per length, in space per area, on a part of the boundary.
 
@@ -133,7 +125,7 @@ def edge_load(space: Space, part: Part) -> tuple[Floats, sp.csr_matrix, Ints]:
     sides : (q,) array of int
         The side of each point, as a place in the part.
     """
-    rules = part.rules(GAUSS)
+    rules = part.rules(2)  # Gauss points on an edge
     points = np.concatenate([rule.points.reshape(-1, space.dim) for rule in rules])
     sides = np.concatenate([np.repeat(rule.sides, rule.points.shape[1]) for rule in rules])
     matrices = []
@@ -159,7 +151,8 @@ def cell_load(space: Space) -> tuple[Floats, sp.csr_matrix, Ints]:
     points, matrices, cells = [], [], []
     for group in space.groups:
         n = group.nodes.shape[1]
-        for chunk in group.chunks(CHUNK):
+        # Cells are taken in pieces of a few tens of megabytes.
+        for chunk in group.chunks(2**22):
             x, weights, owner = cell_quadrature(chunk)
             points.append(x)
             cells.append(chunk.cells[owner])

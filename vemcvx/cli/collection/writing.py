@@ -137,8 +137,6 @@ INSTANCES = tuple(
 
 
 MANIFEST, SCRIPT = "manifest.json", "confirm.py"
-STICKING = 1e-9
-"""Part of the largest slip, below which a term sticks whose weight is lowered."""
 
 
 def write_collection(
@@ -206,6 +204,7 @@ def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, SolvedProgr
 def _barely_sticking(program: SolvedProgram) -> SolvedProgram:
     """The program whose terms that stick have just the weight that they need."""
     size = np.linalg.norm(program.slip(program.answer.d), axis=1)
-    sticks = size <= STICKING * size.max(initial=0.0)
+    # Terms whose weight is lowered stick below this part of the largest slip.
+    sticks = size <= 1e-9 * size.max(initial=0.0)
     lower = np.where(sticks, np.linalg.norm(program.answer.lam, axis=1), program.w)
     return replace(program, w=np.minimum(lower, program.w))

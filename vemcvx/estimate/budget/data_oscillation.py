@@ -27,7 +27,6 @@ from vemcvx.vem import Space, elastic_matrix
 
 
 ON_BOUNDARY, INSIDE = 512, 128
-LEAST = 4
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> SamplePoints:
     which = positions(chosen, edges.outer_edges, len(points))
     length = edges.lengths[which]
     size = np.ptp(points, axis=0).max()
-    counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), LEAST)
+    counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), 4)
     row = np.repeat(np.arange(len(which)), counts)
     place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = (place + 0.5) / counts[row]
@@ -91,12 +90,6 @@ def _centroids(times: int) -> Floats:
 # on 16 edges were .44 of the error, and of waves of traction .37.
 
 
-ROUNDING = 1e-12
-"""Nodal forces of this part of the largest one that acts are none."""
-GROUND = 1e-8
-"""Of the diagonal of K, where K does not feel rigid motions; what these feel is left to friction and contact."""
-
-
 @dataclass(frozen=True)
 class WholeBody:
     """A posed scene's stiffness, ready to be solved with."""
@@ -106,7 +99,8 @@ class WholeBody:
     @cached_property
     def _factor(self) -> Factor:
         system = self.posed.system
-        grounded = system.K if system.kernel is None else system.K + sp.diags_array(GROUND * system.K.diagonal())
+        # Where K does not feel rigid motions a small part of its diagonal holds them; friction and contact do more.
+        grounded = system.K if system.kernel is None else system.K + sp.diags_array(1e-8 * system.K.diagonal())
         return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
 
     @cached_property
@@ -151,7 +145,8 @@ class LackingForces:
             return none
         nodes, cells, forces = (np.concatenate(one) for one in zip(*self.parts, strict=True))
         nodal = np.stack([totals(nodes, one, posed.space.mesh.n_nodes) for one in forces.T], axis=1)
-        if np.abs(nodal).max() <= ROUNDING * self.largest:
+        # Nodal forces below 1e-12 of the largest one that acts are none.
+        if np.abs(nodal).max() <= 1e-12 * self.largest:
             return none
         moved = self.whole.moved(nodal)
         work = totals(cells, np.abs(np.sum(forces * moved[nodes], axis=1)), len(none))
@@ -187,8 +182,6 @@ class LackingForces:
 POINCARE = 1.0 / 9.0
 """1 / pi^2 on a convex cell of the longer side one, and a tenth for turning, which no strain resists: sideways waves of
 weight on 8 x 8 and 16 x 16 squares were .9964 of the error with 1 / pi^2."""
-AT_BOUND = 0.99
-"""Friction of this part of its bound counts as being at it."""
 
 
 @dataclass(frozen=True)
@@ -339,7 +332,8 @@ class DataOscillation:
             nodal[:, read, side] = g
         g = given.value(places.x, now.t, _between(pressure, owner, along))
         assembled = np.stack([_between(one, owner, along) for one in nodal])[: len(g)]
-        active = np.any(slipped | (lam >= AT_BOUND * bound), axis=1)[owner]
+        # Friction counts as being at its bound from .99 of it on.
+        active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[owner]
         off = g - assembled
         differs = np.take_along_axis(off, np.abs(off).argmax(axis=0)[None], axis=0)[0]
         exceeds = np.maximum(_between(lam, owner, along) - g.min(axis=0), 0.0)

@@ -28,16 +28,11 @@ from vemcvx.stepping.state import PreparedRun
 # - A *jump* is what is left of a change when the interval is halved, and halved again, down to round-off.
 
 
-SAMPLES = 256
-"""Instants of the run at which data are looked at, at least."""
 SUMS = 3
 BENT = 1e-6
 """Part of a datum's size: lines on two sides of an interval that miss each other by less are one."""
-SHARP = 8.0
-"""Times that a bend stands out from the curvature on either side."""
 SUDDEN, STEEP = 0.02, 4.0
 """Change of a datum within an interval, in parts of its size and of its neighbours' changes, that may be a jump."""
-HALVINGS = 30
 STAYS = 0.25
 """Part of a change that is left, however short the interval, where data jump."""
 NEARBY = 1.0 / 64.0
@@ -63,7 +58,8 @@ class Course:
 
 def course(system: System, times: Floats) -> Course:
     """Sample the data of a system over a run, and find bends and jumps."""
-    sampled = divided(times, 2, SAMPLES)
+    # Data are looked at at 256 instants of the run at least.
+    sampled = divided(times, 2, 256)
     read = _Sums(system)
     raw = np.array([read(float(t)) for t in sampled])
     size = np.abs(raw).max(axis=0)
@@ -135,7 +131,8 @@ def _bends(times: Floats, values: Floats, value: Callable[[float], Floats]) -> F
     apart = np.abs(slopes[2:] - slopes[:-2]).max(axis=1)
     far = np.maximum(np.append(0.0, turns[:-2]), np.append(turns[2:], 0.0))
     width = np.diff(times)[1:-1]
-    bent = np.flatnonzero((apart * width > BENT) & (apart > SHARP * far))
+    # A bend stands out eight times from the curvature on either side.
+    bent = np.flatnonzero((apart * width > BENT) & (apart > 8.0 * far))
     bent = bent[np.argsort(-(apart * width)[bent], kind="stable")[:MOST]]
     found = [_meeting(times[j + 1], times[j + 2], values[j : j + 4], times[j : j + 4], value) for j in bent]
     return np.array([t for t in found if t is not None])
@@ -218,7 +215,7 @@ def _narrowed(
 ) -> tuple[float, float, Floats, Floats]:
     """The interval halved towards the larger change until that falls, or down to round-off; the data at its ends."""
     whole = np.abs(right - left).max()
-    for _ in range(HALVINGS):
+    for _ in range(30):
         t = 0.5 * (a + b)
         if not a < t < b:
             break
@@ -253,8 +250,6 @@ PARTS = 4
 AT_LEAST = 32
 """Finer steps in the whole run."""
 MARGIN = 1.25
-FOLLOWED = 2e-3
-"""Data between two finer instants are straight but for this part of their size."""
 
 
 @dataclass(frozen=True)
@@ -312,7 +307,8 @@ def _worst_between(chosen: Floats, known: Course) -> Floats:
     order = np.lexsort((-off, interval))
     first: Ints = order[np.append(True, np.diff(interval[order]) > 0)]
     samples = known.times[first]
-    missed: Bools = (off[first] > FOLLOWED) & ~np.isin(samples, chosen)
+    # Data between two finer instants are straight but for this part of their size.
+    missed: Bools = (off[first] > 2e-3) & ~np.isin(samples, chosen)
     return samples[missed]
 
 

@@ -79,10 +79,6 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
 # The edges of a mesh as an error estimator sees them: who is next door, how stiff, what may move at the boundary.
 
 
-FREE = 1e-9
-"""A direction in which both ends of an edge move by less than this part of their freedom is held."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Skeleton:
     """Edges inside and on the boundary."""
@@ -188,16 +184,13 @@ def _free(P: sp.csr_matrix, edges: Ints) -> Floats:
     near = gram.row // 2 == gram.col // 2
     own[gram.row[near] // 2, gram.row[near] % 2, gram.col[near] % 2] = gram.data[near]
     values, vectors = np.linalg.eigh(own[place.reshape(-1, 2)].sum(axis=1))
-    kept = np.where(values > FREE, 1.0, 0.0)
+    # A direction in which both ends of an edge move by less than this part of their freedom is held.
+    kept = np.where(values > 1e-9, 1.0, 0.0)
     projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
     return projectors
 
 
 # Forces per length that act on boundary edges: loads, friction, pressure of contact, springs.
-
-
-ALONG = 1e-6
-"""Normals of an edge and of a term of an effect that names no edges agree to this."""
 
 
 @dataclass(frozen=True)
@@ -292,7 +285,8 @@ def at_ends(edges: Skeleton, rows: Terms | Obstacles, values: Floats) -> Floats:
             has = np.flatnonzero(start + k < stop)
             row = order[start[has] + k]
             cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / edges.lengths[has]
-            along = np.where(nameless[row], np.abs(cosine) > 1 - ALONG, np.isin(row * size + others[has], owned))
+            # Normals of an edge and of a term of an effect that names no edges agree to this.
+            along = np.where(nameless[row], np.abs(cosine) > 1 - 1e-6, np.isin(row * size + others[has], owned))
             same = along & (partners[row] == edges.joints.across[has, side])
             found[has[same], side] += values[row[same]]
             known[has[same], side] = True

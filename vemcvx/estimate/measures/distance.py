@@ -28,10 +28,6 @@ from vemcvx.vem.elasticity import missed_squares, softest_shear
 # sym(b (x) grad(xi eta)). On other cells nothing but Pi u is known.
 
 
-# How far, in parts of its size, a cell may be from a rectangle: coordinates of a box rounded to twelve digits.
-RECTANGLE = 1e-10
-
-
 @dataclass(frozen=True, eq=False)
 class InnerStrain:
     """Strains that are linear in every cell."""
@@ -78,7 +74,8 @@ def _rectangles(corners: Floats) -> Bools:
     lengths = np.hypot(*first.T), np.hypot(*second.T)
     closes = np.abs(corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]).max(axis=1)
     skew = np.abs(np.sum(first * second, axis=1)) / np.maximum(*lengths)
-    rectangles: Bools = np.maximum(closes, skew) <= RECTANGLE * np.minimum(*lengths)
+    # Coordinates of a box may be rounded to twelve digits.
+    rectangles: Bools = np.maximum(closes, skew) <= 1e-10 * np.minimum(*lengths)
     return rectangles
 
 
@@ -95,10 +92,6 @@ def _slopes(group: CellGroup, displacement: Floats) -> Floats:
 
 
 # What measures compare: a displacement on a mesh, with the moduli that weigh its strains; and what they give.
-
-
-# Two runs share an instant if theirs differ by no more than this part of the time they span: linspace rounds.
-SAME_INSTANT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +162,8 @@ def step_at(history: Results, time: float) -> int:
     time, times = number(time, "history: found time", "an instant, a finite number"), history.times
     nearest = int(np.argmin(np.abs(times - time)))
     span = float(history.trajectory.times[-1] - history.trajectory.times[0])
-    if abs(times[nearest] - time) > SAME_INSTANT * span:
+    # Two runs share an instant if theirs differ by no more than this part of the time they span: linspace rounds.
+    if abs(times[nearest] - time) > 1e-9 * span:
         raise HistoryError(
             f"history: no step was stored at t = {time:.9g}; the nearest is step {history.stored[nearest]} at "
             f"t = {times[nearest]:.9g}. Give times that have this instant, or store='all'."
@@ -231,10 +225,6 @@ def measured(squares: Floats, reference: float, moduli_apart: float = 0.0) -> Me
 KINDS = ("projected", "exact", "nodal")
 # Points at which strains and stresses are taken at once.
 CHUNK = 2**18
-# Moduli read at the centroids of different cells agree to round-off if they are the same constants.
-SAME_MODULI = 1e-12
-# Nodes are the same if they are closer than this part of the smallest cell's diameter.
-SAME_NODE = 1e-6
 
 
 def energy_distance(
@@ -321,7 +311,8 @@ def _apart(rule: CommonRule, u: Field, v: Field) -> float:
         return 0.0
     difference = np.abs(mine[:, rule.first] - other[:, rule.second]).max(axis=0)
     apart = float((difference / np.abs(mine).max(axis=0)[rule.first]).max())
-    if apart <= SAME_MODULI:
+    # Moduli read at the centroids of different cells agree to round-off if they are the same constants.
+    if apart <= 1e-12:
         return 0.0
     logging.getLogger("vemcvx").warning(
         "energy_distance: the moduli of the two meshes differ by up to %.3g; those of the first are used", apart
@@ -341,7 +332,8 @@ def _nested_nodes(coarse: PolygonMesh, fine: PolygonMesh) -> Ints:
         return np.arange(coarse.n_nodes)
     away, node = nearest(fine.points, coarse.points)
     worst = int(np.argmax(away))
-    if away[worst] > SAME_NODE * min(coarse.diameters.min(), fine.diameters.min()):
+    # Nodes are the same if they are closer than this part of the smallest cell's diameter.
+    if away[worst] > 1e-6 * min(coarse.diameters.min(), fine.diameters.min()):
         raise MeshError(
             f"energy_distance: node {worst} of the first mesh, at {coarse.points[worst]}, is no node of the second: "
             f"the nearest is {away[worst]:.3g} away. The nodal distance wants the coarse run first and a nested fine "

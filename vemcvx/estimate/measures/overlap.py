@@ -25,8 +25,6 @@ from vemcvx.vem import CellGroup, Space
 CONVEX = 1e-12
 # All pieces share one array as wide as the widest; few cells have more vertices than this, and those are cut.
 WIDEST = 12
-# Numbers in one temporary array of the tests below.
-CELLS_AT_ONCE = 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,8 @@ def convex_pieces(space: Space) -> Pieces:
 
 
 def _of_group(group: CellGroup) -> Iterator[tuple[Floats, Ints]]:
-    for chunk in group.chunks(CELLS_AT_ONCE):
+    # Temporary arrays of the tests below have 2^20 numbers.
+    for chunk in group.chunks(2**20):
         corners, cells = chunk.points[chunk.nodes], chunk.cells
         n = corners.shape[1]
         convex = np.full(len(cells), n <= WIDEST)
@@ -82,8 +81,6 @@ def inside(points: Floats, corners: Floats) -> Bools:
 
 # Pairs of pieces in one go: temporaries of a few tens of megabytes.
 PAIRS_AT_ONCE = 2**14
-# Boxes that share less than this part of the smaller one's width or height only touch.
-TOUCH = 1e-12
 # A cell of which more than this part lies outside the other mesh is not covered by it; the rounding of the boundary
 # of both comes on top, a strip of this times the coordinates along the cell.
 UNCOVERED, STRIP = 1e-8, 1e-15
@@ -154,7 +151,8 @@ def _meeting(first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> tup
     i, j = overlapping_boxes(*first, *second)
     shared = np.minimum(first[1][i], second[1][j]) - np.maximum(first[0][i], second[0][j])
     smaller = np.minimum((first[1] - first[0])[i], (second[1] - second[0])[j])
-    meet = (shared > TOUCH * smaller).all(axis=1)
+    # Boxes that share less than this part of the smaller one's width or height only touch.
+    meet = (shared > 1e-12 * smaller).all(axis=1)
     return i[meet], j[meet]
 
 

@@ -236,10 +236,6 @@ def _below(face: Ints, height: Ints) -> Ints:
 # only where rounding alone keeps them apart.
 
 
-# In widths of a cell: vertices so near to each other, or to a side, are one vertex, or lie on it.
-MERGED = 1e-9
-
-
 def voronoi3(
     n: SpaceCount | None = None,
     box: SpaceCorners = UNIT_CUBE,
@@ -355,7 +351,8 @@ def _merged(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints
     """Used points with those in the same place made one, rows without repetitions, and which of the rows are left."""
     used, vertices = np.unique(vertices, return_inverse=True)
     points = points[used]
-    place = smallest_linked(close_pairs(points, MERGED), len(points))
+    # Vertices that are 1e-9 of a cell's width apart are one.
+    place = smallest_linked(close_pairs(points, 1e-9), len(points))
     vertices = place[vertices]
     rows = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
     fresh = next_vertex(offsets, vertices) != vertices

@@ -242,8 +242,6 @@ GENERATED = re.compile(
     rb"^\*[NE]L?SET[^\n]*GENERATE[^\n]*\n\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})",
     re.MULTILINE | re.IGNORECASE,
 )
-PATIENCE = 100
-"""Reads at the end of a file: at that of a sound one readers ask once or twice."""
 
 
 class _Impatient(io.FileIO):
@@ -252,7 +250,8 @@ class _Impatient(io.FileIO):
     def readinto(self, buffer: WriteableBuffer, /) -> int:
         count = super().readinto(buffer)
         self.misses = 0 if count else self.misses + 1
-        if self.misses > PATIENCE:
+        # At the end of a sound file readers ask once or twice.
+        if self.misses > 100:
             raise EOFError("the file ends too early")
         return count
 

@@ -111,10 +111,6 @@ def _numbers(array: NDArray[np.object_]) -> bool:
     return all(isinstance(number, numbers.Real) and not isinstance(number, np.timedelta64) for number in array.flat)
 
 
-VANISHING = 1e-60
-"""Part of the largest value in a run below which data in time are zero: their energies are no numbers beside its."""
-
-
 def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
     """A datum in time, zero where it vanishes beside its largest value at the instants of a run.
 
@@ -129,7 +125,8 @@ def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable
         found = value(t)
         size = float(np.abs(found).max(initial=0.0))
         # Whatever the units are, few data are as small as this; of those alone the others are asked.
-        return np.zeros_like(found) if 0.0 < size < VANISHING and size < VANISHING * largest() else found
+        # Energies of data below 1e-60 of the largest value in a run are no numbers beside its own.
+        return np.zeros_like(found) if 0.0 < size < 1e-60 and size < 1e-60 * largest() else found
 
     return faded
 

@@ -87,7 +87,6 @@ class Recipe(Protocol):
 
 OTHERS = ("clarabel", "osqp")
 MOST_INSTANTS = 4
-SAME_INSTANT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -154,11 +153,11 @@ def common_instants(courses: Sequence[Floats]) -> Floats:
     first, *others = courses
     span = float(first[-1] - first[0])
     for other in others:
-        if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > SAME_INSTANT * span:
+        if max(abs(other[0] - first[0]), abs(other[-1] - first[-1])) > 1e-9 * span:
             raise ProblemError(
                 f"times({len(first) - 1}) runs from {first[0]:g} to {first[-1]:g}, times({len(other) - 1}) from "
                 f"{other[0]:g} to {other[-1]:g}; a sweep compares answers at the end, so both must be the same."
             )
-    shared = [t for t in first[1:] if all(np.abs(other - t).min() <= SAME_INSTANT * span for other in others)]
+    shared = [t for t in first[1:] if all(np.abs(other - t).min() <= 1e-9 * span for other in others)]
     chosen = np.arange(1, MOST_INSTANTS + 1) * len(shared) // MOST_INSTANTS - 1
     return np.array(shared)[np.unique(chosen[chosen >= 0])]

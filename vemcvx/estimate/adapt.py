@@ -95,8 +95,6 @@ log = logging.getLogger("vemcvx")
 TIME_SHARE = 0.3
 """Part of the target for time."""
 THETA = 0.6
-MOST_LOOKED_AT = 8
-"""Instants at which the mesh is judged; each costs one back-substitution a pass."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,6 +348,7 @@ def _lenient(given: Solver | Solves | None, target: float) -> Solver | None:
 def _looked_at(instants: Floats, wanted: Floats) -> Ints:
     """Steps at which the mesh is judged: those asked for, or some of them, and the last."""
     steps = np.searchsorted(instants, wanted[1:])
-    if len(steps) > MOST_LOOKED_AT:
-        steps = steps[np.linspace(0, len(steps) - 1, MOST_LOOKED_AT).round().astype(int)]
+    # The mesh is judged at eight instants at most: each costs one back-substitution a pass.
+    if len(steps) > 8:
+        steps = steps[np.linspace(0, len(steps) - 1, 8).round().astype(int)]
     return steps

@@ -164,8 +164,6 @@ MISSED = 1e-9
 MOST_LANCZOS = 400
 COARSE = 500
 """Nodes of the coarsest level, in the plane; the cost of its inverse grows with their unknowns, three or six each."""
-ROUGH = 0.1
-"""Residual of the solve within a bound on an energy, relative: sharper ones change the bound by a hundredth."""
 
 
 @dataclass(frozen=True)
@@ -233,13 +231,14 @@ class MultigridFactor(Factor):
         return x
 
     def rough(self, b: Floats) -> Floats:
-        return self._descended(b, ROUGH)[0] if b.any() else np.zeros_like(b)
+        return self._descended(b, 0.1)[0] if b.any() else np.zeros_like(b)
 
     def energy(self, b: Floats) -> float:
         """A bound on b'K^{-1}b from above, whatever the tolerance."""
         if not b.any():
             return 0.0
-        x, _ = self._descended(b, ROUGH)
+        # Sharper residuals than a tenth change the bound by a hundredth.
+        x, _ = self._descended(b, 0.1)
         left = b - self._K @ x
         return abs(float(b @ x + x @ left + left @ (self._cycle.matvec(left)) / self._lowest))
 

@@ -224,10 +224,6 @@ def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
                 yield prefix + name, values, of
 
 
-CLOSED = 1e-6
-"""Part of the largest pressure that counts as touch, and of friction's work that counts: answers are a solver's."""
-
-
 def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage: Storage) -> Results:
     """Return the results of a posed scene."""
     _warn_of_friction_where_open(posed, trajectory)
@@ -287,12 +283,13 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     pressed = summed_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
     # Open after the step and before it: the step in which a place closes or opens may rub on either side of that.
-    closed = pressed > CLOSED * pressed.max(initial=0.0)
+    # Answers are a solver's: of the largest pressure 1e-6 counts as touch, and as much of friction's work counts.
+    closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
     asked_for = Jumps.of(asked)
     gone &= asked_for[asked_for.distinct[0]].find(terms.jumps) >= 0
     lost, total = rubbed[gone].sum(), rubbed.sum()
-    if lost > CLOSED * total:
+    if lost > 1e-6 * total:
         warnings.warn(
             f"{asked[0].subject}: its bound is given, and {lost / total:.0%} of all friction work is done in the air, "
             "where contact is open. Say while_closed=True to rub where there is touch, or while_closed=False if this "

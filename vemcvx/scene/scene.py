@@ -30,11 +30,6 @@ from vemcvx.vem import MirrorPlanes, Space, elastic_matrix, stress_load, tangent
 # -sum_K |K| sigma_0 : eps(Pi v).
 
 
-# A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a scale on
-# which nothing else happens, and so violate the condition on initial states.
-STRESS_ROUNDING = 16 * float(np.finfo(float).eps)
-
-
 def compose(materials: Sequence[Material], mesh: AnyMesh) -> Material:
     """One material for the whole body; SceneError if cells have none or several, or the planes are mixed."""
     if len(materials) == 1 and materials[0].cells is None:
@@ -111,7 +106,9 @@ class InitialStresses:
         """Nodal force (n_u,) at the instant `t`; zero where the stresses around a node balance but for rounding."""
         sigma = self.stress(t).ravel()
         force = -(self.matrix @ sigma)
-        force[np.abs(force) <= STRESS_ROUNDING * (abs(self.matrix) @ np.abs(sigma))] = 0.0
+        # A node sums some ten products. What rounding leaves of a uniform stress would set a held body moving, on a
+        # scale on which nothing else happens, and so violate the condition on initial states.
+        force[np.abs(force) <= 16 * np.finfo(float).eps * (abs(self.matrix) @ np.abs(sigma))] = 0.0
         return force
 
 

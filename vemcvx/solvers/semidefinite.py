@@ -16,8 +16,6 @@ from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
 
-UNFELT = 1e-9
-"""Motions of which rows of B read less than that part of their largest entries are across these rows."""
 MOST_MOVES = 2.0**40
 """Moves that a centre may go at a time, and the part of the way below which moves are rounding."""
 
@@ -82,7 +80,8 @@ def _motion_nearest_to_b(program: StepProgram) -> Floats:
     if N is None or program.operators.count == 0:
         return np.zeros(len(program.g))
     B = program.operators.B
-    felt, rounding = B @ N, UNFELT * abs(B).max() * np.abs(N).max()
+    # Motions of which rows of B read less than 1e-9 of their largest entries are across these rows.
+    felt, rounding = B @ N, 1e-9 * abs(B).max() * np.abs(N).max()
     # Of motions across them rows read rounding, by which b is not to be divided.
     if (size := np.linalg.norm(felt, 2)) <= rounding:
         return np.zeros(len(program.g))
@@ -99,7 +98,7 @@ def _without_energy(program: StepProgram, move: Floats) -> Floats:
 def _presses(program: StepProgram, v: Floats) -> bool:
     """Return True if a motion v changes how far limits with compliance are exceeded, and so the force that moves it."""
     operators = program.operators
-    read = np.abs(operators.limits.read(v)) > UNFELT * np.abs(v).max(initial=0.0)
+    read = np.abs(operators.limits.read(v)) > 1e-9 * np.abs(v).max(initial=0.0)
     return bool((read & (operators.compliance > 0)).any())
 
 

@@ -46,9 +46,6 @@ from vemcvx.stepping.state import Earlier, PreparedRun, State
 
 log = logging.getLogger("vemcvx")
 
-TRUST = 0.1
-"""A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond this, it is none."""
-
 
 def data_norm(condensation: Condensation, force: Reduced) -> float:
     """The size above, of what a force can cause."""
@@ -99,7 +96,8 @@ def require_certified(run: PreparedRun, state: State, n: int) -> None:
     solver, certificate, unit = run.solver, state.certificate, state.unit(run.solver.accuracy)
     accuracy, norms = solver.accuracy, run.system.norms
     wanted = certificate.error <= accuracy * unit or (run.default and certificate.at_floor)
-    if wanted and certificate.error_floor <= TRUST * unit:
+    # A relative rounding floor is also about how wrong K^{-1} is, and with it the certificate: beyond .1 it is none.
+    if wanted and certificate.error_floor <= 0.1 * unit:
         return
     reached, floor = ((part / unit if unit > 0 else np.inf) for part in (certificate.error, certificate.error_floor))
     worst = ""
@@ -169,7 +167,7 @@ def _uncondensed(run: PreparedRun) -> str:
 
 
 def _advice(solver: Solver, reached: float, accuracy: float, floor: float) -> str:
-    if floor > TRUST:
+    if floor > 0.1:
         return (
             f"Round-off in the last digits of the data alone may change the answer by {floor:.1e} of its energy norm: "
             "take data that are farther from singular, such as a Poisson ratio farther from .5 or less contrast"

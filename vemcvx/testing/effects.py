@@ -167,10 +167,6 @@ def nameless(thing: Any) -> Any:
 # What every effect must satisfy: sentences, each "every effect ..." of a sample.
 
 
-UNIT = 4 * float(np.finfo(float).eps)
-"""By how much the length of a unit vector may miss one."""
-
-
 def is_frozen(sample: EffectSample) -> None:
     """Its fields cannot be set."""
     for name in sample.fields:
@@ -234,7 +230,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
 
 
 def _units(vectors: Floats) -> bool:
-    return bool(np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < UNIT)
+    return bool(np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < 4 * np.finfo(float).eps)
 
 
 def names_an_unknown_boundary_and_what_exists(sample: EffectSample) -> None:

@@ -249,7 +249,6 @@ def _outline(group: FaceGroup, n: int) -> Floats:
 SMOOTH = 2.0 * float(np.sin(0.5 * np.radians(42.5)))
 """Distance of unit normals that are those of one curve: octagons and chamfers have corners, a regular nonagon is round,
 however their points are rounded."""
-CURVED = float(np.cos(0.5 * np.radians(1.5)))
 NORMAL_ROUNDING = 4.0 * float(np.finfo(float).eps)
 """Points that were rounded a few times turn an edge by a few EPS |x| / length besides, and as much is granted."""
 
@@ -315,7 +314,7 @@ class BoundaryRows:
     @property
     def curved(self) -> bool:
         """True if sides turn somewhere by more than a degree and a half."""
-        return bool((self.cosines < CURVED).any())
+        return bool((self.cosines < np.cos(0.5 * np.radians(1.5))).any())
 
     @property
     def tangents(self) -> Floats:

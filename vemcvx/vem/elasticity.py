@@ -52,8 +52,6 @@ from vemcvx.vem.space import Space
 
 # 2^16 numbers of eight bytes and a few temporaries of that size stay in a second-level cache.
 CHUNK = 2**16
-TRIED = 64
-"""Cells by which it is seen whether many are translates of others: to find which costs a fifth of a local matrix."""
 
 
 def assemble_cells(
@@ -89,7 +87,8 @@ def distinct(arrays: Sequence[Floats]) -> tuple[Ints | slice, Ints]:
     if all((each == each[:1]).all() for each in arrays):
         return slice(1), np.zeros_like(every)
     rows = np.hstack([each.reshape(len(each), -1) for each in arrays])
-    if len(np.unique(rows[:TRIED], axis=0)) > TRIED // 2:
+    # 64 cells show whether many are translates of others: to find which costs a fifth of a local matrix.
+    if len(np.unique(rows[:64], axis=0)) > 32:
         return slice(None), every
     # Of their bits, modulo 2^64: sums of numbers would be equal where these differ by rounding.
     weights = np.random.default_rng(0).integers(2**64, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)

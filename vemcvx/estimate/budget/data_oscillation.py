@@ -26,9 +26,6 @@ from vemcvx.vem import Space, elastic_matrix
 # triangle. What is narrower than that, and between these points, is not seen.
 
 
-ON_BOUNDARY, INSIDE = 512, 128
-
-
 @dataclass(frozen=True)
 class SamplePoints:
     """Points (q, 2) with the weights (q,) of a midpoint rule: lengths, or areas."""
@@ -46,7 +43,7 @@ def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> SamplePoints:
     which = positions(chosen, edges.outer_edges, len(points))
     length = edges.lengths[which]
     size = np.ptp(points, axis=0).max()
-    counts = np.maximum(np.ceil(length * ON_BOUNDARY / size).astype(np.int64), 4)
+    counts = np.maximum(np.ceil(length * 512 / size).astype(np.int64), 4)
     row = np.repeat(np.arange(len(which)), counts)
     place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = (place + 0.5) / counts[row]
@@ -58,7 +55,7 @@ def in_cells(space: Space) -> SamplePoints:
     """SamplePoints in all cells: centroids of the triangles into which those of a cell are cut, in halves."""
     pieces = convex_pieces(space)
     triangles, areas, owner = fans(pieces.corners, pieces.owner)
-    spacing = np.ptp(space.mesh.points, axis=0).max() / INSIDE
+    spacing = np.ptp(space.mesh.points, axis=0).max() / 128
     halved = np.maximum(np.ceil(0.5 * np.log2(2.0 * areas / spacing**2)), 1).astype(np.int64)
     parts = []
     for times in np.unique(halved):

@@ -33,8 +33,6 @@ BENT = 1e-6
 """Part of a datum's size: lines on two sides of an interval that miss each other by less are one."""
 SUDDEN, STEEP = 0.02, 4.0
 """Change of a datum within an interval, in parts of its size and of its neighbours' changes, that may be a jump."""
-STAYS = 0.25
-"""Part of a change that is left, however short the interval, where data jump."""
 NEARBY = 1.0 / 64.0
 ACROSS = 1e-9
 """Steps of no more than this part of the run are those across a jump."""
@@ -204,7 +202,8 @@ def _jumps(
     for j in np.sort(sudden):
         a, b, left, right = _narrowed(times[j], times[j + 1], values[j], values[j + 1], value)
         apart = np.abs(right - left)
-        if apart.max() >= STAYS * change[j]:
+        # Where data jump a quarter of the change is left, however short the interval.
+        if apart.max() >= 0.25 * change[j]:
             instants += [a, b]
             sentences.append(f"the {names[np.argmax(apart)]} jumps at t = {b:.9g}; no step is put inside")
     return np.array(instants), tuple(sentences)
@@ -224,7 +223,7 @@ def _narrowed(
             b, right = t, middle
         else:
             a, left = t, middle
-        if np.abs(right - left).max() < STAYS * whole:
+        if np.abs(right - left).max() < 0.25 * whole:
             break
     return a, b, left, right
 
@@ -247,8 +246,6 @@ def _narrowed(
 
 
 PARTS = 4
-AT_LEAST = 32
-"""Finer steps in the whole run."""
 MARGIN = 1.25
 
 
@@ -288,8 +285,8 @@ def beside_finer(run: PreparedRun, times: Floats, initial: Floats, known: Course
 
 
 def finer_instants(times: Floats, known: Course) -> Floats:
-    """PARTS in every step, AT_LEAST in all, bends and jumps, and samples where straight lines between miss the data."""
-    chosen = np.union1d(divided(times, PARTS, AT_LEAST), known.bends)
+    """PARTS in every step, at least 32 in all, bends and jumps, and samples where straight lines miss the data."""
+    chosen = np.union1d(divided(times, PARTS, 32), known.bends)
     for _ in range(int(np.ceil(np.log2(len(known.times))))):
         missed = _worst_between(chosen, known)
         if len(missed) == 0:

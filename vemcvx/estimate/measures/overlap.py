@@ -81,9 +81,6 @@ def inside(points: Floats, corners: Floats) -> Bools:
 
 # Pairs of pieces in one go: temporaries of a few tens of megabytes.
 PAIRS_AT_ONCE = 2**14
-# A cell of which more than this part lies outside the other mesh is not covered by it; the rounding of the boundary
-# of both comes on top, a strip of this times the coordinates along the cell.
-UNCOVERED, STRIP = 1e-8, 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +111,8 @@ def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, sub
     """Raise MeshError unless both meshes cover the same domain."""
     for mine, mesh, name, other in ((rule.first, first, "first", "second"), (rule.second, second, "second", "first")):
         covered = totals(mine, rule.weights, mesh.n_cells) / mesh.areas
-        allowed = UNCOVERED + STRIP * np.abs(mesh.points).max() * mesh.diameters / mesh.areas
+        # A cell is covered up to 1e-8 of its area, and a strip along it as wide as the rounding of both boundaries.
+        allowed = 1e-8 + 1e-15 * np.abs(mesh.points).max() * mesh.diameters / mesh.areas
         worst = int(np.argmax(np.abs(covered - 1.0) - allowed))
         if abs(covered[worst] - 1.0) > allowed[worst]:
             raise MeshError(

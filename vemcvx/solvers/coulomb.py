@@ -269,7 +269,7 @@ class SetsSystem:
         M[np.diag_indices_from(M)] += self._C
         # Transposed: what acts pulls, through its share of weights, along the directions of terms that slip.
         acting = slice(len(M) - len(self._press), len(M) - len(response.anchored))
-        M[acting] += J[:, sets.act].T @ np.einsum("mb,mbk->mk", self._q, self._blocks(self._seen.T))
+        M[acting] += (J.T @ np.einsum("mb,mbk->mk", self._q, self._blocks(self._seen.T)))[sets.act]
         self._idle = np.searchsorted(self._stick, sets.idle)
         if len(self._idle):
             M[:, self._idle] = 0.0

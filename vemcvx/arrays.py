@@ -297,9 +297,8 @@ def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None)
     sparse = sp.issparse(raw)
     if sparse and raw.dtype.kind in "biuf":
         if hasattr(raw, "check_format"):
-            # SciPy's compiled code reads and writes where indices lead.
             try:
-                raw.check_format(full_check=True)
+                check_compressed(raw)
             except (ValueError, TypeError, AttributeError) as error:
                 raise SceneError(f"{subject}: found a sparse matrix that leads out of itself: {error}.") from error
         open_to_change = not isinstance(raw, sp.csr_matrix) or raw.data.flags.writeable
@@ -313,6 +312,14 @@ def checked_matrix(raw: Any, subject: str, shape: tuple[int, int] | None = None)
     if shape is not None and matrix.shape != shape:
         raise SceneError(f"{subject}: found a matrix of shape {matrix.shape}; wanted {shape}.")
     return matrix
+
+
+def check_compressed(matrix: sp.csr_matrix) -> None:
+    """Raise ValueError for compressed rows or columns that lead out of a matrix: SciPy's compiled code follows them."""
+    matrix.check_format(full_check=True)
+    # SciPy looks no further where the last end is negative; differences of ends may overflow.
+    if (matrix.indptr[1:] < matrix.indptr[:-1]).any():
+        raise ValueError("ends of rows go back")
 
 
 def of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:

@@ -48,9 +48,11 @@ def test_columns_and_rows_that_lead_out_of_a_matrix(written):
                 array[len(array) // 2] = value
                 paths.append(written / f"{name}_{part}{value}.npz")
                 np.savez(paths[-1], **{**kept, f"{name}_{part}": array})
-        # The last end before the first row, where SciPy's own check looks at nothing.
-        paths.append(written / f"{name}_indptr_back.npz")
-        np.savez(paths[-1], **{**kept, f"{name}_indptr": np.append(kept[f"{name}_indptr"][:-1], -1)})
+        # The last end before the first row, where SciPy's own check looks at nothing, and differences may overflow.
+        for k, last in enumerate((-1, -(2**31))):
+            paths.append(written / f"{name}_indptr_back{k}.npz")
+            ends = np.append(kept[f"{name}_indptr"][:-1], last).astype(np.int32)
+            np.savez(paths[-1], **{**kept, f"{name}_indptr": ends})
         for part in ("data", "indices", "indptr"):
             paths.append(written / f"{name}_{part}.npz")
             np.savez(paths[-1], **{**kept, f"{name}_{part}": kept[f"{name}_{part}"][:-2]})

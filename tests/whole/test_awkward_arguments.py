@@ -76,11 +76,12 @@ def test_partners_that_are_no_nodes_are_refused(tmp_path, wrong):
 
 
 @pytest.mark.parametrize("part", ["indices", "indptr"])
-@pytest.mark.parametrize("wrong", [10**6, -1])
-def test_sparse_matrices_that_lead_out_of_themselves_are_refused(part, wrong):
+@pytest.mark.parametrize("wrong", [10**6, -1, -(2**31)])
+@pytest.mark.parametrize("place", [2, -1])
+def test_sparse_matrices_that_lead_out_of_themselves_are_refused(part, wrong, place):
     """SciPy would read and write there, and end the process."""
     bad, good = sp.csr_matrix(2 * np.eye(4)), sp.csr_matrix(2 * np.eye(4))
-    getattr(bad, part)[2] = wrong
+    getattr(bad, part)[place] = wrong
     for act in (lambda: vx.System(bad, lambda t: np.ones(4)), lambda: vx.Norms(bad, 1.0), lambda: vx.Limits(bad, 1.0)):
         with pytest.raises(vx.SceneError, match="found a sparse matrix that leads out of itself"):
             act()

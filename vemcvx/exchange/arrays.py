@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from scipy.io import mmwrite
 
 from vemcvx.archives import read_arrays
-from vemcvx.arrays import Floats, as_real_array, checked_matrix, finite, of_shape
+from vemcvx.arrays import Floats, as_real_array, check_compressed, checked_matrix, finite, of_shape
 from vemcvx.errors import ProgramError, VemcvxError
 from vemcvx.linear import Matrix
 from vemcvx.program.kernel import anchors
@@ -102,10 +102,7 @@ def compressed_rows(name: str, data: Any, indices: Any, indptr: Any, shape: Any)
         raise ProgramError(f"{name}: found no numbers, columns, ends of rows and shape, as lists of them.")
     try:
         rows: sp.csr_matrix = sp.csr_matrix((data, indices, indptr), shape=tuple(np.asarray(shape).tolist()))
-        rows.check_format(full_check=True)
-        # SciPy looks no further where the last end is negative.
-        if (np.diff(rows.indptr) < 0).any():
-            raise ValueError("ends of rows go back")
+        check_compressed(rows)
     except (ValueError, OverflowError) as error:
         raise ProgramError(f"{name}: found rows that lead out of the matrix: {error}.") from error
     return rows

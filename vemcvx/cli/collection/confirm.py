@@ -47,6 +47,7 @@ class Program:
                 data, indices, indptr, shape = (kept[f"{name}_{k}"] for k in ("data", "indices", "indptr", "shape"))
                 kept[name] = sp.csr_matrix((data, indices, indptr), shape=shape)
                 kept[name].check_format(full_check=True)  # of a damaged file SciPy would read beyond the ends
+                assert (indptr[1:] >= indptr[:-1]).all()
         self.K, self.B, self.D = (sp.csc_matrix(kept[name]) for name in ("K", "B", "D"))
         self.g, self.w, self.b, self.e, self.c = (kept[name] for name in ("g", "w", "b", "e", "c"))
         self.d, self.lam, self.p = kept["d"], kept["lam"].ravel(), kept["p"]

@@ -167,7 +167,8 @@ def blocks_of_vtk(fields: Mapping[str, Any], data: Mapping[str, NDArray[Any]]) -
     arrays = {name: values.astype(np.int64).ravel() for name, values in arrays.items()}
     types, ends, nodes = arrays["types"], arrays["offsets"], arrays["connectivity"]
     offsets = np.concatenate([[0], ends])
-    if len(ends) != len(types) or (np.diff(offsets) < 0).any() or offsets[-1] > len(nodes):
+    # Compared, not subtracted: differences may overflow.
+    if len(ends) != len(types) or (offsets[1:] < offsets[:-1]).any() or offsets[-1] > len(nodes):
         raise MeshError("its lists of cells are damaged: offsets do not increase, or lead beyond the end.")
     for kind, count in NODES.items():
         if (np.diff(offsets)[types == kind] != count).any():
@@ -200,7 +201,7 @@ def _faces_by_rows(arrays: Mapping[str, Ints], solid: Any) -> Listed:
         raise MeshError("its faces are incomplete.")
     ends, nodes, cell_ends, numbers = (arrays[name] for name in names)
     offsets, cell_offsets = np.concatenate([[0], ends]), np.concatenate([[0], cell_ends])
-    sound = len(cell_ends) == len(solid) and (np.diff(offsets) >= 0).all() and (np.diff(cell_offsets) >= 0).all()
+    sound = len(cell_ends) == len(solid) and all((x[1:] >= x[:-1]).all() for x in (offsets, cell_offsets))
     sound = sound and offsets[-1] <= len(nodes) and cell_offsets[-1] <= len(numbers)
     if not sound or not ((numbers >= 0) & (numbers < len(ends))).all():
         raise MeshError("its lists of faces are damaged: offsets do not increase, or lead beyond the end.")
@@ -211,9 +212,11 @@ def _faces_by_rows(arrays: Mapping[str, Ints], solid: Any) -> Listed:
 def _faces_by_stream(arrays: Mapping[str, Ints], solid: Any) -> Listed:
     stream, ends = arrays["faces"], arrays["faceoffsets"]
     damaged = MeshError("its lists of faces are damaged: they lead beyond the end, or do not fill their room.")
-    if len(ends) != len(solid) or (ends[solid] > len(stream)).any() or (np.diff(ends[solid]) < 2).any():
+    if len(ends) != len(solid):
         raise damaged
     ends = ends[solid]
+    if not ((ends >= 0) & (ends <= len(stream))).all() or (np.diff(ends) < 2).any():
+        raise damaged
     at = np.concatenate([[0], ends[:-1]])
     if (ends < 1).any() or (at >= len(stream)).any():
         raise damaged

@@ -22,12 +22,15 @@ from vemcvx.vem import BoundaryRows, EdgeEnds, Space, elastic_matrix, softest_sh
 
 
 @dataclass(frozen=True)
-class SlipLaw:
-    """Weights of friction that depend on slip: that of the step, and all that was before it.
+class Law:
+    """The law of weights that follow the answer of a step: the forces of contact, and slip, past and present.
 
-    Within a step weights follow its own slip, which follows them: a fixed point, of convex programs with given weights
-    (:mod:`vemcvx.stepping.fixed_point`). Where they fall slowly enough it is the only one, and certificates are bounds.
-    A law that reads the slip before the step alone has `softening` zero.
+    A step is then a fixed point of convex programs with given weights (:mod:`vemcvx.stepping.fixed_point`). Where
+    weights fall slowly enough with the slip of the step it is the only one, and certificates are bounds. A law that
+    reads the slip before the step alone has `softening` zero.
+
+    One record serves from an effect, whose laws have a weight for each of its rows, to the terms of a posed scene,
+    where rows add up and the forces are those of all limits.
     """
 
     weights: Callable[[float, Floats, Floats, Floats], ArrayLike]
@@ -38,9 +41,12 @@ class SlipLaw:
     pressed: bool = False
     """whether weights depend on normal forces, which one-sided contact on the same boundary tells; without, that
     argument is an empty array"""
-    slope: Callable[[float, Floats, Floats], ArrayLike] | None = None
+    slope: Callable[[float, Floats, Floats], Any] | None = None
     """(t, normal forces, slip before the step) -> (m,), the derivative by the forces of a `pressed` law that is
-    piecewise affine in them, and does not read the slip of the step: steps are certified as those of Coulomb's law"""
+    piecewise affine in them (the right one at corners), and does not read the slip of the step: steps are certified as
+    those of Coulomb's law"""
+    slips: bool = True
+    """whether weights depend on slip, before the step or in it; without, those arguments are zero"""
 
     def added(self, subject: str, nodes: Ints, t: float, forces: Floats, slips: tuple[Floats, Floats]) -> Floats:
         """The weights (m,) of rows at these nodes, under normal forces (m,), after slips before the step and in it.
@@ -90,6 +96,10 @@ class SlipLaw:
                 "or None, which makes certificates estimates."
             )
         return rate
+
+
+SlipLaw = Law
+"""The name under which effects of one's own take it."""
 
 
 def _of_rows(raw: object, subject: str, nodes: Ints, what: str) -> Floats:
@@ -221,22 +231,18 @@ class Friction:
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
     steady: bool = False
     """whether these are the same at all times"""
-    law: Callable[[float, Floats], Floats] | None = None
-    """(t, normal forces (m,)) -> (m,), what the pressure of contact adds to the weights"""
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
     ends: EdgeEnds | None = None
     """the edges of each row; without, `lengths` are of an edge that no other part has"""
-    slope: Callable[[float, Floats], Floats] | None = None
-    """(t, normal forces (m,)) -> (m,), the derivative of `law`, which is piecewise affine; the right one at corners"""
     in_the_air: bool = False
     """whether to warn if it rubs where one-sided contact is open"""
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
     ground: Ground | None = None
     """what it rubs on, if that moves"""
-    slip_law: SlipLaw | None = None
-    """what the slip adds to the weights"""
+    slip_law: Law | None = None
+    """what forces of contact and slip add to the weights"""
     directions: Floats | None = None
     """(m, 2) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents; in the plane"""
 
@@ -245,21 +251,10 @@ class Friction:
         """(m, dim) unit vectors across which the terms are: normals, or `directions` turned by -90 degrees."""
         return self.normals if self.directions is None else self.directions[:, ::-1] * (1.0, -1.0) + 0.0
 
-    @property
-    def dependent(self) -> bool:
-        """True if weights depend on the forces of contact, or on the slip."""
-        return self.law is not None or self.slip_law is not None
-
-    @property
-    def has_slope(self) -> bool:
-        """True if the derivatives of all its laws by these forces are known."""
-        law = self.slip_law
-        return (self.law is None or self.slope is not None) and (law is None or law.slope is not None)
-
-    @property
-    def reads_forces(self) -> bool:
-        """True if weights depend on the forces of contact."""
-        return self.law is not None or bool(self.slip_law and self.slip_law.pressed)
+    def weights_under(self, t: float, forces: Floats, before: Floats, slip: Floats) -> Floats:
+        """The weights (m,) under normal forces (m,), after slips (m,) before the step and in it."""
+        w, law = self.weights(t), self.slip_law
+        return w if law is None else w + law.added(self.subject, self.nodes, t, forces, (before, slip))
 
     @classmethod
     def of(cls, rows: BoundaryRows, subject: str) -> Friction:

@@ -10,7 +10,17 @@ import numpy as np
 from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
 from vemcvx.effects.data import varies
-from vemcvx.effects.effect import ContactSurface, Contribution, Effect, Friction, GivenDatum, Ground, amount, where
+from vemcvx.effects.effect import (
+    ContactSurface,
+    Contribution,
+    Effect,
+    Friction,
+    GivenDatum,
+    Ground,
+    Law,
+    amount,
+    where,
+)
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 
@@ -59,11 +69,11 @@ class _Bounds:
         """(g+ - g-) / 2."""
         return self._integrated(self.forward, t, "bound") - self.weights(t)
 
-    def ramp(self, t: float, forces: Floats) -> Floats:
+    def ramp(self, t: float, forces: Floats, *slips: Floats) -> Floats:
         """Weights under normal forces (m,) of contact, for friction that needs touch."""
         return np.minimum(STEEP * np.maximum(forces, 0.0), self.weights(t))
 
-    def slope(self, t: float, forces: Floats) -> Floats:
+    def slope(self, t: float, forces: Floats, before: Floats) -> Floats:
         """The derivative of the ramp."""
         return np.where(STEEP * forces < self.weights(t), STEEP, 0.0)
 
@@ -171,7 +181,7 @@ class TrescaFriction(Effect):
         """The bounds as weights; as a law of the pressure where they act in closed contact only."""
         friction = Friction.of(rows, bounds.subject)
         if closed:
-            return replace(friction, law=bounds.ramp, slope=bounds.slope)
+            return replace(friction, slip_law=Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False))
         return replace(
             friction,
             weights=bounds.weights,
@@ -238,7 +248,7 @@ class CoulombFriction(Effect):
                 return mu, np.full(len(x), np.inf)
             return mu, data.nonnegative(self.cap, x, t, subject, name="cap")
 
-        def law(t: float, forces: Floats) -> Floats:
+        def weights(t: float, forces: Floats, *slips: Floats) -> Floats:
             mu, cap = read(points, t)
             return np.minimum(mu * np.maximum(forces, 0.0), cap * rows.lengths)
 
@@ -246,12 +256,13 @@ class CoulombFriction(Effect):
             mu, cap = read(x, t)
             return np.minimum(mu * np.maximum(pressure, 0.0), cap)[None]
 
-        def slope(t: float, forces: Floats) -> Floats:
+        def slope(t: float, forces: Floats, before: Floats) -> Floats:
             mu, cap = read(points, t)
             return np.where(mu * forces < cap * rows.lengths, mu, 0.0)
 
         ground = Ground.of(self.ground, subject, points, rows.partners)
-        friction = replace(Friction.of(rows, subject), law=law, slope=slope, ground=ground)
+        law = Law(weights, pressed=True, slope=slope, slips=False)
+        friction = replace(Friction.of(rows, subject), slip_law=law, ground=ground)
         return Contribution(
             frictions=(friction,),
             surfaces=(ContactSurface.of(rows),),

@@ -1,17 +1,18 @@
-"""The terms of contact and friction: limits and norm terms over all nodal values, and laws that follow the answer."""
+"""The terms of contact and friction: limits and norm terms over all nodal values, and the law of their weights."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints
-from vemcvx.effects import ContactSurface, Friction, Obstacle
+from vemcvx.effects import ContactSurface, Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.scene.jumps import Jumps, edge_ends, ends_of_groups, force_shares, lengths_of, summing
@@ -27,94 +28,6 @@ from vemcvx.scene.supports import (
     on_free,
 )
 from vemcvx.vem import tangents_of
-
-# The norm terms of friction over all nodal values, and laws whose weights follow the answer.
-
-
-@dataclass(frozen=True)
-class FrictionLaw:
-    """The law of the weights of all terms, given the forces p (r,) of the limits and slips (m,)."""
-
-    frictions: Sequence[Friction]
-    gather: sp.csr_matrix
-    """(m, rows) which rows of all frictions add up to a term"""
-    press: sp.csr_matrix
-    """(rows, r) which limits press on which rows"""
-
-    def weights(self, t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        """Weights (m,) under the forces of the limits, after slips before the step and in it."""
-        of_rows = zip(self._of_rows(self.press @ p), self._slips(past), self._slips(slip), strict=True)
-        return self._added([_weights_under(f, t, *under) for f, under in zip(self.frictions, of_rows, strict=True)])
-
-    def part(self, terms: slice) -> Callable[[float, Floats, Floats, Floats], Floats]:
-        """The weights of some of the terms, which follow the slips of the same."""
-
-        def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-            every = np.zeros((2, self.gather.shape[0]))
-            every[:, terms] = past, slip
-            return self.weights(t, p, every[0], every[1])[terms]
-
-        return weights
-
-    @property
-    def has_slope(self) -> bool:
-        """True if weights are piecewise affine in the forces, with a derivative that is known."""
-        return all(f.has_slope for f in self.frictions if f.dependent)
-
-    def slope(self, t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-        """The derivative (m, r) of the weights with respect to the forces."""
-        press, of_rows = self.press, zip(self._of_rows(self.press @ p), self._slips(past), strict=True)
-        steep = np.concatenate([_slope_under(f, t, *under) for f, under in zip(self.frictions, of_rows, strict=True)])
-        entries = np.repeat(steep, np.diff(press.indptr)) * press.data
-        return sp.csr_matrix(self.gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
-
-    @property
-    def remembers(self) -> bool:
-        """True if some weights depend on slip."""
-        return any(f.slip_law is not None for f in self.frictions)
-
-    @property
-    def softening(self) -> Floats | None:
-        """The largest rate (m,) at which weights fall with slip; None where forces count, or it is unknown."""
-        laws = [f.slip_law for f in self.frictions]
-        if any(f.law is not None for f in self.frictions) or any(law and law.softening is None for law in laws):
-            return None
-        pairs = zip(self.frictions, laws, strict=True)
-        each = [np.zeros(len(f.nodes)) if law is None else law.rate(f.subject, f.nodes) for f, law in pairs]
-        return self._added(each)
-
-    def _slips(self, values: Floats) -> list[Floats]:
-        """Slips (m,) of terms for the rows of every friction, zero where there is no term; none if no law sees them."""
-        if not self.remembers:
-            return [np.zeros(0)] * len(self.frictions)
-        return self._of_rows(self.gather.T @ values)
-
-    def _of_rows(self, values: Floats) -> list[Floats]:
-        """Values (rows,) friction by friction."""
-        return np.split(values, np.cumsum([len(f.nodes) for f in self.frictions])[:-1])
-
-    def _added(self, parts: Sequence[Floats]) -> Floats:
-        total: Floats = self.gather @ np.concatenate(parts)
-        return total
-
-
-def _weights_under(friction: Friction, t: float, forces: Floats, before: Floats, slip: Floats) -> Floats:
-    """Weights (rows,) under their normal forces, after slips, which laws may see, before the step and in it."""
-    w = friction.weights(t)
-    if friction.law is not None:
-        w = w + friction.law(t, forces)
-    if friction.slip_law is not None:
-        w = w + friction.slip_law.added(friction.subject, friction.nodes, t, forces, (before, slip))
-    return w
-
-
-def _slope_under(friction: Friction, t: float, forces: Floats, before: Floats) -> Floats:
-    """Their derivatives (rows,) by these forces; zero if they are not known."""
-    slope = np.zeros(len(forces)) if friction.slope is None else friction.slope(t, forces)
-    if friction.slip_law is not None:
-        slope = slope + friction.slip_law.slope_at(friction.subject, friction.nodes, t, forces, before)
-    return slope
-
 
 # The norm terms of friction, over all nodal values, and what a System knows of them.
 #
@@ -262,44 +175,84 @@ def _check_directions(frictions: Sequence[Friction]) -> None:
             )
 
 
-def norm_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> Norms | None:
-    """The terms that some unknown moves."""
+def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None:
+    """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms; None if given.
+
+    Rows read the forces that press on them, by `press` (rows, r), and the slip of their term; weights of rows add up.
+    """
+    frictions, gather = terms.frictions, terms.gather[some]
+    laws = [f.slip_law for f in frictions if f.slip_law is not None]
+    if press is None or not laws:
+        return None
+    slips, spread, cuts = any(law.slips for law in laws), gather.T, np.cumsum([len(f.nodes) for f in frictions])[:-1]
+
+    def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Floats, ...]]:
+        still = np.zeros(gather.shape[1])
+        of_rows = (press @ p, *(spread @ slip if slips else still for slip in of_terms))
+        return zip(*(np.split(values, cuts) for values in of_rows), strict=True)
+
+    def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
+        under = zip(frictions, each(p, past, slip), strict=True)
+        total: Floats = gather @ np.concatenate([f.weights_under(t, *values) for f, values in under])
+        return total
+
+    def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
+        steep = [
+            np.zeros(len(f.nodes)) if f.slip_law is None else f.slip_law.slope_at(f.subject, f.nodes, t, *values)
+            for f, values in zip(frictions, each(p, past), strict=True)
+        ]
+        entries = np.repeat(np.concatenate(steep), np.diff(press.indptr)) * press.data
+        return sp.csr_matrix(gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
+
+    softening = None
+    if all(law.softening is not None for law in laws):
+        rates = [
+            np.zeros(len(f.nodes)) if f.slip_law is None else f.slip_law.rate(f.subject, f.nodes) for f in frictions
+        ]
+        softening = gather @ np.concatenate(rates)
+    known = all(law.slope is not None for law in laws)
+    return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
+
+
+def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> Norms | None:
+    """The terms that some unknown moves; `press` says which limits press on which rows of frictions, if laws follow."""
     m, none = terms.acting, np.zeros(terms.acting)
     if m == 0:
         return None
-    rest = np.zeros(len(terms.nodes) - m)
-    ground, slope = terms.ground, None if law is None or not law.has_slope else law.slope
-    under, softening = (None, None) if law is None else (law.part(slice(0, m)), law.softening)
-    remembers = law is not None and law.remembers
+    law, ground = law_of(terms, slice(0, m), press), terms.ground
     block = terms.rows.shape[0] // len(terms.nodes)
-    return Norms(
+    norms = Norms(
         B=on_free(acting_rows(terms), supports),
         w=terms.weights(0.0)[:m] if all(f.steady for f in terms.frictions) else lambda t: terms.weights(t)[:m],
         block=block,
         places=supports.places(terms.nodes),
-        law=None if under is None or remembers else lambda t, p: under(t, p, none, none),
         bias=(lambda t: terms.bias(t)[: m * block]) if terms.one_way else None,
-        slope=None if slope is None else lambda t, p, *past: slope(t, p, np.append(past or none, rest))[:m],
         ground=None if ground is None else lambda t: ground(t)[: m * block],
-        slip_law=under if remembers else None,
-        softening=None if softening is None else softening[:m],
     )
+    if law is None:
+        return norms
+    under, slope = law.weights, law.slope
+    if law.slips:
+        return replace(norms, slip_law=under, slope=slope, softening=law.softening)
+    by_forces = None if slope is None else lambda t, p: slope(t, p, none)
+    return replace(norms, law=lambda t, p: under(t, p, none, none), slope=by_forces)
 
 
-def dragged_terms(terms: Terms, law: FrictionLaw | None, supports: Supports) -> DraggedTerms | None:
+def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> DraggedTerms | None:
     """The terms that none does."""
     m, q = terms.acting, len(terms.nodes) - terms.acting
     if q == 0:
         return None
     block, ground = terms.rows.shape[0] // len(terms.nodes), terms.ground
-    rows, under = terms.rows[m * block :], None if law is None else law.part(slice(m, m + q))
+    rows, law = terms.rows[m * block :], law_of(terms, slice(m, m + q), press)
+    weights: Callable[..., Any] = (lambda t, p, past, slip: terms.weights(t)[m:]) if law is None else law.weights
     return DraggedTerms(
         position=lambda t: rows @ supports.motion(t) - (0.0 if ground is None else ground(t)[m * block :]),
-        weights=(lambda t, p, past, slip: terms.weights(t)[m:]) if under is None else under,
+        weights=weights,
         count=q,
         block=block,
         bias=(lambda t: terms.bias(t)[m * block :]) if terms.one_way else None,
-        remembers=law is not None and law.remembers,
+        remembers=law is not None and law.slips,
     )
 
 
@@ -314,7 +267,8 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
     glued = [f.nodes for f in frictions if f.directions is not None]
     stopped = np.concatenate([stopped, *glued])
     for friction in frictions:
-        if friction.law is not None or friction.directions is not None:
+        law = friction.slip_law
+        if (law is not None and law.pressed) or friction.directions is not None:
             continue
         free = normal_is_free(Jumps.of([friction]), friction.normals, supports) & ~np.isin(friction.nodes, stopped)
         if free.any():
@@ -484,19 +438,18 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     return Limits(rows, obstacles.gap, obstacles.compliance, places)
 
 
-def friction_law(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> FrictionLaw | None:
-    """The law by which weights follow the forces of the limits or the slip, if some do."""
-    if not any(f.dependent for f in terms.frictions) or len(terms.nodes) == 0:
+def pressures(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> sp.csr_matrix | None:
+    """(rows of all frictions, r) which limits press on which rows whose law reads it; None if no weight has a law."""
+    if all(f.slip_law is None for f in terms.frictions) or len(terms.nodes) == 0:
         return None
-    starts = np.cumsum([len(f.nodes) for f in terms.frictions])[:-1]
-    own = np.split(np.arange(ends.shape[0]), starts)
+    own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
     each = [
-        sp.csr_matrix((len(rows), len(obstacles.nodes)))
-        if not f.reads_forces
-        else pressing(obstacles, f, ends[rows], supports)
+        pressing(obstacles, f, ends[rows], supports)
+        if f.slip_law is not None and f.slip_law.pressed
+        else sp.csr_matrix((len(rows), len(obstacles.nodes)))
         for f, rows in zip(terms.frictions, own, strict=True)
     ]
-    return FrictionLaw(terms.frictions, terms.gather, sp.csr_matrix(sp.vstack(each)))
+    return sp.csr_matrix(sp.vstack(each))
 
 
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:

@@ -22,19 +22,18 @@ from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Motion, System
 from vemcvx.scene.contact import (
-    FrictionLaw,
     Obstacles,
     Surface,
     Terms,
     acting_rows,
     contact_surface,
     dragged_terms,
-    friction_law,
     friction_terms,
     gathered,
     limits,
     norm_terms,
     out_of_reach,
+    pressures,
     warn_of_free_normals,
 )
 from vemcvx.scene.jumps import edge_ends
@@ -238,14 +237,14 @@ def _system(
     return System(
         K=_restrict(A, supports),
         load=load_of(loads, A, supports),
-        norms=norm_terms(terms, contact.law, supports),
+        norms=norm_terms(terms, contact.press, supports),
         motion=None if supports.still else motion_of(A, supports, acting_rows(terms), obstacles.rows, seen),
         order=cache(partial(_order, A, supports, points)),
         near_kernel=supports.P.T @ rigid_modes(points),
         kernel=_unsupported(space, supports, contact, forms.springs),
         limits=limits(obstacles, supports),
         damping=_damping(forms.viscosity, supports, seen),
-        dragged=dragged_terms(terms, contact.law, supports),
+        dragged=dragged_terms(terms, contact.press, supports),
     )
 
 
@@ -255,7 +254,8 @@ class _Contact:
 
     terms: Terms
     obstacles: Obstacles
-    law: FrictionLaw | None
+    press: sp.csr_matrix | None
+    """(rows of frictions, r) which limits press on rows whose weights follow them; None if no weight has a law"""
 
 
 def _contact(
@@ -265,8 +265,7 @@ def _contact(
     rubbing = sum(len(friction.nodes) for friction in frictions)
     terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
     obstacles = gathered(stops, (ends[rubbing:], names), supports)
-    law = friction_law(terms, obstacles, ends[:rubbing], supports)
-    return _Contact(terms, obstacles, law)
+    return _Contact(terms, obstacles, pressures(terms, obstacles, ends[:rubbing], supports))
 
 
 def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:

@@ -267,14 +267,13 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
 
 
 def _bound(friction: Friction) -> Callable[[float], Floats]:
-    law = friction.law
-    if friction.slip_law is not None:
-        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
+    law, m = friction.slip_law, len(friction.nodes)
     if law is None:
         return friction.weights
+    if law.slips:
+        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
     # Under this force of contact friction that depends on pressure shows itself, whatever the units.
-    pressed = np.full(len(friction.nodes), 1e100)
-    return lambda t: friction.weights(t) + law(t, pressed)
+    return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 
 def _zero(value: Callable[[float], Floats | Bools], times: Sequence[float]) -> bool:

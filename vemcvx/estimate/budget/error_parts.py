@@ -284,7 +284,8 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
             f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
         )
     for friction in posed.terms.frictions:
-        if friction.slip_law is not None or friction.directions is not None:
+        law = friction.slip_law
+        if (law is not None and law.slips) or friction.directions is not None:
             raise SceneError(
                 f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or act along "
                 "given directions; compare meshes and steps of your own choice."

@@ -26,8 +26,9 @@ def polygon(*points):
 def test_whole_boundary_obeys_gauss(family):
     """int n ds = 0 and int x . n ds = 2 |Omega|; every node gets its share of the length."""
     part = space_of(family).part("boundary", "test")
+    midpoints = part.points[part.edges].mean(axis=1)
     assert np.abs(part.lengths @ part.normals).max() < 1e-14
-    assert part.lengths @ np.einsum("ea,ea->e", part.midpoints, part.normals) == pytest.approx(2.0, rel=1e-14)
+    assert part.lengths @ np.einsum("ea,ea->e", midpoints, part.normals) == pytest.approx(2.0, rel=1e-14)
     assert part.node_lengths.sum() == pytest.approx(4.0, rel=1e-14)
     assert np.array_equal(part.nodes, np.unique(part.edges))
 

@@ -1,6 +1,6 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
-from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds, FacePart, MirrorPlanes, SideRule
+from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds, FacePart, MirrorPlanes, Part, SideRule
 from vemcvx.vem.elasticity import (
     anisotropic_stiffness,
     component_names,
@@ -21,7 +21,7 @@ from vemcvx.vem.elasticity import (
 from vemcvx.vem.loads import cell_load, cell_quadrature, edge_load, stress_load
 from vemcvx.vem.points_in_solids import solid_places
 from vemcvx.vem.projection import CellGroup, tangents_of
-from vemcvx.vem.space import Part, Space
+from vemcvx.vem.space import Space
 
 __all__ = [
     "BoundaryPart",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,16 +12,6 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints, read_only, totals
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 from vemcvx.vem.projection import FaceGroup, face_groups, tangents_of
-
-# A part of the boundary: its edges, its nodes, and what each node owns of it.
-#
-# A node gets the length int phi_i ds over the part. Where the part has a corner, conditions on the normal
-# hold for both sides, so besides the nodes there are *rows*: see `BoundaryRows`. In space parts are made of
-# faces, `FacePart`.
-
-
-# Four Gauss points: int g phi_i is exact for g of degree 6 on an edge (7 for the product).
-GAUSS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +28,67 @@ class SideRule:
     """(m, n, q) weights times the sides' lengths or areas times the basis function of each node"""
 
 
+class Part(ABC):
+    """A closed set of sides of the boundary: edges in the plane, faces in space.
+
+    A node gets the length (in space the area) int phi_i ds over the part, with functions on faces as in
+    :mod:`vemcvx.vem.projection`. Where sides meet at an angle, conditions on the normal hold for both, so besides the
+    nodes there are *rows*: see :class:`BoundaryRows`.
+    """
+
+    @property
+    @abstractmethod
+    def sides(self) -> Ints:
+        """The edges (m, 2), or the numbers (m,) of the faces, ascending."""
+
+    @property
+    @abstractmethod
+    def normals(self) -> Floats:
+        """Outward unit normal of each side, (m, dim)."""
+
+    @abstractmethod
+    def rules(self, count: int = 4) -> tuple[SideRule, ...]:
+        """Quadrature with `count` Gauss points an edge; on the triangles of a face exact for degree 5, in any case.
+
+        Four points are exact for g phi_i with g of degree 6.
+        """
+
+    @property
+    @abstractmethod
+    def ends(self) -> SideEnds:
+        """The nodes of all sides, in the order of the rules."""
+
+    @cached_property
+    def nodes(self) -> Ints:
+        """The nodes of the sides, ascending."""
+        return read_only(np.unique(self.ends.nodes))
+
+    @cached_property
+    def node_lengths(self) -> Floats:
+        """int phi_i ds over the part for each of `nodes`; the sum is the length, or area, of the part."""
+        ends = self.ends
+        return read_only(totals(np.searchsorted(self.nodes, ends.nodes), ends.lengths, len(self.nodes)))
+
+    @property
+    def names(self) -> Ints:
+        """Each end of its sides (e, 2): the node, and the other node of the edge, or the number of the face."""
+        return np.column_stack([self.ends.nodes, self.ends.beyond])
+
+    @cached_property
+    def node_normals(self) -> BoundaryRows:
+        """The rows of this part: where sides meet at an angle, one for each normal."""
+        points, blocks = [], []
+        for rule in self.rules():
+            m, n, q = rule.shares.shape
+            columns = np.repeat(np.arange(m * q).reshape(m, 1, q), n, axis=1)
+            starts = np.arange(0, m * n * q + 1, q)
+            points.append(rule.points.reshape(m * q, -1))
+            blocks.append(sp.csr_matrix((rule.shares.ravel(), columns.ravel(), starts), shape=(m * n, m * q)))
+        return self.ends.rows(np.concatenate(points), sp.csr_matrix(sp.block_diag(blocks, format="csr")))
+
+
 @dataclass(frozen=True, eq=False)
-class BoundaryPart:
+class BoundaryPart(Part):
     """A closed set of boundary edges."""
 
     edges: Ints
@@ -49,6 +99,11 @@ class BoundaryPart:
     """(m, 2) the nodes of other bodies that an interface joins to those of each edge; -1 for an edge of no interface"""
     mirrors: MirrorPlanes | None = None
     """of symmetry, at its nodes"""
+
+    @property
+    def sides(self) -> Ints:
+        """The edges (m, 2)."""
+        return self.edges
 
     @cached_property
     def chords(self) -> Floats:
@@ -65,168 +120,93 @@ class BoundaryPart:
         """Outward unit normal of each edge, (m, 2)."""
         return read_only(np.column_stack([self.chords[:, 1], 0.0 - self.chords[:, 0]]) / self.lengths[:, None])
 
-    @cached_property
-    def midpoints(self) -> Floats:
-        """Midpoint of each edge, (m, 2)."""
-        return read_only(self.points[self.edges[:, 0]] + 0.5 * self.chords)
-
-    @cached_property
-    def nodes(self) -> Ints:
-        """The nodes of the edges, ascending."""
-        return read_only(np.unique(self.edges))
-
-    @cached_property
-    def node_lengths(self) -> Floats:
-        """int phi_i ds over the part for each of `nodes`; the sum is the length of the part."""
-        place = np.searchsorted(self.nodes, self.edges)
-        half = np.repeat(0.5 * self.lengths, 2)
-        return read_only(totals(place.ravel(), half, len(self.nodes)))
-
-    def gauss(self, count: int) -> tuple[Floats, Floats]:
-        """Gauss points (m, count, 2) of the edges, and their shares (m, 2, count).
-
-        These are weight times length times basis function of the first and of the second end of each edge.
-        """
+    def rules(self, count: int = 4) -> tuple[SideRule, ...]:
+        """One rule for all edges, with `count` Gauss points."""
         node, weight = np.polynomial.legendre.leggauss(count)
         s = 0.5 + 0.5 * node
         points = self.points[self.edges[:, 0]][:, None, :] + s[:, None] * self.chords[:, None, :]
-        reference = 0.5 * weight * np.stack([1.0 - s, s])
-        return points, self.lengths[:, None, None] * reference
-
-    @property
-    def sides(self) -> Ints:
-        """The edges (m, 2) of the part."""
-        return self.edges
-
-    @property
-    def names(self) -> Ints:
-        """Each end of its edges (2 m, 2): the node, and the other node of the edge."""
-        return np.concatenate([self.edges, self.edges[:, ::-1]])
-
-    def rules(self, count: int) -> tuple[SideRule, ...]:
-        """Quadrature with `count` Gauss points an edge."""
-        return (SideRule(np.arange(len(self.edges)), self.edges, *self.gauss(count)),)
+        shares = self.lengths[:, None, None] * (0.5 * weight * np.stack([1.0 - s, s]))
+        return (SideRule(np.arange(len(self.edges)), self.edges, points, shares),)
 
     @cached_property
-    def node_normals(self) -> BoundaryRows:
-        """The rows of this part: at a corner, one for each of its sides."""
-        points, shares = self.gauss(GAUSS)
-        m = len(self.edges)
-        columns = np.repeat(np.arange(m * GAUSS).reshape(m, GAUSS), 2, axis=0)
-        starts = np.arange(0, 2 * m * GAUSS + 1, GAUSS)
-        matrix = sp.csr_matrix((shares.ravel(), columns.ravel(), starts), shape=(2 * m, m * GAUSS))
+    def ends(self) -> SideEnds:
+        """Both ends of every edge, one after the other."""
         length = np.repeat(self.lengths, 2)
-        ends = SideEnds(
+        return SideEnds(
             nodes=self.edges.ravel(),
             normals=np.repeat(self.normals, 2, axis=0),
             curvature=1.0 / length,
             noise=NORMAL_ROUNDING * np.abs(self.points).max() / length,
             lengths=0.5 * length,
             beyond=self.edges[:, ::-1].ravel(),
-            partners=np.full(2 * m, -1) if self.across is None else self.across.ravel(),
+            partners=np.full(len(length), -1) if self.across is None else self.across.ravel(),
             mirrors=self.mirrors,
         )
-        return ends.rows(points.reshape(-1, 2), matrix)
-
-
-# A part of the boundary of polyhedra: its faces, its nodes, and what each node owns of it.
-#
-# A node gets the area int phi_i ds over the part, with functions on faces as in :mod:`vemcvx.vem.projection`; where
-# faces meet at an angle it has a row for each normal (`BoundaryRows`).
 
 
 @dataclass(frozen=True, eq=False)
-class FacePart:
-    """A closed set of boundary faces; what effects ask of it is what they ask of a part made of edges."""
+class FacePart(Part):
+    """A closed set of boundary faces."""
 
-    sides: Ints
+    faces: Ints
     """(m,) face numbers, ascending"""
     mesh: PolyhedralMesh
     mirrors: MirrorPlanes | None = None
     """of symmetry, at its nodes"""
 
+    @property
+    def sides(self) -> Ints:
+        """The numbers (m,) of the faces."""
+        return self.faces
+
     @cached_property
     def normals(self) -> Floats:
         """Outward unit normal of each face, (m, 3)."""
-        vectors = np.empty((len(self.sides), 3))
+        vectors = np.empty((len(self.faces), 3))
         for group, at in self._groups:
             vectors[at] = group.vectors.sum(axis=1)
         return read_only(vectors / np.linalg.norm(vectors, axis=1)[:, None] + 0.0)
 
-    @cached_property
-    def nodes(self) -> Ints:
-        """The nodes of the faces, ascending."""
-        return read_only(np.unique(self.names[:, 0]))
-
-    @cached_property
-    def node_lengths(self) -> Floats:
-        """int phi_i ds over the part for each of `nodes`; the sum is the area of the part."""
-        ends = self._ends
-        return read_only(totals(np.searchsorted(self.nodes, ends.nodes), ends.lengths, len(self.nodes)))
-
-    @property
-    def names(self) -> Ints:
-        """Each corner of its faces (e, 2): the node, and the number of the face."""
-        return np.column_stack([self._ends.nodes, self._ends.beyond])
-
-    def rules(self, count: int = 0) -> tuple[SideRule, ...]:
-        """Quadrature exact for degree 5 on the triangles of each face, whatever the `count` of points on an edge."""
+    def rules(self, count: int = 4) -> tuple[SideRule, ...]:
+        """A rule for each number of corners, exact for degree 5 on triangles."""
         return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in self._groups)
-
-    @cached_property
-    def node_normals(self) -> BoundaryRows:
-        """The rows of this part: where faces meet at an angle, one for each normal."""
-        rules = self.rules()
-        points = np.concatenate([rule.points.reshape(-1, 3) for rule in rules])
-        blocks = []
-        for rule in rules:
-            m, n, q = rule.shares.shape
-            columns = np.repeat(np.arange(m * q).reshape(m, 1, q), n, axis=1)
-            starts = np.arange(0, m * n * q + 1, q)
-            blocks.append(sp.csr_matrix((rule.shares.ravel(), columns.ravel(), starts), shape=(m * n, m * q)))
-        return self._ends.rows(points, sp.csr_matrix(sp.block_diag(blocks, format="csr")))
 
     @cached_property
     def _groups(self) -> tuple[tuple[FaceGroup, Ints], ...]:
         """Faces cut into triangles, and their places in the part."""
         mesh = self.mesh
-        found = face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, self.sides)
-        return tuple((group, np.searchsorted(self.sides, group.faces)) for group in found)
+        found = face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, self.faces)
+        return tuple((group, np.searchsorted(self.faces, group.faces)) for group in found)
 
     @cached_property
-    def _ends(self) -> SideEnds:
+    def ends(self) -> SideEnds:
         """The corners of all faces, in the order of the groups."""
-        each = [(group, at, group.nodes.shape[1]) for group, at in self._groups]
-        side = np.concatenate([np.repeat(at, n) for _, at, n in each])
-        noise = np.empty(len(self.sides))
-        for group, at, n in each:
-            noise[at] = _outline(group, n) / np.linalg.norm(group.vectors.sum(axis=1), axis=1)
+        groups = [group for group, _ in self._groups]
+        side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in self._groups])
+        noise = np.empty(len(self.faces))
+        for group, at in self._groups:
+            corners = group.corners[:, :-1]
+            outline = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
+            noise[at] = outline / np.linalg.norm(group.vectors.sum(axis=1), axis=1)
         return SideEnds(
-            nodes=np.concatenate([group.nodes.ravel() for group, _, _ in each]),
+            nodes=np.concatenate([group.nodes.ravel() for group in groups]),
             normals=self.normals[side],
-            curvature=np.concatenate([_curvature(group, n).ravel() for group, _, n in each]),
+            curvature=np.concatenate([_curvature(group).ravel() for group in groups]),
             noise=(NORMAL_ROUNDING * np.abs(self.mesh.points).max() * noise)[side],
-            lengths=np.concatenate([group.shares.ravel() for group, _, _ in each]),
-            beyond=self.sides[side],
+            lengths=np.concatenate([group.shares.ravel() for group in groups]),
+            beyond=self.faces[side],
             partners=np.full(len(side), -1),
             mirrors=self.mirrors,
         )
 
 
-def _curvature(group: FaceGroup, n: int) -> Floats:
+def _curvature(group: FaceGroup) -> Floats:
     """sin(alpha) / (|a| |b|) of the edges a and b of each face at its vertices, (f, n)."""
-    corners = group.corners[:, :n]
+    corners = group.corners[:, :-1]
     a, b = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     lengths = np.einsum("fni,fni->fn", a, a) * np.einsum("fni,fni->fn", b, b)
     weights: Floats = np.linalg.norm(np.cross(a, b), axis=2) / lengths
     return weights
-
-
-def _outline(group: FaceGroup, n: int) -> Floats:
-    """Length of the outline of each face, (f,)."""
-    corners = group.corners[:, :n]
-    length: Floats = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
-    return length
 
 
 # Rows of a part of the boundary: one a node and distinct normal.

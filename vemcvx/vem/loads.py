@@ -7,9 +7,10 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.meshes.polygons.geometry import INNER, clip_ears, cross, places, polygon_centroids, signed_areas
+from vemcvx.vem.boundary import Part
 from vemcvx.vem.elasticity import COMPONENTS
 from vemcvx.vem.projection import CellGroup, PolyhedronGroup
-from vemcvx.vem.space import Part, Space
+from vemcvx.vem.space import Space
 
 # Quadrature on polygons, exact for degree 2, that never leaves the cell; on polyhedra at the centroid.
 #

@@ -16,11 +16,8 @@ import numpy as np
 from vemcvx.arrays import Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
-from vemcvx.vem.boundary import BoundaryPart, FacePart, MirrorPlanes
+from vemcvx.vem.boundary import BoundaryPart, FacePart, MirrorPlanes, Part
 from vemcvx.vem.projection import CellGroup, polyhedron_groups
-
-Part = BoundaryPart | FacePart
-"""A closed set of sides: edges in the plane, faces in space."""
 
 
 @dataclass(frozen=True, eq=False)

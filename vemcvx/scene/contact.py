@@ -12,10 +12,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints
-from vemcvx.effects import ContactSurface, Friction, Law, Obstacle
+from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
-from vemcvx.scene.jumps import Jumps, edge_ends, ends_of_groups, force_shares, lengths_of, summing
+from vemcvx.scene.jumps import ContactRows, Jumps, force_shares, summing
 from vemcvx.scene.supports import (
     PARALLEL,
     Moving,
@@ -39,16 +39,13 @@ from vemcvx.vem import tangents_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terms:
-    """The norm terms of a posed scene, over all nodal values."""
+class Terms(ContactRows):
+    """The norm terms of a posed scene, over all nodal values; `normals` are what their tangents are across."""
 
     rows: sp.csr_matrix
     """(m * (dim - 1), n_u) B^, orthonormal tangents"""
-    jumps: Jumps
     tangents: Floats
     """(m, dim - 1, dim)"""
-    lengths: Floats
-    """(m,) integrals of the nodal basis functions over the edges with friction: of all parts that meet in a term"""
     directed: Bools
     """(m,) which are along directions that their friction gives"""
     frictions: Sequence[Friction]
@@ -60,17 +57,8 @@ class Terms:
     """how many of the m, the first, some free unknown moves"""
     dragged: Bools | None = None
     """(m,) which of them supports move along the boundary, in some direction at least"""
-    ends: sp.csr_matrix
-    """(m, e) the ends of edges of each: see :mod:`vemcvx.scene.jumps`"""
-    names: Ints
-    """(e, 2) of each end its node, and the other node of its edge"""
     ground: Callable[[float], Floats] | None = None
     """t -> (m * (dim - 1),), how far the ground has moved along the tangents since the first instant; None if still"""
-
-    @property
-    def nodes(self) -> Ints:
-        """(m,) the nodes on which friction acts; on their partners it acts the other way."""
-        return self.jumps.nodes
 
     def weights(self, t: float) -> Floats:
         """Weights (m,) at the instant `t`: those of their rows added up, without what follows the answer."""
@@ -90,39 +78,36 @@ class Terms:
 
 
 def friction_terms(
-    frictions: Sequence[Friction], owns: tuple[sp.csr_matrix, Ints], supports: Supports, times: Sequence[float] = ()
+    frictions: Sequence[Friction], table: ContactRows, supports: Supports, times: Sequence[float] = ()
 ) -> Terms:
     """The terms of all frictions where something can slip or is dragged; equal node, normal and ground make one term.
 
-    `owns` are the ends of edges that their rows own, numbered as those of obstacles are, and their names.
+    The `table` has their rows.
     """
     points = supports.points
     _check_directions(frictions)
-    jumps, normals = Jumps.of(frictions), np.concatenate([points[:0], *(f.across for f in frictions)])
-    first, term = merged(jumps, normals, kinds=_grounds(frictions))
+    normals = np.concatenate([points[:0], *(f.across for f in frictions)])
+    first, term = merged(table.jumps, normals, kinds=_grounds(frictions))
+    every = replace(table, normals=normals).joined(first, term)
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
-    held = freedom(jumps[first], normals[first], supports, times, under)
+    held = freedom(every.jumps, every.normals, supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
-    ends = ends_of_groups(owns[0], term)
     if under is not None:
-        _refuse_overlap(frictions, owns[0], ends)
-    ends = ends[kept]
-    tangents = tangents_of(normals[first][kept])
+        _refuse_overlap(frictions, table.ends, every.ends)
+    rows = every[kept]
+    tangents = tangents_of(rows.normals)
     moves = under is not None and len(kept) > 0
     return Terms(
-        rows=jumps[first][kept].matrix(tangents, points),
-        jumps=jumps[first][kept],
+        **rows.columns,
+        rows=rows.jumps.matrix(tangents, points),
         tangents=tangents,
-        lengths=lengths_of(ends),
         directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
         frictions=frictions,
         gather=summing(term, len(first))[kept],
         sign=np.sign(np.einsum("ij,ij->i", normals, normals[first][term])),
         acting=len(acting),
         dragged=held.dragged[kept],
-        ends=ends,
-        names=owns[1],
         ground=_relative(tangents, partial(_moved, frictions, first[kept]), times) if moves else None,
     )
 
@@ -303,28 +288,23 @@ class Surface:
 
 
 def contact_surface(
-    surfaces: Sequence[ContactSurface | Friction | Obstacle],
-    terms: Terms,
-    supports: Supports,
-    times: Sequence[float] = (),
+    table: ContactRows, moves: Bools, terms: Terms, supports: Supports, times: Sequence[float] = ()
 ) -> Surface:
-    """The surface of contact, wherever something says so, rubs or stops; edges that several parts bring count once.
+    """The surface of contact: all rows of the table; edges that several of them bring count once.
 
-    A node that supports drag, or ground that moves, belongs to it where it rubs, so where it has a term of `terms`.
+    A node that supports drag, or ground that moves, as `moves` (m,) says, belongs to it where it rubs, so where it has
+    a term of `terms`.
     """
-    dim = supports.points.shape[1]
-    jumps, normals = Jumps.of(surfaces), np.concatenate([supports.points[:0], *(s.normals for s in surfaces)])
-    first, row = merged(jumps, normals)
-    held = freedom(jumps[first], normals[first], supports, times)
+    first, row = merged(table.jumps, table.normals)
+    every = table.joined(first, row)
+    held = freedom(every.jumps, every.normals, supports, times)
     drawn = np.zeros(len(first), dtype=bool)
-    moves = [np.full(len(s.nodes), isinstance(s, Friction) and s.ground is not None) for s in surfaces]
-    np.logical_or.at(drawn, row, np.concatenate([drawn[:0], *moves]))
-    rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(jumps[first]) >= 0)
+    np.logical_or.at(drawn, row, moves)
+    rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(every.jumps) >= 0)
     kept = np.flatnonzero(held.slides | held.normal_only | rubs)
-    lengths = lengths_of(ends_of_groups(edge_ends(surfaces)[0], row))[kept]
-    at, there = jumps[first][kept], normals[first][kept]
+    lengths, at, there = every.lengths[kept], every.jumps[kept], every.normals[kept]
     lead, place = at.distinct
-    normal, length = np.zeros((len(lead), dim)), np.zeros(len(lead))
+    normal, length = np.zeros((len(lead), there.shape[1])), np.zeros(len(lead))
     np.add.at(normal, place, lengths[:, None] * there)
     np.add.at(length, place, lengths)
     normal_reaction = sp.csr_matrix(summing(place, len(lead)) @ held.normal_reaction[kept])
@@ -338,44 +318,31 @@ def contact_surface(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Obstacles:
+class Obstacles(ContactRows):
     """The limits of a posed scene."""
 
     rows: sp.csr_matrix
     """(r, n_u) D^, unit normals"""
-    jumps: Jumps
-    normals: Floats
-    lengths: Floats
-    """(r,) integrals of the nodal basis functions over the edges of each limit"""
     compliance: Floats
     gap: Callable[[float], Floats]
     """t -> (r,)"""
-    ends: sp.csr_matrix
-    """(r, e) the ends of edges that each limit acts on: see :mod:`vemcvx.scene.jumps`"""
-    names: Ints
-    """(e, 2) of each end its node, and the other node of its edge"""
     subjects: tuple[str, ...] = ()
     """whose they are, in words"""
     prescribed: Obstacles | None = None
     """the obstacles whose gaps supports alone decide: they are no limits of the program, but are checked"""
 
-    @property
-    def nodes(self) -> Ints:
-        """(r,) the nodes that are stopped, against their partners if they have some."""
-        return self.jumps.nodes
 
-
-def gathered(obstacles: Sequence[Obstacle], owns: tuple[sp.csr_matrix, Ints], supports: Supports) -> Obstacles:
-    """The limits of all obstacles, whose rows own ends of edges (with their names), where something can move."""
-    points, (ends, names) = supports.points, owns
-    jumps, normals = Jumps.of(obstacles), np.concatenate([points[:0], *(o.normals for o in obstacles)])
+def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Supports) -> Obstacles:
+    """The limits of all obstacles, whose rows are in the `table`, where something can move."""
+    points = supports.points
     compliance = np.concatenate([np.zeros(0), *(o.compliance for o in obstacles)])
-    first, limit = _limits(jumps, normals, compliance)
-    rows = normal_rows(jumps[first], normals[first], points)
+    first, limit = _limits(table.jumps, table.normals, compliance)
+    every = table.joined(first, limit)
+    rows = normal_rows(every.jumps, every.normals, points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
     # Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as
     # much again for what lengths are computed from. Gaps that are negative by no more than this are zero.
-    ends, rounding = ends_of_groups(ends, limit), 4 * EPS * float(np.abs(points).max())
+    rounding = 4 * EPS * float(np.abs(points).max())
 
     def those(chosen: Ints) -> Obstacles:
         def gap(t: float) -> Floats:
@@ -383,16 +350,11 @@ def gathered(obstacles: Sequence[Obstacle], owns: tuple[sp.csr_matrix, Ints], su
             np.minimum.at(nearest, limit, np.concatenate([nearest[:0], *(o.gap(t) for o in obstacles)]))
             return np.where((-rounding <= nearest) & (nearest < 0), 0.0, nearest)[chosen]
 
-        kept = first[chosen]
         return Obstacles(
+            **every[chosen].columns,
             rows=sp.csr_matrix(rows[chosen]),
-            jumps=jumps[kept],
-            normals=normals[kept],
-            lengths=lengths_of(ends[chosen]),
-            compliance=compliance[kept],
+            compliance=compliance[first][chosen],
             gap=gap,
-            ends=ends[chosen],
-            names=names,
             subjects=tuple(o.subject for o in obstacles),
         )
 

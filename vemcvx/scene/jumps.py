@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -148,6 +150,57 @@ def _at_nodes(nodes: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:
     columns = np.repeat(nodes[:, None] * dim + np.arange(dim), q, axis=0)
     indptr = np.arange(0, m * q * dim + 1, dim)
     return sp.csr_matrix((directions.ravel(), columns.ravel(), indptr), shape=(m * q, points.size))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactRows:
+    """Rows of contact: a node, or a pair of nodes, with a normal, and the ends of edges on which it acts.
+
+    One table has the rows of all surfaces, frictions and obstacles of a scene. Terms of friction and limits are rows of
+    it that were joined, where they are one, and picked, where something can move.
+    """
+
+    jumps: Jumps
+    normals: Floats
+    """(m, dim) outward unit normals"""
+    ends: sp.csr_matrix
+    """(m, e) the half lengths of the ends of edges of each row: see above"""
+    names: Ints
+    """(e, 2) of each end its node, and the other node of its edge"""
+
+    @property
+    def nodes(self) -> Ints:
+        """(m,) the nodes on which rows act; on their partners they act the other way."""
+        return self.jumps.nodes
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(m,) integrals of the nodal basis functions over the edges of each row: of all parts that meet in it."""
+        return lengths_of(self.ends)
+
+    @classmethod
+    def of(cls, parts: Sequence[Friction | Obstacle | ContactSurface], dim: int) -> ContactRows:
+        """The rows of all parts, one after the other."""
+        ends, names = edge_ends(parts)
+        normals = np.concatenate([np.zeros((0, dim)), *(part.normals for part in parts)])
+        return cls(jumps=Jumps.of(parts), normals=normals, ends=ends, names=names)
+
+    def __len__(self) -> int:
+        return len(self.jumps)
+
+    def __getitem__(self, rows: Ints | slice) -> ContactRows:
+        picked = self.jumps[rows], self.normals[rows], self.ends[rows]
+        return ContactRows(jumps=picked[0], normals=picked[1], ends=picked[2], names=self.names)
+
+    def joined(self, first: Ints, group: Ints) -> ContactRows:
+        """One row a group, with the node and normal of its `first` row, on the ends of all."""
+        ends = ends_of_groups(self.ends, group)
+        return ContactRows(jumps=self.jumps[first], normals=self.normals[first], ends=ends, names=self.names)
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The fields, of which records of terms and limits are made."""
+        return {"jumps": self.jumps, "normals": self.normals, "ends": self.ends, "names": self.names}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, read_only
-from vemcvx.effects import Contribution, Friction, GivenDatum, Load, Material, Obstacle
+from vemcvx.effects import ContactSurface, Contribution, Friction, GivenDatum, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.factor import nested_dissection
 from vemcvx.meshes import AnyMesh
@@ -36,7 +36,7 @@ from vemcvx.scene.contact import (
     pressures,
     warn_of_free_normals,
 )
-from vemcvx.scene.jumps import edge_ends
+from vemcvx.scene.jumps import ContactRows
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
 from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve, straightened
@@ -187,7 +187,7 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
     surfaces = straightened((*holds, *frictions, *stops), _chain(p.surfaces for p in parts))
     # Whatever refers to normals, so that nodal frames have them as axes.
     supports = resolve(holds, (*frictions, *stops), mesh.points)
-    forms, contact = _forms(parts), _contact(frictions, stops, supports, times)
+    forms, contact = _forms(parts), _contact(surfaces, frictions, stops, supports, times)
     return PosedScene(
         scene=scene,
         space=space,
@@ -196,7 +196,7 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
         A=forms.stiffness,
         loads=loads,
         terms=contact.terms,
-        surface=contact_surface((*surfaces, *frictions, *stops), contact.terms, supports, times),
+        surface=contact.surface,
         material=material,
         prestress=prestress,
         obstacles=contact.obstacles,
@@ -250,8 +250,9 @@ def _system(
 
 @dataclass(frozen=True)
 class _Contact:
-    """The norm terms and limits of a System, from the friction and the obstacles of a scene."""
+    """The surface of contact of a scene, and the norm terms and limits that friction and obstacles are there."""
 
+    surface: Surface
     terms: Terms
     obstacles: Obstacles
     press: sp.csr_matrix | None
@@ -259,13 +260,21 @@ class _Contact:
 
 
 def _contact(
-    frictions: Sequence[Friction], stops: Sequence[Obstacle], supports: Supports, times: Sequence[float]
+    surfaces: Sequence[ContactSurface],
+    frictions: Sequence[Friction],
+    stops: Sequence[Obstacle],
+    supports: Supports,
+    times: Sequence[float],
 ) -> _Contact:
-    ends, names = edge_ends([*frictions, *stops])
-    rubbing = sum(len(friction.nodes) for friction in frictions)
-    terms = friction_terms(frictions, (ends[:rubbing], names), supports, times)
-    obstacles = gathered(stops, (ends[rubbing:], names), supports)
-    return _Contact(terms, obstacles, pressures(terms, obstacles, ends[:rubbing], supports))
+    table = ContactRows.of([*surfaces, *frictions, *stops], supports.points.shape[1])
+    moves = [np.full(len(f.nodes), f.ground is not None) for f in frictions]
+    rubbing = slice(start := sum(len(s.nodes) for s in surfaces), start + sum(map(len, moves)))
+    drawn = np.zeros(len(table), dtype=bool)
+    drawn[rubbing] = np.concatenate([drawn[:0], *moves])
+    terms = friction_terms(frictions, table[rubbing], supports, times)
+    obstacles = gathered(stops, table[rubbing.stop :], supports)
+    press = pressures(terms, obstacles, table.ends[rubbing], supports)
+    return _Contact(contact_surface(table, drawn, terms, supports, times), terms, obstacles, press)
 
 
 def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:

@@ -15,7 +15,7 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
-from vemcvx.scene.jumps import ContactRows, Jumps, force_shares, summing
+from vemcvx.scene.jumps import ContactRows, Jumps, summing
 from vemcvx.scene.supports import (
     PARALLEL,
     Moving,
@@ -372,7 +372,7 @@ def _limits(jumps: Jumps, normals: Floats, compliance: Floats) -> tuple[Ints, In
     return first, limit
 
 
-def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
+def pressing(obstacles: Obstacles, friction: Friction, rows: ContactRows, supports: Supports) -> sp.csr_matrix:
     """(rows of `friction`, r) which limits press on which rows, each with the share of its edges that rub there, too.
 
     Raises
@@ -380,14 +380,13 @@ def pressing(obstacles: Obstacles, friction: Friction, ends: sp.csr_matrix, supp
     SceneError
         Nothing presses where friction depends on the pressure and the node is free to move.
     """
-    k, r = len(friction.nodes), len(obstacles.nodes)
-    M = force_shares(ends, obstacles.ends)
-    free = normal_is_free(Jumps.of([friction]), friction.normals, supports)
-    bare = (np.diff(M.indptr) == 0) & (free | (r == 0))
+    M, free = rows.shares(obstacles), normal_is_free(rows.jumps, rows.normals, supports)
+    bare = (np.diff(M.indptr) == 0) & (free | (len(obstacles) == 0))
     if bare.any():
         raise SceneError(
-            f"{friction.subject}: no pressure is known at {bare.sum()} of {k} places; it needs UnilateralContact or "
-            "NormalCompliance on the same boundary (with BilateralContact, TrescaFriction without while_closed)."
+            f"{friction.subject}: no pressure is known at {bare.sum()} of {len(rows)} places; it needs "
+            "UnilateralContact or NormalCompliance on the same boundary (with BilateralContact, TrescaFriction without "
+            "while_closed)."
         )
     return M
 
@@ -400,13 +399,13 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
     return Limits(rows, obstacles.gap, obstacles.compliance, places)
 
 
-def pressures(terms: Terms, obstacles: Obstacles, ends: sp.csr_matrix, supports: Supports) -> sp.csr_matrix | None:
+def pressures(terms: Terms, obstacles: Obstacles, table: ContactRows, supports: Supports) -> sp.csr_matrix | None:
     """(rows of all frictions, r) which limits press on which rows whose law reads it; None if no weight has a law."""
     if all(f.slip_law is None for f in terms.frictions) or len(terms.nodes) == 0:
         return None
-    own = np.split(np.arange(ends.shape[0]), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
+    own = np.split(np.arange(len(table)), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
     each = [
-        pressing(obstacles, f, ends[rows], supports)
+        pressing(obstacles, f, table[rows], supports)
         if f.slip_law is not None and f.slip_law.pressed
         else sp.csr_matrix((len(rows), len(obstacles.nodes)))
         for f, rows in zip(terms.frictions, own, strict=True)

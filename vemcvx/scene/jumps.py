@@ -1,4 +1,4 @@
-"""Jumps: the displacements that rows of contact read, of a node or relative to another body."""
+"""The rows of contact: the jumps of displacement that they read, their normals, and the edges on which they act."""
 
 from __future__ import annotations
 
@@ -13,57 +13,6 @@ from scipy.sparse.csgraph import connected_components
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.effects import ContactSurface, Friction, Obstacle, Support
-
-# Which edges contact and friction act on: parts of the boundary meet at nodes, overlap, and end inside each other.
-#
-# A row, a node with a normal, owns ends of edges at its node, each with half the edge's length: int phi_i over that
-# edge. Rows of several parts that make one term own the union of their ends, an edge that two parts share counts
-# once, and what one row bears of another's force is the share of the other's length that both own.
-
-
-def edge_ends(parts: Sequence[Friction | Obstacle | ContactSurface]) -> tuple[sp.csr_matrix, Ints]:
-    """The half lengths (rows, e) of the ends of edges that rows own, part after part.
-
-    The names (e, 2) are each end's own node, and the other node of its edge; -1 for all that a part without `ends` has
-    at a node.
-    """
-    row, name, half, count = [], [], [], 0
-    for part in parts:
-        if part.ends is None:
-            at, beyond, length = np.arange(len(part.nodes)), np.full(len(part.nodes), -1), part.lengths
-        else:
-            at, beyond, length = part.ends.row, part.ends.beyond, part.ends.lengths
-        row.append(count + at)
-        name.append(np.column_stack([part.nodes[at], beyond]))
-        half.append(length)
-        count += len(part.nodes)
-    if not parts:
-        return sp.csr_matrix((0, 0)), np.zeros((0, 2), dtype=np.int64)
-    names, column = np.unique(np.concatenate(name), axis=0, return_inverse=True)
-    values = np.concatenate(half), (np.concatenate(row), column.ravel())
-    return sp.csr_matrix(values, shape=(count, len(names))), names
-
-
-def ends_of_groups(ends: sp.csr_matrix, group: Ints) -> sp.csr_matrix:
-    """The ends that groups of rows own, (groups, e): what several rows of a group own counts once."""
-    each = ends.tocoo()
-    key, place = np.unique(group[each.row] * ends.shape[1] + each.col, return_inverse=True)
-    length = np.zeros(len(key))
-    np.maximum.at(length, place, each.data)
-    where = np.divmod(key, max(ends.shape[1], 1))
-    return sp.csr_matrix((length, where), shape=(group.max(initial=-1) + 1, ends.shape[1]))
-
-
-def lengths_of(ends: sp.csr_matrix) -> Floats:
-    """int phi_i over the edges of each row."""
-    return np.asarray(ends.sum(axis=1)).ravel().astype(float)
-
-
-def force_shares(by: sp.csr_matrix, force: sp.csr_matrix) -> sp.csr_matrix:
-    """(rows of `by`, rows of `force`) which share of a force the edges of each row bear."""
-    common = sp.csr_matrix((by > 0).astype(float) @ force.T)
-    return sp.csr_matrix(common @ sp.diags_array(1.0 / lengths_of(force)))
-
 
 # What rows of contact read: the displacement of a node, or its jump to a node of another body at the same place.
 #
@@ -152,6 +101,13 @@ def _at_nodes(nodes: Ints, directions: Floats, points: Floats) -> sp.csr_matrix:
     return sp.csr_matrix((directions.ravel(), columns.ravel(), indptr), shape=(m * q, points.size))
 
 
+# Which edges contact and friction act on: parts of the boundary meet at nodes, overlap, and end inside each other.
+#
+# A row, a node with a normal, owns ends of edges at its node, each with half the edge's length: int phi_i over that
+# edge. Rows of several parts that make one term own the union of their ends, an edge that two parts share counts
+# once, and what one row bears of another's force is the share of the other's length that both own.
+
+
 @dataclass(frozen=True, kw_only=True)
 class ContactRows:
     """Rows of contact: a node, or a pair of nodes, with a normal, and the ends of edges on which it acts.
@@ -164,9 +120,9 @@ class ContactRows:
     normals: Floats
     """(m, dim) outward unit normals"""
     ends: sp.csr_matrix
-    """(m, e) the half lengths of the ends of edges of each row: see above"""
+    """(m, e) the half lengths of the ends of edges that each row owns"""
     names: Ints
-    """(e, 2) of each end its node, and the other node of its edge"""
+    """(e, 2) of each end its node, and the other node of its edge; -1 for all that a part without `ends` has there"""
 
     @property
     def nodes(self) -> Ints:
@@ -176,13 +132,24 @@ class ContactRows:
     @cached_property
     def lengths(self) -> Floats:
         """(m,) integrals of the nodal basis functions over the edges of each row: of all parts that meet in it."""
-        return lengths_of(self.ends)
+        return np.asarray(self.ends.sum(axis=1)).ravel().astype(float)
 
     @classmethod
     def of(cls, parts: Sequence[Friction | Obstacle | ContactSurface], dim: int) -> ContactRows:
         """The rows of all parts, one after the other."""
-        ends, names = edge_ends(parts)
-        normals = np.concatenate([np.zeros((0, dim)), *(part.normals for part in parts)])
+        none, normals = np.zeros(0, dtype=np.int64), np.concatenate([np.zeros((0, dim)), *(p.normals for p in parts)])
+        row, name, half, count = [none], [np.zeros((0, 2), dtype=np.int64)], [none.astype(float)], 0
+        for part in parts:
+            at, beyond, length = np.arange(len(part.nodes)), np.full(len(part.nodes), -1), part.lengths
+            if part.ends is not None:
+                at, beyond, length = part.ends.row, part.ends.beyond, part.ends.lengths
+            row.append(count + at)
+            name.append(np.column_stack([part.nodes[at], beyond]))
+            half.append(length)
+            count += len(part.nodes)
+        names, column = np.unique(np.concatenate(name), axis=0, return_inverse=True)
+        entries = np.concatenate(half), (np.concatenate(row), column.ravel())
+        ends = sp.csr_matrix(entries, shape=(count, len(names)))
         return cls(jumps=Jumps.of(parts), normals=normals, ends=ends, names=names)
 
     def __len__(self) -> int:
@@ -193,9 +160,18 @@ class ContactRows:
         return ContactRows(jumps=picked[0], normals=picked[1], ends=picked[2], names=self.names)
 
     def joined(self, first: Ints, group: Ints) -> ContactRows:
-        """One row a group, with the node and normal of its `first` row, on the ends of all."""
-        ends = ends_of_groups(self.ends, group)
+        """One row a group, with the node and normal of its `first` row; ends that several rows own count once."""
+        each, (count, width) = self.ends.tocoo(), (len(first), self.ends.shape[1])
+        key, place = np.unique(group[each.row] * width + each.col, return_inverse=True)
+        length = np.zeros(len(key))
+        np.maximum.at(length, place, each.data)
+        ends = sp.csr_matrix((length, np.divmod(key, max(width, 1))), shape=(count, width))
         return ContactRows(jumps=self.jumps[first], normals=self.normals[first], ends=ends, names=self.names)
+
+    def shares(self, of: ContactRows) -> sp.csr_matrix:
+        """(m, r) which share of a force on each of r rows the edges of these rows bear."""
+        common = sp.csr_matrix((self.ends > 0).astype(float) @ of.ends.T)
+        return sp.csr_matrix(common @ sp.diags_array(1.0 / of.lengths))
 
     @property
     def columns(self) -> dict[str, Any]:

@@ -273,7 +273,7 @@ def _contact(
     drawn[rubbing] = np.concatenate([drawn[:0], *moves])
     terms = friction_terms(frictions, table[rubbing], supports, times)
     obstacles = gathered(stops, table[rubbing.stop :], supports)
-    press = pressures(terms, obstacles, table.ends[rubbing], supports)
+    press = pressures(terms, obstacles, table[rubbing], supports)
     return _Contact(contact_surface(table, drawn, terms, supports, times), terms, obstacles, press)
 
 

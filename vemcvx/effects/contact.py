@@ -97,22 +97,10 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     def apart(t: float) -> Floats:
         return distance(gap, subject, points, t) / rows.cosines
 
-    return Contribution(
-        obstacles=(
-            Obstacle(
-                subject=subject,
-                nodes=rows.nodes,
-                normals=rows.normals,
-                lengths=rows.lengths,
-                gap=apart,
-                compliance=compliance,
-                ends=rows.ends,
-                partners=rows.partners,
-            ),
-        ),
-        surfaces=(ContactSurface.of(rows),),
-        curves=(subject,) if rows.curved else (),
-    )
+    own = subject, rows.nodes, rows.normals, rows.lengths
+    stops = Obstacle(*own, gap=apart, compliance=compliance, ends=rows.ends, partners=rows.partners)
+    curves = (subject,) if rows.curved else ()
+    return Contribution(obstacles=(stops,), surfaces=(ContactSurface.of(rows),), curves=curves)
 
 
 def distance(gap: data.Datum, subject: str, x: Floats, t: float) -> Floats:

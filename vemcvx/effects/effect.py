@@ -39,14 +39,14 @@ class Law:
     """one for all, or (m,), by which weights fall at most, per length that slip of the step grows: for laws that read
     no normal forces. None: unknown, and certificates are estimates"""
     pressed: bool = False
-    """whether weights depend on normal forces, which one-sided contact on the same boundary tells; without, that
+    """True if weights depend on normal forces, which one-sided contact on the same boundary tells; without, that
     argument is an empty array"""
     slope: Callable[[float, Floats, Floats], Any] | None = None
     """(t, normal forces, slip before the step) -> (m,), the derivative by the forces of a `pressed` law that is
     piecewise affine in them (the right one at corners), and does not read the slip of the step: steps are certified as
     those of Coulomb's law"""
     slips: bool = True
-    """whether weights depend on slip, before the step or in it; without, those arguments are zero"""
+    """True if weights depend on slip, before the step or in it; without, those arguments are zero"""
 
     def added(self, subject: str, nodes: Ints, t: float, forces: Floats, slips: tuple[Floats, Floats]) -> Floats:
         """The weights (m,) of rows at these nodes, under normal forces (m,), after slips before the step and in it.
@@ -230,17 +230,17 @@ class Friction:
     weights: Callable[[float], Floats]
     """t -> (m,) integrals of the friction bound against the nodal basis functions (force units)."""
     steady: bool = False
-    """whether these are the same at all times"""
+    """True if these are the same at all times"""
     bias: Callable[[float], Floats] | None = None
     """t -> (m,), of one-way friction: half the forward weight minus half the backward; `weights` are half the sum"""
     ends: EdgeEnds | None = None
     """the edges of each row; without, `lengths` are of an edge that no other part has"""
     in_the_air: bool = False
-    """whether to warn if it rubs where one-sided contact is open"""
+    """True if a warning is to say where it rubs while one-sided contact is open"""
     partners: Ints | None = None
     """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
     ground: Ground | None = None
-    """what it rubs on, if that moves"""
+    """the obstacle under it, if that moves"""
     slip_law: Law | None = None
     """what forces of contact and slip add to the weights"""
     directions: Floats | None = None

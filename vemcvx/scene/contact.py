@@ -169,22 +169,21 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
     laws = [f.slip_law for f in frictions if f.slip_law is not None]
     if press is None or not laws:
         return None
-    slips, spread, cuts = any(law.slips for law in laws), gather.T, np.cumsum([len(f.nodes) for f in frictions])[:-1]
+    slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
+    own = _slices(frictions)
 
-    def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Floats, ...]]:
-        still = np.zeros(gather.shape[1])
-        of_rows = (press @ p, *(spread @ slip if slips else still for slip in of_terms))
-        return zip(*(np.split(values, cuts) for values in of_rows), strict=True)
+    def each(p: Floats, *of_terms: Floats) -> Iterable[tuple[Friction, list[Floats]]]:
+        of_rows = [press @ p, *(spread @ slip if slips else still for slip in of_terms)]
+        return [(f, [values[rows] for values in of_rows]) for f, rows in zip(frictions, own, strict=True)]
 
     def weights(t: float, p: Floats, past: Floats, slip: Floats) -> Floats:
-        under = zip(frictions, each(p, past, slip), strict=True)
-        total: Floats = gather @ np.concatenate([f.weights_under(t, *values) for f, values in under])
+        total: Floats = gather @ np.concatenate([f.weights_under(t, *under) for f, under in each(p, past, slip)])
         return total
 
     def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
         steep = [
-            np.zeros(len(f.nodes)) if f.slip_law is None else f.slip_law.slope_at(f.subject, f.nodes, t, *values)
-            for f, values in zip(frictions, each(p, past), strict=True)
+            np.zeros(len(f.nodes)) if f.slip_law is None else f.slip_law.slope_at(f.subject, f.nodes, t, *under)
+            for f, under in each(p, past)
         ]
         entries = np.repeat(np.concatenate(steep), np.diff(press.indptr)) * press.data
         return sp.csr_matrix(gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
@@ -197,6 +196,12 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
         softening = gather @ np.concatenate(rates)
     known = all(law.slope is not None for law in laws)
     return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
+
+
+def _slices(frictions: Sequence[Friction]) -> list[slice]:
+    """The rows of each friction among those of all."""
+    ends = np.cumsum([len(f.nodes) for f in frictions])
+    return [slice(end - len(f.nodes), end) for f, end in zip(frictions, ends, strict=True)]
 
 
 def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> Norms | None:
@@ -403,12 +408,11 @@ def pressures(terms: Terms, obstacles: Obstacles, table: ContactRows, supports: 
     """(rows of all frictions, r) which limits press on which rows whose law reads it; None if no weight has a law."""
     if all(f.slip_law is None for f in terms.frictions) or len(terms.nodes) == 0:
         return None
-    own = np.split(np.arange(len(table)), np.cumsum([len(f.nodes) for f in terms.frictions])[:-1])
     each = [
         pressing(obstacles, f, table[rows], supports)
         if f.slip_law is not None and f.slip_law.pressed
-        else sp.csr_matrix((len(rows), len(obstacles.nodes)))
-        for f, rows in zip(terms.frictions, own, strict=True)
+        else sp.csr_matrix((len(f.nodes), len(obstacles)))
+        for f, rows in zip(terms.frictions, _slices(terms.frictions), strict=True)
     ]
     return sp.csr_matrix(sp.vstack(each))
 

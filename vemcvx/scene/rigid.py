@@ -23,7 +23,7 @@ from vemcvx.vem import Space, rigid_modes, split_motion
 
 
 SMALL = 1e-3
-"""What moves by less than this part of the largest motion is not mentioned."""
+"""Bodies that move by less than this part of the largest motion are not mentioned."""
 
 
 def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:

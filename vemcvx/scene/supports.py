@@ -386,13 +386,13 @@ class Freedom:
     """The freedom that supports leave to rows of contact, as arrays (k,)."""
 
     slides: Bools
-    """whether some free unknown moves the node along the boundary"""
+    """True if some free unknown moves the node along the boundary"""
     opens: Bools
-    """whether some free unknown moves it along the normal"""
+    """True if some free unknown moves it along the normal"""
     dragged: Bools
-    """whether it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
+    """True if it does not slide, in some direction, and supports move it along the boundary, or the ground under it"""
     held_by_contact: Bools
-    """whether contact, and no support, holds the normal; where the node does not slide, supports hold the tangent"""
+    """True if contact, and no support, holds the normal; where the node does not slide, supports hold the tangent"""
     normal_reaction: sp.csr_matrix
     """(k, n_u) g, the force with which contact holds the normal being -g . R; zero where it does not hold it"""
 

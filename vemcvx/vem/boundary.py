@@ -285,7 +285,7 @@ class BoundaryRows:
     """(k, q) by which g(points) gives int g phi_i ds over the edges or faces of each row, exact for g of degree 6 on
     edges and 4 on faces"""
     ends: EdgeEnds
-    """what each row stands for"""
+    """the ends of edges, in space corners of faces, that each row stands for"""
     partners: Ints
     """(k,) nodes of other bodies at the same places; -1 where the edges are no interface"""
     cosines: Floats

@@ -302,7 +302,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
 def _friction_of_dragged(posed: PosedScene, trajectory: Trajectory) -> dict[str, Any]:
     """Friction on nodes that supports drag, edge by edge; nothing if there is none."""
     terms = posed.terms
-    if terms.dragged is None or terms.ends is None or terms.names is None or not terms.dragged.any():
+    if terms.dragged is None or not terms.dragged.any():
         return {}
     mine = np.flatnonzero(terms.dragged)
     ends = terms.ends[mine].tocoo()

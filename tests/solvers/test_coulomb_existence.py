@@ -60,6 +60,8 @@ def distances(monkeypatch, run):
 @pytest.mark.parametrize("coefficient", [0.1, 0.3, 0.6])
 def test_answers_are_as_near_to_a_solution_as_proven(monkeypatch, coefficient):
     """Every set on the way that has a proof: the end of the way, known to 1e-12, is within the bound."""
+    # Near the end bounds are small: the way is to begin far from it, at the answer before.
+    monkeypatch.setattr(coulomb, "swept", lambda program, law, start, response: start)
     away, bound = distances(monkeypatch, lambda: vx.march(rubbing(coefficient), np.linspace(0, 1, 5))).T
     assert (away <= bound + 1e-12).all()
     early = away > 1e-10

@@ -11,7 +11,8 @@ from blocks_in_space import block, on_floor
 import vemcvx as vx
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
-from vemcvx.solvers import newton
+from vemcvx.solvers import coulomb, newton
+from vemcvx.stepping import posed_step
 
 pytestmark = pytest.mark.arithmetic
 
@@ -244,3 +245,23 @@ def test_coulombs_law_is_solved_on_sets(coefficient):
     slips = ~history.sticking[1:] & (history.pressures[1:] > 0)
     assert slips.any()
     assert size[1:][slips] == pytest.approx(coefficient * history.pressures[1:][slips], rel=1e-10)
+
+
+def test_projected_gradients_go_where_sets_lead(monkeypatch):
+    """The same solutions of the whole law by two methods; a few sweeps are near enough for few sets."""
+    asked = []
+
+    def noted(*given):
+        found = coulomb.solution_near(*given)
+        asked.append((given, found))
+        return found
+
+    monkeypatch.setattr(posed_step, "solution_near", noted)
+    history = vx.march(scene("Coulomb, turning", 6), TIMES)
+    assert history.iterations[2:].max() <= 8
+    monkeypatch.setattr(coulomb, "SWEEPS", 3000)
+    for (program, law, start, response, _), found in asked:
+        d, energy = found.point.d, program.operators.energy_norm
+        near = coulomb.swept(program, law, start, response)
+        assert energy(near.d - d) <= 1e-9 * energy(d)
+        assert np.linalg.norm(near.lam - found.point.lam) <= 1e-8 * np.linalg.norm(found.point.lam)

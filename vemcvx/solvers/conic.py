@@ -16,6 +16,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -199,6 +200,7 @@ LINEAR = frozenset({QUADRATIC, ABSOLUTE_VALUES, BOUNDS, SQUARED_POSITIVE_PARTS})
 """The features that fit a quadratic program with linear constraints."""
 
 
+@cache
 def installed() -> tuple[str, ...]:
     """Names of the solvers that cvxpy finds here, in its own order."""
     import cvxpy as cp

@@ -21,8 +21,9 @@ places, Z y, and what slipping terms gain along q_i, F x = x + q J p,
 symmetric and semidefinite but for F. A term that slips in blocks of two leaves one unknown, a limit that is off none.
 
 The sets are those of the last answer, as in :mod:`vemcvx.solvers.newton`: a semismooth Newton method on (Q) (Alart and
-Curnier 1991; Hueber, Stadler and Wohlmuth 2008). It may cycle, and is then begun anew from answers of convex programs
-with weights held fast (:mod:`vemcvx.stepping.fixed_point`).
+Curnier 1991; Hueber, Stadler and Wohlmuth 2008); those of discs are sought by projected gradients first, which cost a
+product with W each. It may cycle, and is then begun anew from answers of convex programs with weights held fast
+(:mod:`vemcvx.stepping.fixed_point`).
 
 Theorem 1. Let W be piecewise affine and the terms absolute values (block 1). If the solution of the system of some sets
 has |lam_i| <= W_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where they do
@@ -478,7 +479,8 @@ def solution_near(
     rounds : iterator
         One is taken for the system of every sets; it gives up where there are no more.
     """
-    met = _from_sets(program, law, start, response, rounds)
+    near = start if program.operators.block == 1 or len(response.anchored) else swept(program, law, start, response)
+    met = _from_sets(program, law, near, response, rounds)
     met = met or _from_sets(program, law, start=start, response=response, rounds=rounds, w=program.w)
     met = met or _by_softer_laws(program, law, start, response, rounds)
     if met is None:
@@ -486,6 +488,39 @@ def solution_near(
     (sets, found), point = met, met.point(program, law)
     away = distance_to_a_solution(program, law, sets, found, response) if program.operators.block > 1 else 0.0
     return SetsSolution(point, law.weights(point.p), found.error + (away or 0.0), away is not None)
+
+
+SWEEPS = 100
+"""Projected gradients before the first sets of discs. Of 420 discs that press on a plane eight steps took 74 systems
+without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
+
+
+def swept(program: StepProgram, law: WeightLaw, start: Iterate, response: Response) -> Iterate:
+    """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
+
+    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius W(p) and on p >= 0, y
+    being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015). By Gershgorin's
+    theorem diag(1 / r) - W - c is semidefinite for 1 / r_i = c_i + sum_j |W_ij|, the largest of each disc.
+    """
+    operators, some = program.operators, slice(response.limits.stop)
+    W, c = response.matrix[some, some], response.compliance[some]
+    most = c + np.abs(W).sum(axis=1)
+    most[response.norms] = np.repeat(operators.blocks(most[response.norms]).max(axis=1), operators.block)
+    step = 1.0 / np.where(most > 0, most, 1.0)
+    free = response.A[some] @ operators.factor.solve(program.g) - np.concatenate([program.b, program.e])
+    x = y = np.concatenate([start.lam.ravel(), start.p])
+    momentum = 1.0
+    for _ in range(SWEEPS):
+        new = y + step * (free - W @ y - c * y)
+        p = np.maximum(new[response.limits], 0.0)
+        lam = replace(program, w=law.weights(p)).project(operators.blocks(new[response.norms]))
+        last, x = x, np.concatenate([lam.ravel(), p])
+        if (y - x) * most @ (x - last) > 0:
+            momentum = 1.0
+        ahead = 0.5 + np.sqrt(0.25 + momentum**2)
+        y, momentum = x + (momentum - 1.0) / ahead * (x - last), ahead
+    force = program.g - response.act(np.append(x, np.zeros(len(response.anchored))))
+    return Iterate(operators.factor.solve(force), lam, p)
 
 
 def _by_softer_laws(
@@ -540,9 +575,6 @@ def _from_sets(
     returns = 0
     for _ in islice(rounds, 40 if turns else 25):
         sets, piece = _sets(program, law, point, shift, None if met else w)
-        # Shifts fall from round to round: large ones find sets soon and may cycle, with small ones fewer terms change
-        # sets in a round. 18 runs in space took 1,065 systems, and 1,337 with a tenth of the shifts throughout.
-        shift = shift * 0.8
         # The same terms may stick and press on another piece of the law: on its slope, and then on its level.
         parts = sets.stick, sets.act, piece.slope.data, piece.slope.indices, piece.slope.indptr
         mark = b"".join(part.tobytes() for part in (parts if turns else (*parts, sets.direction)))

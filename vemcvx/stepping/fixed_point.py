@@ -13,10 +13,10 @@ solution of the step: what sticks, slips and touches at d_k makes one linear sys
     |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
 
 a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
-active-set steps anyway answer with d_s itself, often after the first program, and bodies that friction alone holds
-before it, from the sets of the step before. Motions of all others stay their own; their forces are those of d_s, which
-balance and follow the law to rounding, as no solver's pressures do. To half the square of the bound comes what these
-forces miss of work on d_k, friction and limits, so that
+active-set steps anyway answer with d_s itself, most often before any program, from the sets of the step before.
+Motions of all others stay their own; their forces are those of d_s, which balance and follow the law to rounding, as no
+solver's pressures do. To half the square of the bound comes what these forces miss of work on d_k, friction and limits,
+so that
 
     work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
 
@@ -121,10 +121,10 @@ class DependentStep:
     def from_before(self) -> tuple[State | None, int]:
         """A solution near the state before, if one is found in a few sets, and how many it took.
 
-        For bodies that nothing else holds: in their first program, with the weights of `start`, all that touches
-        sticks, and programs of theirs are costly. What stuck and slipped before is nearer.
+        What stuck and slipped before is nearer than the answer of a program with the weights of before; in that of
+        bodies that nothing else holds, with the weights of `start`, all that touches sticks.
         """
-        if self.run.operators.kernel is None or not (self.replaces and self.attempt.ordinary):
+        if not (self.replaces and self.attempt.ordinary):
             return None, 0
         return self.solution_near(self.attempt.before, 0, FEW_SETS)
 
@@ -133,11 +133,10 @@ class DependentStep:
 
         None if no solution is found, in as many sets as are left of the iterations, or `most` of them.
         """
-        if self.norms.slip_law is not None and self.norms.slope is None:
-            return None, 0
         # Iteratively, how each place answers to each other one would take as many solves.
-        known = self.norms.slope is not None and self.run.operators.factor.exact
-        most = int(min(self.run.most - spent, most, sys.maxsize)) if known else 0
+        if self.norms.slope is None or not self.run.operators.factor.exact:
+            return None, 0
+        most = int(min(self.run.most - spent, most, sys.maxsize))
         rounds = iter(range(most))
         found = self.pose(state.weights).solution_near(state, self.norms, rounds)
         if found is not None and self.norms.slip_law is not None:

@@ -236,8 +236,8 @@ def in_words(history: Results) -> Outline:
         f"{len(touch.nodes)} contact nodes, {history.steps} steps"
     )
     certified = (
-        f"{run.certificate.max():.1e} relative energy error a step (floor {run.certificate_floor.max():.1e}), "
-        f"{run.certificate_total[-1]:.1e} accumulated"
+        f"{run.certified.max():.1e} relative energy error a step, rounding included; "
+        f"{run.certified_total[-1]:.1e} accumulated"
     )
     iterations = (
         f"{int(np.median(run.iterations[1:])) if history.steps else 0} a step at the median, at most "

@@ -160,7 +160,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
     assert told["unknowns"] == history.trajectory.state.shape[1]
     assert told["effects"] == list(history.effects)
     assert told["accuracy"] == 1e-7
-    assert told["certified_energy_error"] == history.certificate.max()
+    assert told["certified_energy_error"] == history.certified.max() > history.certificate.max()
     for name in ("energy", "dissipated", "work"):
         assert told[name] == getattr(history, name)[-1]
     seconds = told["seconds"]
@@ -168,6 +168,20 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
     assert seconds["total"] == pytest.approx(sum(seconds[name] for name in list(seconds)[:-1]))
     # The arrays of numpy alone take more than 10 MB.
     assert 10 < told["peak_memory_mb"] < 1e5
+
+
+def test_one_number_is_certified_rounding_included(history):
+    """The distance to the exact answer is at most gap and floor together; the summary has that and no part of it."""
+    run = history.trajectory
+    assert np.array_equal(run.certified, run.certificate + run.certificate_floor)
+    assert np.array_equal(history.certified, run.certified[history.stored])
+    # Sums of square roots in another order: two roundings a term.
+    allowed = 4 * len(run.times) * np.finfo(float).eps * run.certified_total[-1]
+    floors = np.sqrt(2 * run.floor).sum() / run.scale[-1]
+    assert abs(run.certified_total[-1] - run.certificate_total[-1] - floors) <= allowed
+    line = next(line for line in history.summary().splitlines() if "certified" in line)
+    assert f"{run.certified.max():.1e} relative energy error a step, rounding included" in line
+    assert "floor" not in line
 
 
 def test_a_summary_of_a_miss_is_still_json(history, tmp_path):

@@ -34,7 +34,8 @@ def test_steps_are_told_whether_stored_or_not(history):
     found = history.table("steps")
     assert found["step"].tolist() == list(range(7))
     assert found["time"].tolist() == TIMES.tolist()
-    for name in ("energy", "dissipated", "work", "certificate", "certificate_floor", "certificate_total", "iterations"):
+    told = "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
+    for name in ("energy", "dissipated", "work", "iterations", *told):
         assert np.array_equal(found[name], getattr(history.trajectory, name))
         assert np.array_equal(found[name][history.stored], getattr(history, name))
 

@@ -45,7 +45,7 @@ def check() -> str:
     """Run all cells of the app in this process, without a browser; what was found, in a line."""
     start = time.perf_counter()
     _, cells, found = _run()
-    error, steps = found["history"].certificate.max(), found["history"].steps
+    error, steps = found["history"].certified.max(), found["history"].steps
     seconds = time.perf_counter() - start
     return f"app: all {cells} cells run, in {seconds:.1f} s; {steps} steps are certified to {error:.0e}."
 

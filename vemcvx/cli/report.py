@@ -83,8 +83,8 @@ COLUMNS = {
     "energy": ("stored", ENERGY),
     "dissipated": ("dissipated", ENERGY),
     "work": ("work", ENERGY),
-    "certificate": ("certificate", "relative"),
-    "certificate_total": ("added up", "relative"),
+    "certified": ("certified", "relative"),
+    "certified_total": ("added up", "relative"),
     "iterations": ("iterations", ""),
 }
 PARTS = {
@@ -175,14 +175,13 @@ def certificates(history: History) -> str:
     estimate = f"In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}."
     lines = [
         ("asked for", "-" if run.accuracy is None else short(run.accuracy)),
-        ("largest of a step", f"{short(run.certificate.max())}, {MEANING[run.certificate_kind]}"),
-        ("rounding floor", short(run.certificate_floor.max())),
-        ("all steps added up", short(run.certificate_total[-1])),
+        ("largest of a step", f"{short(run.certified.max())}, {MEANING[run.certificate_kind]}"),
+        ("all steps added up", short(run.certified_total[-1])),
     ]
     columns = history.table("steps")
     # The table has twelve steps at most; steps.csv has all.
     rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
-    body = [[(short if "certificate" in name else figure)(columns[name][row]) for name in COLUMNS] for row in rows]
+    body = [[(short if "certified" in name else figure)(columns[name][row]) for name in COLUMNS] for row in rows]
     return (
         f"<p>{bound}</p>"
         + (f"<p>{estimate}</p>" if run.estimated.any() else "")
@@ -248,7 +247,7 @@ def write_report(problem: Problem, asked: RunOptions, history: History) -> Path:
         "How to repeat it": _again(problem, asked),
     }
     run = history.trajectory
-    body = f"<p>{history.outline().title}; certified to {run.certificate.max():.1e} a step.</p>"
+    body = f"<p>{history.outline().title}; certified to {run.certified.max():.1e} a step.</p>"
     body += "".join(f"<section><h2>{title}</h2>{text}</section>" for title, text in sections.items())
     path = asked.drawings(problem) / REPORT
     try:

@@ -85,9 +85,8 @@ def _energies(ax: Axes, history: Results, energy: str) -> None:
 def _certificates(ax: Axes, history: Results) -> None:
     run = history.trajectory
     lines = (
-        (run.certificate, STORED, "o", "each step"),
-        (run.certificate_total, DISSIPATED, "-", "all steps so far"),
-        (run.certificate_floor, WORK, ":", "rounding floor"),
+        (run.certified, STORED, "o", "each step"),
+        (run.certified_total, DISSIPATED, "-", "all steps so far"),
     )
     ax.set(ylabel="relative energy error, at most", title="Certificate", yscale="log")
     for values, colour, style, words in lines:

@@ -1,4 +1,4 @@
-"""What all steps share: K, the rows that norm terms and limits read, and their responses to forces.
+"""The operators that all steps share: K, the rows of norm terms and limits, and their responses to forces.
 
 `Norms` and `Limits` are what a system is made of: terms w_i |B_i y| with the laws of their weights, bounds D_j y <= e_j
 and their soft kin. `Operators` are the parts of these that do not change in a run, as solvers get them; `Rows` applies

@@ -247,7 +247,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "solver": history.solver,
         "linear": run.linear or None,
         "accuracy": run.accuracy,
-        "certified_energy_error": finite_or_none(run.certificate.max()),
+        "certified_energy_error": finite_or_none(run.certified.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ("energy", "dissipated", "work")},

@@ -102,6 +102,16 @@ class Results:
         return self.trajectory.certificate_floor[self.stored]
 
     @property
+    def certified(self) -> Floats:
+        """(S,) the bound on the relative energy error of a step, rounding included: certificate and floor together."""
+        return self.trajectory.certified[self.stored]
+
+    @property
+    def certified_total(self) -> Floats:
+        """(S,) `certified`, the errors of all steps so far added up."""
+        return self.trajectory.certified_total[self.stored]
+
+    @property
     def certificate_total(self) -> Floats:
         """(S,) certified relative energy error, the errors of all steps so far added up."""
         return self.trajectory.certificate_total[self.stored]

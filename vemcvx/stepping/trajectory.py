@@ -248,6 +248,11 @@ class Trajectory(ArrayRecord):
         return relative(np.sqrt(2 * self.floor), self.scale)
 
     @property
+    def certified(self) -> Floats:
+        """(N + 1,) the bound on the relative energy error of each step, rounding included: certificate and floor."""
+        return self.certificate + self.certificate_floor
+
+    @property
     def certificate_total(self) -> Floats:
         """(N + 1,) certified relative error of u_n, all steps' errors accumulated.
 
@@ -256,6 +261,11 @@ class Trajectory(ArrayRecord):
         that of the steps' own errors and no bound.
         """
         return relative(np.cumsum(np.sqrt(2 * self.gap)), self.scale)
+
+    @property
+    def certified_total(self) -> Floats:
+        """(N + 1,) `certified`, all steps' errors accumulated: see `certificate_total`."""
+        return relative(np.cumsum(np.sqrt(2 * self.gap) + np.sqrt(2 * self.floor)), self.scale)
 
     @property
     def scale(self) -> Floats:

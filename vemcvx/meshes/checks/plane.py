@@ -328,7 +328,7 @@ Fault = tuple[Misfit, int, Ints, Ints]
 
 
 def fault_of(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> Fault | None:
-    """Where the first polygon that is not simple meets itself, its number, and the nodes of the two edges."""
+    """Find where the first polygon that is not simple meets itself, its number, and the nodes of the two edges."""
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
     suspects = np.flatnonzero(clearances(polygons) <= TOLERANCE * largest)
     rows = rows_in_order(offsets, vertices, suspects)

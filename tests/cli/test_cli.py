@@ -52,6 +52,8 @@ def test_run_writes_what_it_says(tmp_path):
     history = vx.read_history(tmp_path / "out")
     assert history.stored.tolist() == [0, 4, 8]
     assert history.summary() in done.output
+    for one in history.extremes:
+        assert re.search(rf"^{one.name} +{one.value:.6g} {one.unit} +at \(.*\), t = {one.time:.6g}$", done.output, re.M)
     pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png", "wear.png"]
     files = [
         "contact.csv",

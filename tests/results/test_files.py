@@ -143,6 +143,7 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "certificate_kind": str,
         "linear": str,
         "certified_energy_error": float,
+        "extremes": list,
         "estimated_energy_errors": type(None),
         "energy": float,
         "dissipated": float,

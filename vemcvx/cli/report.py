@@ -73,9 +73,7 @@ def short(value: float) -> str:
 # What came out of a run, as parts of its report: results with their units, certificates, the budget of errors.
 
 
-FORCE, LENGTH, ENERGY, STRESS = "force", "length", "force × length", "force / length²"
-SPREAD = {2: ("length", "force / length"), 3: ("area", STRESS)}
-"""Over what forces of contact are spread, and their unit, by the dimension."""
+FORCE, LENGTH, ENERGY = "force", "length", "force × length"
 THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
 COLUMNS = {
     "step": ("step", ""),
@@ -98,7 +96,7 @@ MEANING = {"bound": "a bound", "estimate": "an estimate"}
 
 
 def results(history: History, points: Floats | None) -> str:
-    """Energies and extremes of the last stored step, displacements of points, and reactions."""
+    """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
     run, t = history.trajectory, history.times[-1]
     rows = [
         ("stored energy", figure(run.energy[-1]), ENERGY),
@@ -108,7 +106,8 @@ def results(history: History, points: Floats | None) -> str:
     ]
     units = (
         "Consistent units, those of the problem's data: the unit of force and the unit of length say all others"
-        f"{THICKNESS[history.mesh.points.shape[1]]}. Extremes are those of the last stored step, t = "
+        f"{THICKNESS[history.mesh.points.shape[1]]}. Extremes are over the {len(history.stored)} stored of "
+        f"{history.steps + 1} instants; displacements of points and reactions are those at t = "
     )
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
@@ -136,27 +135,15 @@ def _moved(points: Floats, displacements: Floats) -> list[tuple[str, str, str]]:
 
 
 def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
-    """The largest displacement, stress, slip and pressure, with where they are."""
-    mesh, contact = history.mesh, history.contact
-    size = np.linalg.norm(history.displacement[-1], axis=1)
-    yield _largest("displacement", size, mesh.points, LENGTH)
-    last = int(history.stored[-1])
-    over, spread = SPREAD[mesh.points.shape[1]]
-    if history.out_of_plane is not None or over == "area":
-        yield _largest("von Mises stress", history.von_mises(last), mesh.centroids, STRESS)
-    yield _largest("principal stress", history.principal_stresses(last)[:, 0], mesh.centroids, STRESS)
+    """Extremes over the history, with where and when they are; then the nodes of contact at the last step."""
+    for one in history.extremes:
+        place = f"{one.name}, at {_place(one.place)}, t = {one.time:.6g}"
+        yield place, figure(one.value), one.unit.replace("/", " / ")
+    contact = history.contact
     if len(contact.nodes):
-        yield _largest("slip", np.linalg.norm(contact.slip[-1], axis=1), contact.points, LENGTH)
-        yield _largest(f"friction per {over}", np.linalg.norm(contact.traction[-1], axis=1), contact.points, spread)
-        yield _largest(f"contact pressure per {over}", contact.pressure[-1], contact.points, spread)
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
         said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
-        yield f"contact nodes: {said}", str(len(contact.nodes)), ""
-
-
-def _largest(name: str, values: Floats, places: Floats, unit: str) -> tuple[str, str, str]:
-    k = int(np.argmax(values))
-    return f"largest {name}, at {_place(places[k])}", figure(values[k]), unit
+        yield f"contact nodes at t = {history.times[-1]:.6g}: {said}", str(len(contact.nodes)), ""
 
 
 def _place(point: Floats) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -58,7 +59,7 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
             history, told = simulated(problem, asked, rows)
         else:
             history, told = _adapted(problem, asked, asked.target)
-        lines = [f"{problem.name}: {problem.title}", *told, history.summary()]
+        lines = [f"{problem.name}: {problem.title}", *told, history.summary(), *_extremes(history)]
         mesh = asked.family or problem.family
         n = None if mesh is not None and is_file(mesh) else asked.n
         lines += _written(history, asked, Origin(problem.name, mesh, n))
@@ -66,6 +67,13 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
             rows.remove()
     lines += _drawn(history, drawings) if asked.plot else []
     return "\n".join(lines + (_reported(problem, asked, history) if asked.report else []))
+
+
+def _extremes(history: History) -> Iterator[str]:
+    """Largest displacement, stress, and so on over all stored steps, a line each."""
+    for one in history.extremes:
+        place = ", ".join(f"{x:.4g}" for x in one.place)
+        yield f"{one.name:36s}{one.value:12.6g} {one.unit:14s} at ({place}), t = {one.time:.6g}"
 
 
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:

@@ -37,7 +37,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Set
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -252,6 +252,9 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "estimated_energy_errors": history.errors,
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ("energy", "dissipated", "work")},
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
+        "extremes": [
+            asdict(one) | {"value": finite_or_none(one.value), "place": one.place.tolist()} for one in history.extremes
+        ],
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }

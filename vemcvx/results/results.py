@@ -23,6 +23,36 @@ from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
 from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
+SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
+"""By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """An extreme value of a field over all stored steps.
+
+    Attributes
+    ----------
+    name : str
+        Such as "largest von Mises stress" or "smallest principal stress".
+    value : float
+    unit : str
+        In words, such as "force/length²".
+    place : (dim,)
+        The node, or the centroid of the cell, where it was reached first.
+    time : float
+        The instant.
+    step : int
+        The step that ends there.
+    """
+
+    name: str
+    value: float
+    unit: str
+    place: Floats
+    time: float
+    step: int
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Results:
@@ -212,6 +242,24 @@ class Results:
         """
         return principal(self.stress(step))
 
+    @cached_property
+    def extremes(self) -> tuple[Extreme, ...]:
+        """The largest displacement, stresses, slip, friction and pressure over all stored steps, where and when.
+
+        Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
+        pressure those of contact nodes. Signs are kept: the smallest principal stress is the largest compression.
+        Found once, when first asked for.
+        """
+        found: dict[str, Extreme] = {}
+        for row, step in enumerate(self.stored.tolist()):
+            for name, unit, values, points in _fields(self, row, step):
+                sign = -1.0 if name.startswith("smallest") else 1.0
+                k = int(np.argmax(sign * values))
+                if name not in found or sign * values[k] > sign * found[name].value:
+                    at = {"place": points[k], "time": float(self.times[row]), "step": step}
+                    found[name] = Extreme(name, float(values[k]), unit, **at)
+        return tuple(found.values())
+
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
         wanted = step if not is_whole(step) or step >= 0 else step + self.steps + 1
@@ -220,6 +268,23 @@ class Results:
             kept = np.array2string(self.stored, threshold=8)
             raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
         return stored.index(wanted)
+
+
+def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, str, Floats, Floats]]:
+    """Name, unit, values and places of every field that has extremes, at a stored step."""
+    mesh, contact = history.mesh, history.contact
+    yield "largest displacement", "length", np.linalg.norm(history.displacement[row], axis=1), mesh.points
+    # A material of the plane that does not give the stress across it has no von Mises stress.
+    if not history._space.in_plane or history.out_of_plane is not None:
+        yield "largest von Mises stress", "force/length²", history.von_mises(step), mesh.centroids
+    principal = history.principal_stresses(step)
+    yield "largest principal stress", "force/length²", principal[:, 0], mesh.centroids
+    yield "smallest principal stress", "force/length²", principal[:, -1], mesh.centroids
+    if len(contact.nodes):
+        over, unit = SPREAD[mesh.points.shape[1]]
+        yield "largest slip", "length", np.linalg.norm(contact.slip[row], axis=1), contact.points
+        yield f"largest friction per {over}", unit, np.linalg.norm(contact.traction[row], axis=1), contact.points
+        yield f"largest contact pressure per {over}", unit, contact.pressure[row], contact.points
 
 
 RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}

@@ -251,13 +251,15 @@ class Results:
         Found once, when first asked for.
         """
         found: dict[str, Extreme] = {}
-        for row, step in enumerate(self.stored.tolist()):
-            for name, unit, values, points in _fields(self, row, step):
-                sign = -1.0 if name.startswith("smallest") else 1.0
-                k = int(np.argmax(sign * values))
-                if name not in found or sign * values[k] > sign * found[name].value:
-                    at = {"place": points[k], "time": float(self.times[row]), "step": step}
-                    found[name] = Extreme(name, float(values[k]), unit, **at)
+        # Squares beyond the largest number are infinite, as are the extremes then.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for row, step in enumerate(self.stored.tolist()):
+                for name, unit, values, points in _fields(self, row, step):
+                    sign = -1.0 if name.startswith("smallest") else 1.0
+                    k = int(np.argmax(sign * values))
+                    if name not in found or sign * values[k] > sign * found[name].value:
+                        at = {"place": points[k], "time": float(self.times[row]), "step": step}
+                        found[name] = Extreme(name, float(values[k]), unit, **at)
         return tuple(found.values())
 
     def row(self, step: int) -> int:

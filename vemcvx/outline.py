@@ -83,6 +83,11 @@ def in_a_line(value: object) -> str:
     return f"{value.shape} {kind}".rstrip()
 
 
+def coordinates(point: Iterable[float]) -> str:
+    """A point in four digits, such as (0.3, 1.25)."""
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
+
+
 Words = Sequence[str]
 SPECIAL = str.maketrans(
     {mark: f"\\{mark}" for mark in "&%#_{}$"}

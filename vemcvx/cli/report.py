@@ -21,7 +21,7 @@ from vemcvx.cli.show import mesh_name, scene_in_words
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.history import WHY_ESTIMATED, History
-from vemcvx.outline import Lines, Outline
+from vemcvx.outline import Lines, Outline, coordinates
 from vemcvx.outline import html as table
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.version import __version__
@@ -128,7 +128,7 @@ def results(history: History, points: Floats | None) -> str:
 def _moved(points: Floats, displacements: Floats) -> list[tuple[str, str, str]]:
     """Displacements of points, component by component."""
     return [
-        (f"displacement along {axis}, at {_place(point)}", figure(u[k]), LENGTH)
+        (f"displacement along {axis}, at {coordinates(point)}", figure(u[k]), LENGTH)
         for point, u in zip(points, displacements, strict=True)
         for k, axis in enumerate("xyz"[: len(u)])
     ]
@@ -137,17 +137,13 @@ def _moved(points: Floats, displacements: Floats) -> list[tuple[str, str, str]]:
 def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
     """Extremes over the history, with where and when they are; then the nodes of contact at the last step."""
     for one in history.extremes:
-        place = f"{one.name}, at {_place(one.place)}, t = {one.time:.6g}"
+        place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
         yield place, figure(one.value), one.unit.replace("/", " / ")
     contact = history.contact
     if len(contact.nodes):
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
         said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
         yield f"contact nodes at t = {history.times[-1]:.6g}: {said}", str(len(contact.nodes)), ""
-
-
-def _place(point: Floats) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in point)})"
 
 
 def certificates(history: History) -> str:

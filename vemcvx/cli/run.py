@@ -19,6 +19,7 @@ from vemcvx.estimate.adapt import adapt
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
+from vemcvx.outline import coordinates
 from vemcvx.owned_files import Owned
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import (
@@ -72,8 +73,8 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
 def _extremes(history: History) -> Iterator[str]:
     """Largest displacement, stress, and so on over all stored steps, a line each."""
     for one in history.extremes:
-        place = ", ".join(f"{x:.4g}" for x in one.place)
-        yield f"{one.name:36s}{one.value:12.6g} {one.unit:14s} at ({place}), t = {one.time:.6g}"
+        where = f"at {coordinates(one.place)}, t = {one.time:.6g}"
+        yield f"{one.name:36s}{one.value:12.6g} {one.unit:14s} {where}"
 
 
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:

@@ -55,7 +55,7 @@ from vemcvx.results.contact import Contact
 from vemcvx.results.results import RECORDS, Results, labelled
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.stepping.trajectory import Trajectory
-from vemcvx.vem import Space, component_names, equivalent, principal, strains, stresses
+from vemcvx.vem import component_names
 from vemcvx.version import __version__
 
 NAME = "vemcvx history"
@@ -373,7 +373,9 @@ def _write_series(history: Results, path: Path) -> None:
     digits = max(4, len(str(history.steps)))
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
-        write_cells(path.with_name(name), history.mesh, _at_nodes(history, row), _on_cells(history, row))
+        write_cells(
+            path.with_name(name), history.mesh, _at_nodes(history, row), history.on_cells(int(history.stored[row]))
+        )
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
@@ -397,22 +399,6 @@ def _at_nodes(history: Results, row: int) -> dict[str, Floats]:
         fields[name] = np.full((len(u), *values.shape[1:]), np.nan if values.dtype == bool else 0.0)
         fields[name][contact.partners[joined]] = values[joined] if values.ndim == 1 else -values[joined]
         fields[name][contact.nodes] = values
-    return fields
-
-
-def _on_cells(history: Results, row: int) -> dict[str, Floats]:
-    """Stresses and strain energy per area."""
-    space = Space(history.mesh)
-    strain = strains(space, history.displacement[row])
-    elastic = stresses(history.moduli, strain)
-    energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
-    stress = history.stress(int(history.stored[row]))
-    fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
-    if history.out_of_plane is not None:
-        out_of_plane = history.out_of_plane_stress(int(history.stored[row]))
-        fields |= {"out_of_plane_stress": out_of_plane, "von_mises": equivalent(stress, out_of_plane)}
-    elif not space.in_plane:
-        fields["von_mises"] = equivalent(stress)
     return fields
 
 

@@ -197,8 +197,14 @@ class Results:
             That step was not stored.
         """
         row = self.row(step)
-        sigma = stresses(self.moduli, strains(self._space, self.displacement[row]))
-        return sigma if self.prestress is None else sigma + self.prestress[row]
+        return self._stressed(row, stresses(self.moduli, self._strain(row)))
+
+    def _strain(self, row: int) -> Floats:
+        return strains(self._space, self.displacement[row])
+
+    def _stressed(self, row: int, elastic: Floats) -> Floats:
+        """Stresses of the elastic ones: those at zero strain added."""
+        return elastic if self.prestress is None else elastic + self.prestress[row]
 
     def out_of_plane_stress(self, step: int) -> Floats:
         """(n_cells,) stress zz across the plane at a stored step; tension positive.
@@ -219,7 +225,11 @@ class Results:
                 "history: the stress across the plane is not determined, because a material gives its law in the plane "
                 "only (Material.out_of_plane); principal_stresses(step) and stress(step) do not need it."
             )
-        zz: Floats = np.einsum("ck,ck->c", self.out_of_plane, strains(self._space, self.displacement[row]))
+        return self._across(row, self.out_of_plane, self._strain(row))
+
+    def _across(self, row: int, out_of_plane: Floats, strain: Floats) -> Floats:
+        """The stress zz of strains in the plane."""
+        zz: Floats = np.einsum("ck,ck->c", out_of_plane, strain)
         return zz if self.out_of_plane_prestress is None else zz + self.out_of_plane_prestress[row]
 
     def von_mises(self, step: int) -> Floats:
@@ -241,6 +251,30 @@ class Results:
             That step was not stored.
         """
         return principal(self.stress(step))
+
+    def on_cells(self, step: int) -> dict[str, Floats]:
+        """All that a stored step has on cells, from one strain, each as the method of its name gives it.
+
+        Stress, principal stresses, the strain energy per area 1/2 eps : C eps, and, where it is determined, the stress
+        across the plane and von Mises' stress.
+
+        Raises
+        ------
+        SceneError
+            That step was not stored.
+        """
+        row = self.row(step)
+        strain = self._strain(row)
+        elastic = stresses(self.moduli, strain)
+        stress = self._stressed(row, elastic)
+        energy = 0.5 * np.einsum("ci,ci->c", elastic, strain)
+        fields = {"stress": stress, "principal_stresses": principal(stress), "strain_energy": energy}
+        if not self._space.in_plane:
+            return fields | {"von_mises": equivalent(stress)}
+        if self.out_of_plane is None:
+            return fields
+        across = self._across(row, self.out_of_plane, strain)
+        return fields | {"out_of_plane_stress": across, "von_mises": equivalent(stress, across)}
 
     @cached_property
     def extremes(self) -> tuple[Extreme, ...]:
@@ -276,12 +310,12 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, str, F
     """Name, unit, values and places of every field that has extremes, at a stored step."""
     mesh, contact = history.mesh, history.contact
     yield "largest displacement", "length", np.linalg.norm(history.displacement[row], axis=1), mesh.points
+    cells = history.on_cells(step)
     # A material of the plane that does not give the stress across it has no von Mises stress.
-    if not history._space.in_plane or history.out_of_plane is not None:
-        yield "largest von Mises stress", "force/length²", history.von_mises(step), mesh.centroids
-    principal = history.principal_stresses(step)
-    yield "largest principal stress", "force/length²", principal[:, 0], mesh.centroids
-    yield "smallest principal stress", "force/length²", principal[:, -1], mesh.centroids
+    if "von_mises" in cells:
+        yield "largest von Mises stress", "force/length²", cells["von_mises"], mesh.centroids
+    yield "largest principal stress", "force/length²", cells["principal_stresses"][:, 0], mesh.centroids
+    yield "smallest principal stress", "force/length²", cells["principal_stresses"][:, -1], mesh.centroids
     if len(contact.nodes):
         over, unit = SPREAD[mesh.points.shape[1]]
         yield "largest slip", "length", np.linalg.norm(contact.slip[row], axis=1), contact.points

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -140,7 +141,11 @@ class Load:
 
     def values(self, t: float) -> Floats:
         """The datum at all points, by which `matrix` is to be multiplied."""
-        return fading(lambda t: self.at(self.points, t).ravel(), self.times)(t)
+        return self._faded(t)
+
+    @cached_property
+    def _faded(self) -> Callable[[float], Floats]:
+        return fading(lambda t: self.at(self.points, t).ravel(), self.times)
 
     def forces(self, t: float) -> Floats:
         """Force (q, dim) that each point stands for at the instant `t`: the points of a cell sum to its total."""

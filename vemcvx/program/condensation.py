@@ -27,6 +27,7 @@ has loaded; what of a force is rounding beside the shapes seen before is dropped
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -189,7 +190,7 @@ class SolvedForces:
         self._n, self._solve, self._ease = n, solve, ease
         self._loaded = np.zeros(0, dtype=np.int64)
         self._place = np.full(n, -1)  # in `_loaded`
-        self._basis: list[tuple[Floats, float, Floats, SolvedForce]] = []
+        self._basis: list[tuple[Floats, float, tuple[float, float], SolvedForce]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
         """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
@@ -198,16 +199,17 @@ class SolvedForces:
         """
         entries = self._on_loaded(phi, rows)
         # Squares of forces, of any unit, are numbers when the largest is of size one.
-        unit = float(power_of_two(np.abs(entries).max(initial=0.0)))
+        unit = float(power_of_two(float(np.abs(entries).max(initial=0.0))))
         rest = entries / unit
         size, found = self._sizes(rest), Parts()
         known = size
-        for q, square, whole, one in self._basis if size.any() else ():
+        for q, square, whole, one in self._basis if any(size) else ():
             share = float(q @ rest) / square
             rest = rest - share * q
-            known = known + abs(share) * whole
+            known = known[0] + abs(share) * whole[0], known[1] + abs(share) * whole[1]
             found[one] = unit * share
-        if (self._sizes(rest) <= SAME_FIELD * np.minimum(known, 8.0 * size)).all():
+        left = self._sizes(rest)
+        if all(left[k] <= SAME_FIELD * min(known[k], 8.0 * size[k]) for k in (0, 1)):
             return found
         if len(self._basis) == MOST_FIELDS:
             return self.afresh(spread(entries, self._loaded, self._n))
@@ -220,11 +222,10 @@ class SolvedForces:
         unit = float(power_of_two(np.abs(phi).max(initial=0.0)))
         return {self._solve(phi / unit, None): unit}
 
-    def _sizes(self, entries: Floats) -> Floats:
+    def _sizes(self, entries: Floats) -> tuple[float, float]:
         """The norms of a force with these entries, and of the motions of single unknowns under it."""
         done = self._ease[self._loaded] * entries
-        sizes: Floats = np.sqrt(np.array([entries @ entries, done @ done]))
-        return sizes
+        return math.sqrt(entries @ entries), math.sqrt(done @ done)
 
     def _on_loaded(self, phi: Floats, rows: Ints | None) -> Floats:
         """A force on the unknowns that any force loads; those that it is the first to load join them."""

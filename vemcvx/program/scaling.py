@@ -27,7 +27,7 @@ Without this, interior-point solvers stop at 40-70 % energy error in small units
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -87,7 +87,7 @@ class Scaling:
         """An answer of the scaled program in the units of the unscaled one."""
         lam = self.kappa * alpha * answer.lam / self.sigma[:, None]
         p = self.kappa * alpha * answer.p / self.tau
-        return replace(answer, d=alpha * self.delta * answer.d, lam=lam, p=p)
+        return Answer(alpha * self.delta * answer.d, lam, answer.iterations, answer.status, answer.safeguards, p)
 
     def shrink(self, d: Floats, alpha: float) -> Floats:
         """Increments (n,) in scaled units."""

@@ -508,10 +508,10 @@ def fitting(answer: Answer, program: StepProgram, solver: str) -> Answer:
         found = getattr(answer, name)
         if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != float:
             raise SolverFailed(f"solver {solver}: found {name} = {brief(found)}; wanted an array of floats {shape}.")
-        size = float(np.abs(found).max(initial=0.0))
         # Scaled programs have data of size one: entries whose squares are no numbers are no answer. NaN is left to the
         # certificate, which is infinite.
-        if size > 1e100:
+        if np.vdot(found, found) > 1e200:
+            size = float(np.abs(found).max(initial=0.0))
             raise SolverFailed(
                 f"solver {solver}: {name} reaches {size:.1e}, and the program is scaled: the solver has diverged."
             )

@@ -357,29 +357,21 @@ class PosedStep:
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """The state that an answer of the program leads to."""
-        answer = replace(answer, lam=answer.lam + self.bias)
-        before, operators, y = self.before, self.run.operators, self.before.y + answer.d
-        slip = self.program.slip(answer.d)
-        ledger = advance(
-            self.run.condensation,
-            before.ledger,
-            (before.data, self.data),
-            y,
-            answer=answer,
-            slip=slip,
-        )
+        d, lam = answer.d, answer.lam + self.bias
+        answer = Answer(d, lam, answer.iterations, answer.status, answer.safeguards, answer.p)
+        before, operators, y, slip = self.before, self.run.operators, self.before.y + d, self.program.slip(d)
+        between = before.data, self.data
+        ledger = advance(self.run.condensation, before.ledger, between, y, answer=answer, slip=slip)
         scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.accuracy
         floor = certificate.error_floor
         size, noise = data_norms(self.run.condensation, self.data, scale, floor, accuracy)
         return State(
             t=self.data.t,
             y=y,
-            unbalanced=self.program.g
-            + self.run.operators.rows.force_of(self.data.bias)
-            - self.run.operators.force(answer.d),
+            unbalanced=self.program.g + operators.rows.force_of(self.data.bias) - operators.force(d),
             data=self.data,
             weights=self.program.w,
-            lam=answer.lam,
+            lam=lam,
             p=answer.p,
             slip=slip,
             certificate=certificate,

@@ -81,7 +81,8 @@ def test_records_are_kept_by_their_fields():
     fields = [(name, Ledger | None, None) for name in ("inner", "other")]
     more = dataclasses.make_dataclass("More", fields, bases=(State,), frozen=True, kw_only=True)
     still = np.zeros((2, 1))
-    certificate, ledger = Certificate(1.0, np.ones(2), 2.0), Ledger(1.0, 2.0, 3.0, np.arange(4.0), np.arange(4.0))
+    certificate, some = Certificate(1.0, np.ones(2), 2.0), np.arange(4.0)
+    ledger = Ledger(1.0, 2.0, 3.0, some, some, dissipated_second_order=4.0, worn_second_order=some)
     floats = [np.random.default_rng(k).normal(size=3) for k in range(6)]
     records = certificate, ledger, 1.5, 7, "so", 1, 0.5
     values = (0.5, *floats[:2], None, floats[2], still, floats[4], still, *records)

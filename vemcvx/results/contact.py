@@ -71,6 +71,8 @@ class Contact(ArrayRecord):
     wear : (S, m)
         Friction work per length since the initial instant, of all steps, stored or not: over int phi_i of the edges
         with friction, so that ``wear @ friction_lengths`` is what friction has dissipated; 0 without friction.
+    wear_second_order : (S, m)
+        `wear` with the friction bounds of both ends of every step: of second order in their length.
     accumulated_slip : (S, m)
         Length of the way that the node has slipped since the initial instant, to and fro, in all steps, stored or not,
         which laws of friction may follow (where parts meet, the largest).
@@ -93,6 +95,7 @@ class Contact(ArrayRecord):
     pressure: Annotated[Floats, "S m", "force/length"]
     sticking: Annotated[Bools, "S m", ""]
     wear: Annotated[Floats, "S m", "energy/length"]
+    wear_second_order: Annotated[Floats, "S m", "energy/length"]
     accumulated_slip: Annotated[Floats, "S m", "length"]
     closed: Annotated[Bools, "S m", ""]
     lengths: Annotated[Floats, "m", "length"]
@@ -152,6 +155,7 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         pressure=_pressure(posed, trajectory, forces) + cohesion / surface.lengths,
         sticking=_sticking(trajectory, slip, at),
         wear=_per_length(trajectory.worn, at, length),
+        wear_second_order=_per_length(trajectory.worn_second_order, at, length),
         accumulated_slip=_largest(trajectory.slipped, at, m),
         closed=_closed(posed, trajectory, u),
         lengths=surface.lengths,

@@ -110,6 +110,20 @@ class Results:
         return self.trajectory.work[self.stored]
 
     @property
+    def dissipated_second_order(self) -> Floats:
+        """(S,) energy lost to friction, with the bounds of both ends of every step: of second order in its length.
+
+        Quote it, and `work_second_order`, rather than `dissipated` and `work`: these make up the balance of backward
+        Euler and are of first order, even where the states at the instants are exact.
+        """
+        return self.trajectory.dissipated_second_order[self.stored]
+
+    @property
+    def work_second_order(self) -> Floats:
+        """(S,) work of forces, reactions and obstacles by the balance of energies, of second order likewise."""
+        return self.trajectory.work_second_order[self.stored]
+
+    @property
     def certificate(self) -> Floats:
         """(S,) certified relative energy error of each stored step, given the step before."""
         return self.trajectory.certificate[self.stored]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[Any]]
 TABLES = "steps", "contact", "probes"
 FILES = {name: f"{name}.csv" for name in TABLES}
-DERIVED = "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
+DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Names of sizes in datasets; others keep theirs, in the singular, and numbers are "of_2" and so on."""

@@ -62,7 +62,7 @@ from vemcvx.program.system import DRAG_ROUNDING, Damping, System
 from vemcvx.program.tolerances import VISCOUS
 from vemcvx.solvers import Solver, Solves, as_solver
 from vemcvx.stepping.fixed_point import DependentStep, resolved
-from vemcvx.stepping.ledger import Ledger, StepData, energy, energy_in_full, in_range, strain_energy
+from vemcvx.stepping.ledger import Ledger, Rubbed, StepData, energy, energy_in_full, in_range, strain_energy
 from vemcvx.stepping.posed_step import PosedStep, data_norms, pose_step, require_certified
 from vemcvx.stepping.recorder import Recorder, certified_in_full, posed_sharply, refined_state, stored_steps
 from vemcvx.stepping.state import Dragged, PreparedRun, State, prepare
@@ -255,9 +255,17 @@ class ViscousSteps:
             own = (moved.stored(t, t) - 2 * moved.stored(s, t) + moved.stored(s, s)) / k
             lost, work = lost + 2 * across + own, work + across + own
         past, rubbed = before.ledger, stepped.ledger
-        lost += past.dissipated + rubbed.dissipated
-        energy = energy_in_full(system, ahead, t, stepped.p)
-        return Ledger(energy, lost, past.work + work, past.worn + rubbed.worn, rubbed.slipped)
+        # With the mean rate of the step that loss is of second order.
+        between = past.dissipated_second_order + rubbed.dissipated_second_order
+        return Ledger(
+            energy=energy_in_full(system, ahead, t, stepped.p),
+            dissipated=past.dissipated + rubbed.dissipated + lost,
+            work=past.work + work,
+            worn=past.worn + rubbed.worn,
+            slipped=rubbed.slipped,
+            dissipated_second_order=between + lost,
+            worn_second_order=past.worn_second_order + rubbed.worn_second_order,
+        )
 
 
 def shared_lengths(instants: Floats) -> Floats:
@@ -279,6 +287,7 @@ def _rest(run: PreparedRun, before: State, now: StepData) -> State:
     zero, none = now.force - now.force, np.zeros_like(now.remaining_gap)
     slip = np.zeros_like(now.prescribed_slip)
     data = replace(now, t=before.t, force=zero, prescribed_slip=slip, remaining_gap=none, ground=None)
+    data = replace(data, bias=before.data.bias)
     rest = State.still(run.operators, data, np.zeros(len(run.condensation.retained)), before.weights)
     return replace(
         rest,
@@ -315,12 +324,22 @@ def with_dragged_friction(system: System, before: State, state: State) -> State:
     past, size = before.dragged.slipped, np.where(still, 0.0, size)
     weights, along = terms.weights(state.t, state.p, past, size), np.where(still, 0.0, 1.0)[:, None] * slip
     lam = along * np.divide(weights, size, out=np.zeros_like(size), where=~still)[:, None]
+    biases = np.zeros_like(slip), np.zeros_like(slip)
     if terms.bias is not None:
-        lam = lam + np.where(still, 0.0, 1.0)[:, None] * terms.bias(state.t).reshape(slip.shape)
-    lost = np.einsum("qb,qb->q", lam, along)
-    ledger, total = state.ledger, float(lost.sum())
-    ledger = replace(ledger, dissipated=ledger.dissipated + total, work=ledger.work + total)
-    return replace(state, ledger=ledger, dragged=Dragged(weights, lam, still, before.dragged.worn + lost, past + size))
+        biases = terms.bias(before.t).reshape(slip.shape), terms.bias(state.t).reshape(slip.shape)
+        lam = lam + np.where(still, 0.0, 1.0)[:, None] * biases[1]
+    last_ones = before.dragged
+    rubbed = Rubbed(lam, along, (last_ones.weights, weights), biases)
+    worn, between = last_ones.worn + rubbed.loss, last_ones.worn_second_order + rubbed.loss_second_order
+    ledger, total = state.ledger, float(rubbed.loss.sum())
+    ledger = replace(
+        ledger,
+        dissipated=ledger.dissipated + total,
+        work=ledger.work + total,
+        dissipated_second_order=ledger.dissipated_second_order + float(rubbed.loss_second_order.sum()),
+    )
+    dragged = Dragged(weights, lam, still, worn=worn, worn_second_order=between, slipped=past + size)
+    return replace(state, ledger=ledger, dragged=dragged)
 
 
 JUMP = 1e-6

@@ -10,6 +10,18 @@ loss     = sum_i lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, kept
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
            bounds, is -p . z_prev >= 0, that of soft limits, less what they store, c (dp)^2 / 2 and more
 
+Between the instants. Forces at the end of a step do O(k) too much work, even where the states at both ends are exact,
+and friction whose bound changes in a step loses O(k) too much or too little. Of second order are, with weights w and
+biases c averaged over both ends of a step,
+
+loss       = sum_i ( (w_i + w_i,prev) / 2 |s_i| + (c_i + c_i,prev) / 2 . s_i )     what slips is at its bound
+work       = E - E_0 + loss                                                        the balance of the continuum
+
+(the trapezoidal rule on the loss of a monotone slip; the work, where it is asked of forces, would be the mean of both
+ends' times the increment, which is dE + (lam + lam_prev) / 2 . s + (p + p_prev) / 2 . dz for balanced states: as much,
+but for what happens in the one step in which a place begins to slip, to touch or to open.) Where w and c are constant
+and slips are those of the continuum both are exact.
+
 Supports that carry a body far, and strain it little, would leave the energy to the cancellation of 1/2 y'Ky + y'm +
 1/2 a(u_D, u_D), m = P'A u_D. So a state is split, u = u_m + P z, into what the supports alone bring about,
 
@@ -86,16 +98,52 @@ class Ledger:
     """(m,) cumulative lam_i . s_i of every norm term; they sum to `dissipated`, where nothing else dissipates"""
     slipped: Floats
     """(m,) cumulative |s_i|, which laws of friction may see"""
+    dissipated_second_order: float
+    worn_second_order: Floats
+    """(m,) of `worn`, likewise"""
 
     @classmethod
     def opening(cls, energy: float, count: int) -> Ledger:
         """Nothing is lost or done yet, in any of `count` norm terms."""
-        return cls(energy, 0.0, 0.0, np.zeros(count), np.zeros(count))
+        none = np.zeros(count)
+        return cls(energy, 0.0, 0.0, worn=none, slipped=none, dissipated_second_order=0.0, worn_second_order=none)
 
     @property
     def norm(self) -> float:
         """|u|_a = sqrt(2 E)."""
         return float(np.sqrt(2.0 * np.maximum(self.energy, 0.0)))
+
+
+@dataclass(frozen=True)
+class Rubbed:
+    """What rubs in a step: multipliers and slips (m, block), weights (m,) and biases (m, block) at both its ends."""
+
+    lam: Floats
+    """c + lam of the program, at the end of the step"""
+    slip: Floats
+    weights: tuple[Floats, Floats]
+    """before and after the step"""
+    biases: tuple[Floats, Floats]
+
+    @property
+    def loss(self) -> Floats:
+        """(m,) lam . s: what friction loses under the forces at the end of the step."""
+        loss: Floats = np.maximum(np.einsum("mb,mb->m", self.lam, self.slip), 0.0)
+        return loss
+
+    @property
+    def loss_second_order(self) -> Floats:
+        """(m,) the loss with weights and biases averaged over both ends of the step.
+
+        (lam - c) . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
+        """
+        (before, after), (bias_before, bias) = self.weights, self.biases
+        rubs = np.einsum("mb,mb->m", self.lam - bias, self.slip)
+        mean = 0.5 * before * lengths(self.slip)  # where the bound has vanished at the end of the step
+        np.divide(0.5 * (before + after) * rubs, after, out=mean, where=after > 0)
+        tilted = np.einsum("mb,mb->m", 0.5 * (bias_before + bias), self.slip)
+        loss: Floats = np.maximum(mean + tilted, 0.0)
+        return loss
 
 
 def step_data(system: System, condensation: Condensation, t: float) -> StepData:
@@ -165,7 +213,7 @@ def advance(
     between: tuple[StepData, StepData],
     y: Floats,
     answer: Answer,
-    slip: Floats,
+    rubbed: Rubbed,
 ) -> Ledger:
     """The ledger after a step."""
     last, now = between
@@ -181,7 +229,7 @@ def advance(
         work += _anchor_work(condensation, moved, y + reaction.x[c])
         work -= float(condensation.operators.multiplier_force(answer.lam, answer.p) @ moved.x[c])
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _after_step(past, stored=energy(condensation, y, now, answer.p), work=work, rubbed=(answer.lam, slip))
+    return _after_step(past, energy(condensation, y, now, answer.p), work, rubbed)
 
 
 def advance_in_full(
@@ -190,7 +238,7 @@ def advance_in_full(
     between: tuple[StepData, StepData],
     y: tuple[Floats, Floats],
     answer: Answer,
-    slip: Floats,
+    rubbed: Rubbed,
 ) -> Ledger:
     """The ledger after a step of which all unknowns (n,) are known, `y` before and after.
 
@@ -206,12 +254,18 @@ def advance_in_full(
         seen, then = motion.frame(now.t, end), motion.frame(last.t, start)
         work += motion.pair(seen, seen - then) + float(system.multiplier_force(answer.lam, answer.p) @ d)
     work += float(answer.lam.ravel() @ (now.prescribed_slip - last.prescribed_slip))
-    return _after_step(past, stored=energy_in_full(system, end, now.t, answer.p), work=work, rubbed=(answer.lam, slip))
+    return _after_step(past, energy_in_full(system, end, now.t, answer.p), work, rubbed)
 
 
-def _after_step(past: Ledger, stored: float, work: float, rubbed: tuple[Floats, Floats]) -> Ledger:
-    """The ledger with a step's energy and work, and what its multipliers lose on its slips."""
-    lam, slip = rubbed
-    loss = np.maximum(np.einsum("mb,mb->m", lam, slip), 0.0)
-    dissipated = past.dissipated + float(loss.sum())
-    return Ledger(stored, dissipated, past.work + work, past.worn + loss, past.slipped + lengths(slip))
+def _after_step(past: Ledger, stored: float, work: float, rubbed: Rubbed) -> Ledger:
+    """The ledger with a step's energy and work, and what friction loses in it."""
+    loss, between = rubbed.loss, rubbed.loss_second_order
+    return Ledger(
+        energy=stored,
+        dissipated=past.dissipated + float(loss.sum()),
+        work=past.work + work,
+        worn=past.worn + loss,
+        slipped=past.slipped + lengths(rubbed.slip),
+        dissipated_second_order=past.dissipated_second_order + float(between.sum()),
+        worn_second_order=past.worn_second_order + between,
+    )

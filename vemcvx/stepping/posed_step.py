@@ -41,7 +41,7 @@ from vemcvx.solvers import Solver
 from vemcvx.solvers.coulomb import WeightLaw, solution_near
 from vemcvx.solvers.newton import Iterate
 from vemcvx.solvers.solver import named_failures
-from vemcvx.stepping.ledger import StepData, advance
+from vemcvx.stepping.ledger import Rubbed, StepData, advance
 from vemcvx.stepping.state import Earlier, PreparedRun, State
 
 log = logging.getLogger("vemcvx")
@@ -358,10 +358,12 @@ class PosedStep:
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """The state that an answer of the program leads to."""
         d, lam = answer.d, answer.lam + self.bias
-        answer = Answer(d, lam, answer.iterations, answer.status, answer.safeguards, answer.p)
+        answer = Answer(d, lam, answer.iterations, answer.status, safeguards=answer.safeguards, p=answer.p)
         before, operators, y, slip = self.before, self.run.operators, self.before.y + d, self.program.slip(d)
-        between = before.data, self.data
-        ledger = advance(self.run.condensation, before.ledger, between, y, answer=answer, slip=slip)
+        rubbed = Rubbed(lam, slip, (before.weights, self.program.w), (before.bias, self.bias))
+        ledger = advance(
+            self.run.condensation, before.ledger, (before.data, self.data), y, answer=answer, rubbed=rubbed
+        )
         scale, accuracy = float(np.maximum(before.scale, ledger.norm)), self.run.accuracy
         floor = certificate.error_floor
         size, noise = data_norms(self.run.condensation, self.data, scale, floor, accuracy)

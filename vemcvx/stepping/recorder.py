@@ -22,7 +22,7 @@ from vemcvx.program.operators import Operators
 from vemcvx.program.tolerances import INTERIOR
 from vemcvx.solvers.newton import Shifts
 from vemcvx.stepping.checkpoint import check_same, check_same_data, fixed_marks, from_arrays, mark_of_data, to_arrays
-from vemcvx.stepping.ledger import advance_in_full
+from vemcvx.stepping.ledger import Rubbed, advance_in_full
 from vemcvx.stepping.posed_step import PosedStep, require_certified, say_floor
 from vemcvx.stepping.state import PreparedRun, State, sticking
 from vemcvx.stepping.trajectory import Storage, Trajectory
@@ -57,7 +57,8 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     own = replace(state.certificate, equilibrium=0.0, friction=friction, limits=over, distance=away, moved=0.0)
     answer = state.answer(state.y - before.y + moved, lam, p)
     between, ends = (before.data, state.data), (before.unknowns, y)
-    ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, slip=slip)
+    rubbed = Rubbed(lam, slip, (before.weights, state.weights), (before.bias, state.bias))
+    ledger = advance_in_full(run.system, before.ledger, between, ends, answer=answer, rubbed=rubbed)
     return replace(
         state,
         y=y[retained],
@@ -164,6 +165,7 @@ def _scalars(state: State, sticks: Bools, accuracy: float) -> dict[str, float]:
     return {
         "energy": ledger.energy,
         "dissipated": ledger.dissipated,
+        "dissipated_second_order": ledger.dissipated_second_order,
         "work": ledger.work,
         "norm": ledger.norm,
         "gap": certificate.gap,
@@ -187,6 +189,7 @@ def _row(state: State, sticks: Bools) -> dict[str, ArrayLike]:
         "weights": np.concatenate([state.weights, dragged.weights]),
         "sticking": sticks,
         "worn": np.concatenate([ledger.worn, dragged.worn]),
+        "worn_second_order": np.concatenate([ledger.worn_second_order, dragged.worn_second_order]),
         "slipped": np.concatenate([ledger.slipped, dragged.slipped]),
         "velocity": 0.0 if state.velocity is None else state.velocity,
     }

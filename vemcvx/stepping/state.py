@@ -176,13 +176,17 @@ class Dragged:
     """(q,) which did not slip"""
     worn: Floats
     """(q,) cumulative loss"""
+    worn_second_order: Floats
+    """(q,) likewise, as the ledger has it"""
     slipped: Floats
     """(q,) and cumulative slip"""
 
     @classmethod
     def nothing(cls, q: int, block: int) -> Dragged:
         """No loss and no weight."""
-        return cls(np.zeros(q), np.zeros((q, block)), np.ones(q, dtype=bool), np.zeros(q), np.zeros(q))
+        none = np.zeros(q)
+        nothing, still = np.zeros((q, block)), np.ones(q, dtype=bool)
+        return cls(none, nothing, still, worn=none, worn_second_order=none, slipped=none)
 
 
 @dataclass(frozen=True)
@@ -256,6 +260,11 @@ class State:
             scale=ledger.norm,
             iterations=0,
         )
+
+    @property
+    def bias(self) -> Floats:
+        """c (m, block) of one-way friction."""
+        return self.data.bias.reshape(self.lam.shape)
 
     @property
     def unknowns(self) -> Floats:

@@ -166,6 +166,11 @@ class Trajectory(ArrayRecord):
         Stored energy 1/2 a(u, u).
     dissipated : (N + 1,) array
         Cumulative sum of lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution.
+    dissipated_second_order : (N + 1,) array
+        Likewise with the weights of both ends of every step: of second order in their length, where `dissipated` is of
+        first (:mod:`vemcvx.stepping.ledger`).
+    worn_second_order : (S, m) array
+        Of `worn`, likewise.
     work : (N + 1,) array
         Cumulative sum of end-of-step forces times increments.
     norm : (N + 1,) array
@@ -209,10 +214,12 @@ class Trajectory(ArrayRecord):
     weights: Annotated[Floats, "S terms", "force"]
     sticking: Annotated[Bools, "S terms", ""]
     worn: Annotated[Floats, "S terms", "energy"]
+    worn_second_order: Annotated[Floats, "S terms", "energy"]
     slipped: Annotated[Floats, "S terms", "length"]
     stuck: Annotated[Ints, "N", ""]
     energy: Annotated[Floats, "N", "energy"]
     dissipated: Annotated[Floats, "N", "energy"]
+    dissipated_second_order: Annotated[Floats, "N", "energy"]
     work: Annotated[Floats, "N", "energy"]
     norm: Annotated[Floats, "N", "energy^(1/2)"]
     gap: Annotated[Floats, "N", "energy"]
@@ -228,6 +235,12 @@ class Trajectory(ArrayRecord):
     unit: Annotated[Floats | None, "N", "energy^(1/2)"] = None
     initial: Annotated[Floats | None, "n", "length"] = None
     velocity: Annotated[Floats | None, "S n", "length/time"] = None
+
+    @property
+    def work_second_order(self) -> Floats:
+        """(N + 1,) the work since the initial instant by the balance of energies: what is stored and what is lost."""
+        work: Floats = self.energy - self.energy[0] + self.dissipated_second_order
+        return work
 
     @property
     def certificate(self) -> Floats:

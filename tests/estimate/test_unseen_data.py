@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.effects import GivenDatum
 from vemcvx.estimate.budget import error_budget
 
 MOST = 5.0
@@ -153,14 +152,3 @@ def test_affine_data_on_edges_are_seen_by_nodes():
         loaded = flat.with_(vx.Traction((0.0, -8.0), on="top"))
         budget = error_budget(vx.simulate(loaded, vx.meshes.squares(4), [0.0, 1.0], initial="settled"))
         assert budget.parts["data"].max() <= 1e-12 * max(budget.space.max(), 1.0)
-
-
-def test_kinds_are_documented():
-    kinds = {given.kind for scene in SCENES.values() for given in posed_data(scene)}
-    assert all(f'"{kind}"' in GivenDatum.__doc__ for kind in kinds)
-
-
-def posed_data(scene):
-    from vemcvx.scene import pose_scene
-
-    return pose_scene(scene, vx.meshes.squares(4)).given

@@ -68,7 +68,7 @@ def test_random_passes_keep_a_tiling_of_good_cells(family, balance):
         PolygonMesh(mesh.points, mesh.cells)
         assert mesh.areas.sum() == pytest.approx(1.0, abs=1e-15 * mesh.n_cells)
         # Every child in its parent: all of its area is there, and the children fill the parent.
-        rule = common_rule(before, mesh, 0)
+        rule = common_rule(before, mesh)
         there = rule.first == found.parents[rule.second]
         inside = np.bincount(rule.second[there], rule.weights[there], mesh.n_cells)
         np.testing.assert_allclose(inside, mesh.areas, rtol=1e-12)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.effects import data
-from vemcvx.effects.effect import ContactSurface, Contribution, Effect, GivenDatum, Obstacle, Support, amount, where
+from vemcvx.effects.effect import ContactSurface, Contribution, Effect, Obstacle, Support, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 
@@ -80,11 +79,9 @@ class UnilateralContact(Effect):
     gap: data.Datum = 0.0
 
     def contribute(self, space: Space) -> Contribution:
-        part = space.part(self.on, "UnilateralContact", contact=True)
-        rows, subject = part.node_normals, f"UnilateralContact on {where(self.on)}"
-        made = obstacle(space, rows, subject, self.gap, np.zeros(len(rows.nodes)))
-        given = GivenDatum(subject, "gap", partial(distance, self.gap, subject), part.sides)
-        return replace(made, given=(given,) if data.varies(self.gap) else ())
+        rows = space.part(self.on, "UnilateralContact", contact=True).node_normals
+        rigid = np.zeros(len(rows.nodes))
+        return obstacle(space, rows, f"UnilateralContact on {where(self.on)}", self.gap, rigid)
 
     def describe(self) -> str:
         return f"UnilateralContact: u.n <= {amount(self.gap)}, pressure >= 0 on {where(self.on)}"
@@ -95,17 +92,12 @@ def obstacle(space: Space, rows: BoundaryRows, subject: str, gap: data.Datum, co
     points = space.mesh.points[rows.nodes]
 
     def apart(t: float) -> Floats:
-        return distance(gap, subject, points, t) / rows.cosines
+        return data.scalar(gap, points, t, f"{subject}: gap") / rows.cosines
 
     own = subject, rows.nodes, rows.normals, rows.lengths
     stops = Obstacle(*own, gap=apart, compliance=compliance, ends=rows.ends, partners=rows.partners)
     curves = (subject,) if rows.curved else ()
     return Contribution(obstacles=(stops,), surfaces=(ContactSurface.of(rows),), curves=curves)
-
-
-def distance(gap: data.Datum, subject: str, x: Floats, t: float) -> Floats:
-    """The gap (k,) at points x (k, dim) and the instant `t`."""
-    return data.scalar(gap, x, t, f"{subject}: gap")
 
 
 # Contact with a compliant obstacle: pressure = stiffness times penetration.
@@ -140,28 +132,17 @@ class NormalCompliance(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"NormalCompliance on {where(self.on)}"
-        part = space.part(self.on, "NormalCompliance", contact=True)
-        rows = part.node_normals
-
-        def stiffness(x: Floats) -> Floats:
-            found = data.scalar(self.stiffness, x, 0.0, f"{subject}: stiffness")
-            if (found <= 0).any():
-                worst = int(np.argmin(found))
-                raise SceneError(
-                    f"{subject}: found the stiffness {found[worst]:.6g} at {x[worst]}; it must be > 0. "
-                    "UnilateralContact is the rigid obstacle; leave the effect out for none."
-                )
-            return found
-
-        def spring(x: Floats, t: float, outward: Floats) -> Floats:
-            k = stiffness(x)
-            return np.stack([k * np.maximum(outward - distance(self.gap, subject, x, t), 0.0), k])
-
+        rows = space.part(self.on, "NormalCompliance", contact=True).node_normals
+        x = space.mesh.points[rows.nodes]
+        stiffness = data.scalar(self.stiffness, x, 0.0, f"{subject}: stiffness")
+        if (stiffness <= 0).any():
+            worst = int(np.argmin(stiffness))
+            raise SceneError(
+                f"{subject}: found the stiffness {stiffness[worst]:.6g} at {x[worst]}; it must be > 0. "
+                "UnilateralContact is the rigid obstacle; leave the effect out for none."
+            )
         # On a curve edges that move out by d move the node by d over the cosine, and push with as much less along n.
-        compliance = 1.0 / (stiffness(space.mesh.points[rows.nodes]) * rows.lengths * rows.cosines**2)
-        made = obstacle(space, rows, subject, self.gap, compliance)
-        given = GivenDatum(subject, "spring", spring, part.sides)
-        return replace(made, given=(given,) if data.varies(self.stiffness, self.gap) else ())
+        return obstacle(space, rows, subject, self.gap, 1.0 / (stiffness * rows.lengths * rows.cosines**2))
 
     def describe(self) -> str:
         return (

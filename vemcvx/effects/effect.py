@@ -129,12 +129,6 @@ class Load:
         read = data.scalar if self.matrix.shape[1] == len(self.points) else data.vector
         return read(self.value, x, t, self.subject)
 
-    @property
-    def given(self) -> tuple[GivenDatum, ...]:
-        """The datum as a function of place, if it is one."""
-        edges = None if self.edges is None else np.unique(self.edges, axis=0)
-        return (GivenDatum(self.subject, "force", self.at, edges, self),) if callable(self.value) else ()
-
     def vector(self, t: float) -> Floats:
         """Nodal force (n_u,) at the instant `t`."""
         return self.matrix @ self.values(t)
@@ -217,10 +211,6 @@ class Ground:
     def vector(self, t: float) -> Floats:
         """The displacements (q, dim) at the instant `t`."""
         return self.at(self.points, t)
-
-    def given(self, edges: Ints) -> GivenDatum:
-        """The datum as a function of place: where the body sticks to the ground, it is to move like it."""
-        return GivenDatum(self.subject, "displacement", self.at, edges)
 
 
 @dataclass(frozen=True)
@@ -323,6 +313,9 @@ class Material:
     eigenstrain there, with a minus sign; zero in plane stress, None where the law does not say, and in space"""
     stabilisation: Floats | None = None
     """(n_cells,) tau, by which the stiffness weighs what Pi misses; None means :func:`vemcvx.vem.softest_shear`"""
+    at: Callable[[Floats, Ints], tuple[Floats, Floats]] | None = None
+    """points (k, dim) of cells (k,) -> the upper triangle of the elastic matrix and the thermal stress moduli there,
+    which error estimates read; None if they are constant in every cell"""
 
     @property
     def tau(self) -> Floats:
@@ -337,6 +330,8 @@ class Eigenstrain:
     subject: str
     value: Callable[[float], Floats]
     """t -> (n_cells,)"""
+    at: Callable[[Floats, Ints, float], Floats] | None = None
+    """points (k, dim) of cells (k,) and t -> (k,), as of a material"""
 
 
 @dataclass(frozen=True)
@@ -346,33 +341,8 @@ class InitialStress:
     subject: str
     value: Callable[[float], Floats]
     """t -> (n_cells, components): xx, yy, xy, in space xx, yy, zz, xy, yz, xz"""
-
-
-@dataclass(frozen=True)
-class GivenDatum:
-    """A datum as the scene gives it, of which the assembled problem has read some points: an error estimate reads more.
-
-    What `value` takes and gives goes with the kind; x (k, dim) are points of the edges, or of the cells numbered (k,):
-
-        "force"         (x, t) -> (k, dim), or (k,) of a pressure; `load` says what was assembled
-        "bound"         (x, t, pressure (k,)) -> (j, k) bounds of friction, force per length
-        "gap"           (x, t) -> (k,)
-        "spring"        (x, t, u . n (k,)) -> (k,) pressure, and stiffness (k,)
-        "foundation"    (x) -> (2, k) springs along the normal and the tangent
-        "displacement"  (x, t) -> (k,) or (k, dim)
-        "moduli"        (x, cells) -> (6, k) upper triangle of the elastic matrix, (k, 3) thermal stress moduli
-        "eigenstrain"   (x, cells, t) -> (k,)
-        "stress"        (x, t) -> (k, 3)
-    """
-
-    subject: str
-    kind: str
-    value: Callable[..., Any]
-    edges: Ints | None = None
-    """(m, 2) of a datum on the boundary"""
-    load: Load | None = None
-    cells: Bools | None = None
-    """(n_cells,) which cells have these moduli; None means all"""
+    at: Callable[[Floats, Ints, float], Floats] | None = None
+    """points (k, dim) of cells (k,) and t -> (k, components), as of a material"""
 
 
 @dataclass(frozen=True)
@@ -391,8 +361,6 @@ class Contribution:
     initial_stresses: tuple[InitialStress, ...] = ()
     viscosity: sp.csr_matrix | None = None
     """matrix of b^h, stress in proportion to the rate of strain"""
-    given: tuple[GivenDatum, ...] = ()
-    """data that vary in space"""
     curves: tuple[str, ...] = ()
     """subjects whose conditions on normals hold along curves"""
 

@@ -10,17 +10,7 @@ import numpy as np
 from vemcvx.arrays import Floats, choice, flag
 from vemcvx.effects import data
 from vemcvx.effects.data import varies
-from vemcvx.effects.effect import (
-    ContactSurface,
-    Contribution,
-    Effect,
-    Friction,
-    GivenDatum,
-    Ground,
-    Law,
-    amount,
-    where,
-)
+from vemcvx.effects.effect import ContactSurface, Contribution, Effect, Friction, Ground, Law, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import BoundaryRows, Space
 
@@ -51,7 +41,7 @@ STEEP = 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class _Bounds:
-    """The bounds g+ forward and g- backward, as weights (m,) of nodes and at points; g- = g+ unless it is given."""
+    """The bounds g+ forward and g- backward, as weights (m,) of nodes; g- = g+ unless it is given."""
 
     subject: str
     forward: data.Datum
@@ -76,13 +66,6 @@ class _Bounds:
     def slope(self, t: float, forces: Floats, before: Floats) -> Floats:
         """The derivative of the ramp."""
         return np.where(STEEP * forces < self.weights(t), STEEP, 0.0)
-
-    def at(self, x: Floats, t: float, pressure: Floats | None) -> Floats:
-        """g+ and g-, (2, k), at points (k, dim); on the ramp if a pressure (k,) is given."""
-        forward = self._checked(self.forward, x, t, "bound")
-        if pressure is not None:
-            forward = np.minimum(STEEP * np.maximum(pressure, 0.0), forward)
-        return np.stack([forward, forward if self.backward is None else self._checked(self.backward, x, t, BACKWARD)])
 
     def _integrated(self, value: data.Datum, t: float, name: str) -> Floats:
         if self.quadrature == "nodes":
@@ -143,8 +126,7 @@ class TrescaFriction(Effect):
         closed = self.while_closed is not None and flag(self.while_closed, f"{subject}: while_closed")
         if self.backward is not None:
             self._check_one_way(space, closed, subject)
-        part = space.part(self.on, "TrescaFriction", contact=True)
-        rows = part.node_normals
+        rows = space.part(self.on, "TrescaFriction", contact=True).node_normals
         points = space.mesh.points[rows.nodes]
         bounds = _Bounds(
             subject=subject,
@@ -156,18 +138,7 @@ class TrescaFriction(Effect):
         )
         ground = Ground.of(self.ground, subject, points, rows.partners)
         friction = replace(self._friction(rows, bounds, closed), ground=ground)
-
-        def given(x: Floats, t: float, pressure: Floats) -> Floats:
-            return bounds.at(x, t, pressure if closed else None)
-
-        return Contribution(
-            frictions=(friction,),
-            surfaces=(ContactSurface.of(rows),),
-            given=(
-                *((GivenDatum(subject, "bound", given, part.sides),) if varies(self.bound, self.backward) else ()),
-                *(() if ground is None else (ground.given(part.sides),)),
-            ),
-        )
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def _check_one_way(self, space: Space, closed: bool, subject: str) -> None:
         """Raise SceneError where a second bound has no meaning."""
@@ -238,39 +209,27 @@ class CoulombFriction(Effect):
 
     def contribute(self, space: Space) -> Contribution:
         subject = f"CoulombFriction on {where(self.on)}"
-        part = space.part(self.on, "CoulombFriction", contact=True)
-        rows = part.node_normals
+        rows = space.part(self.on, "CoulombFriction", contact=True).node_normals
         points = space.mesh.points[rows.nodes]
 
-        def read(x: Floats, t: float) -> tuple[Floats, Floats]:
-            mu = data.nonnegative(self.coefficient, x, t, subject, name="coefficient")
+        def read(t: float) -> tuple[Floats, Floats]:
+            mu = data.nonnegative(self.coefficient, points, t, subject, name="coefficient")
             if self.cap is None:
-                return mu, np.full(len(x), np.inf)
-            return mu, data.nonnegative(self.cap, x, t, subject, name="cap")
+                return mu, np.full(len(points), np.inf)
+            return mu, rows.lengths * data.nonnegative(self.cap, points, t, subject, name="cap")
 
         def weights(t: float, forces: Floats, *slips: Floats) -> Floats:
-            mu, cap = read(points, t)
-            return np.minimum(mu * np.maximum(forces, 0.0), cap * rows.lengths)
-
-        def under(x: Floats, t: float, pressure: Floats) -> Floats:
-            mu, cap = read(x, t)
-            return np.minimum(mu * np.maximum(pressure, 0.0), cap)[None]
+            mu, cap = read(t)
+            return np.minimum(mu * np.maximum(forces, 0.0), cap)
 
         def slope(t: float, forces: Floats, before: Floats) -> Floats:
-            mu, cap = read(points, t)
-            return np.where(mu * forces < cap * rows.lengths, mu, 0.0)
+            mu, cap = read(t)
+            return np.where(mu * forces < cap, mu, 0.0)
 
         ground = Ground.of(self.ground, subject, points, rows.partners)
         law = Law(weights, pressed=True, slope=slope, slips=False)
         friction = replace(Friction.of(rows, subject), slip_law=law, ground=ground)
-        return Contribution(
-            frictions=(friction,),
-            surfaces=(ContactSurface.of(rows),),
-            given=(
-                *((GivenDatum(subject, "bound", under, part.sides),) if varies(self.coefficient, self.cap) else ()),
-                *(() if ground is None else (ground.given(part.sides),)),
-            ),
-        )
+        return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self) -> str:
         cap = "" if self.cap is None else f", at most {amount(self.cap)},"

@@ -37,7 +37,7 @@ class Traction(Effect):
         part = space.part(self.on, "Traction")
         points, matrix, sides = edge_load(space, part)
         load = Load(f"Traction on {where(self.on)}", points, matrix, self.force, edges=part.sides[sides])
-        return Contribution(loads=(load,), given=load.given)
+        return Contribution(loads=(load,))
 
     def describe(self) -> str:
         return f"Traction: {amount(self.force)} on {where(self.on)}"
@@ -71,7 +71,7 @@ class Pressure(Effect):
         inward = sp.csr_matrix((-normals.ravel(), (np.arange(q * dim), np.repeat(np.arange(q), dim))))
         subject = f"Pressure on {where(self.on)}"
         load = Load(subject, points, matrix @ inward, self.value, edges=part.sides[sides])
-        return Contribution(loads=(load,), given=load.given)
+        return Contribution(loads=(load,))
 
     def describe(self) -> str:
         return f"Pressure: {amount(self.value)} on {where(self.on)}"
@@ -99,7 +99,7 @@ class BodyForce(Effect):
     def contribute(self, space: Space) -> Contribution:
         points, matrix, cells = cell_load(space)
         load = Load("BodyForce", points, matrix, self.force, cells)
-        return Contribution(loads=(load,), given=load.given)
+        return Contribution(loads=(load,))
 
     def describe(self) -> str:
         return f"BodyForce: {amount(self.force)} in the body"

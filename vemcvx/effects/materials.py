@@ -12,7 +12,7 @@ import numpy as np
 from vemcvx.arrays import Bools, Floats, Ints, brief, choice
 from vemcvx.effects import data
 from vemcvx.effects.data import Constant
-from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, GivenDatum, InitialStress, Material, amount, where
+from vemcvx.effects.effect import Contribution, Effect, Eigenstrain, InitialStress, Material, amount, where
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.vem import (
     Space,
@@ -106,23 +106,22 @@ class Elasticity(MaterialLaw):
         A = stiffness(space, lam, mu, stabilisation=self.stabilisation)
         volume, thermal = self._blocked(lam, mu, space.dim)
         out_of_plane = np.column_stack([lam, lam, np.zeros_like(lam), volume]) * float(self._plane == "strain")
-        subject = "Elasticity" if self.on is None else f"Elasticity on {where(self.on)}"
+
+        def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
+            lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
+            return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu, space.dim)[1]
+
         material = Material(
-            subject=subject,
+            subject="Elasticity" if self.on is None else f"Elasticity on {where(self.on)}",
             moduli=np.stack([lam, mu]),
             thermal_stress_moduli=thermal,
             plane=self._plane,
             cells=cells,
             out_of_plane=out_of_plane if space.in_plane else None,
             stabilisation=stabilisation_factor(mu, self.stabilisation),
+            at=at if data.varies(self.young, self.poisson) else None,
         )
-
-        def at(x: Floats, inside: Ints) -> tuple[Floats, Floats]:
-            lam, mu = self._lame(data.InCells(space.mesh, x, inside), None)
-            return upper_triangle(elastic_matrix(np.stack([lam, mu]))), self._blocked(lam, mu, space.dim)[1]
-
-        given = (GivenDatum(subject, "moduli", at, cells=cells),) if data.varies(self.young, self.poisson) else ()
-        return Contribution(stiffness=A, material=material, given=given)
+        return Contribution(stiffness=A, material=material)
 
     def describe(self) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
@@ -220,23 +219,22 @@ class Orthotropic(MaterialLaw):
         cells = region(space, self.on, "Orthotropic")
         inside = np.ones(space.mesh.n_cells) if cells is None else cells.astype(float)
         C, thermal_stress_moduli, out_of_plane = self._law(data.InCells(space.mesh), inside)
-        subject = "Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}"
-        material = Material(
-            subject=subject,
-            moduli=upper_triangle(C),
-            thermal_stress_moduli=thermal_stress_moduli,
-            plane=self.plane,
-            cells=cells,
-            out_of_plane=out_of_plane,
-        )
 
         def at(x: Floats, within: Ints) -> tuple[Floats, Floats]:
             C, thermal_stress_moduli, _ = self._law(data.InCells(space.mesh, x, within), np.ones(len(x)))
             return upper_triangle(C), thermal_stress_moduli
 
         constants = (*self._constants("young", 2), *self._constants("poisson", 1), self.shear, self.angle)
-        given = (GivenDatum(subject, "moduli", at, cells=cells),) if data.varies(*constants) else ()
-        return Contribution(stiffness=anisotropic_stiffness(space, C), material=material, given=given)
+        material = Material(
+            subject="Orthotropic" if self.on is None else f"Orthotropic on {where(self.on)}",
+            moduli=upper_triangle(C),
+            thermal_stress_moduli=thermal_stress_moduli,
+            plane=self.plane,
+            cells=cells,
+            out_of_plane=out_of_plane,
+            at=at if data.varies(*constants) else None,
+        )
+        return Contribution(stiffness=anisotropic_stiffness(space, C), material=material)
 
     def _law(self, at: data.InCells, inside: Floats) -> tuple[Floats, Floats, Floats]:
         """C (k, 3, 3), and Material's thermal_stress_moduli (k, 3) and out_of_plane (k, 4); zero where not `inside`."""
@@ -413,10 +411,8 @@ class ThermalStrain(Effect):
             there = data.InCells(space.mesh, x, cells).read(self.expansion, "ThermalStrain: expansion")
             return there * data.scalar(self.temperature, x, t, "ThermalStrain: temperature")
 
-        given = (
-            (GivenDatum("ThermalStrain", "eigenstrain", at),) if data.varies(self.expansion, self.temperature) else ()
-        )
-        return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain),), given=given)
+        of_place = at if data.varies(self.expansion, self.temperature) else None
+        return Contribution(eigenstrains=(Eigenstrain("ThermalStrain", strain, of_place),))
 
     def describe(self) -> str:
         return f"ThermalStrain: {amount(self.expansion, 'x')} times {amount(self.temperature)}"
@@ -445,13 +441,14 @@ class Prestress(Effect):
     stress: data.Datum
 
     def contribute(self, space: Space) -> Contribution:
-        centroids = space.mesh.centroids
+        mesh = space.mesh
 
-        def at(x: Floats, t: float) -> Floats:
+        def at(x: Floats, cells: Ints, t: float) -> Floats:
             return data.tensor(self.stress, x, t, "Prestress")
 
-        given = (GivenDatum("Prestress", "stress", at),) if data.varies(self.stress) else ()
-        return Contribution(initial_stresses=(InitialStress("Prestress", partial(at, centroids)),), given=given)
+        assembled = partial(at, mesh.centroids, np.arange(mesh.n_cells))
+        of_place = at if data.varies(self.stress) else None
+        return Contribution(initial_stresses=(InitialStress("Prestress", assembled, of_place),))
 
     def describe(self) -> str:
         return f"Prestress: {amount(self.stress)} in the body"

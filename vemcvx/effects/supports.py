@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief
 from vemcvx.effects import data
-from vemcvx.effects.effect import Contribution, Effect, GivenDatum, Support, amount, where
+from vemcvx.effects.effect import Contribution, Effect, Support, amount, where
 from vemcvx.errors import SceneError
 from vemcvx.vem import Part, SideRule, Space
 
@@ -105,7 +105,7 @@ class PrescribedDisplacement(Effect):
         part = space.part(self.on, "PrescribedDisplacement")
         if self.direction is None:
             whole = self._whole(part.nodes, space.mesh.points[part.nodes], subject)
-            return Contribution(supports=(whole,), given=self._given(part, data.vector, subject))
+            return Contribution(supports=(whole,))
         nodes, directions, cosines = self._rows(part, space, subject)
         points = space.mesh.points[nodes]
 
@@ -114,14 +114,7 @@ class PrescribedDisplacement(Effect):
 
         support = Support(subject, nodes, directions, points, self._unless_zero(value))
         curved = isinstance(self.direction, str) and part.node_normals.curved
-        given = self._given(part, data.scalar, subject)
-        return Contribution(supports=(support,), given=given, curves=(subject,) if curved else ())
-
-    def _given(self, part: Part, read: Callable[..., Floats], subject: str) -> tuple[GivenDatum, ...]:
-        def at(x: Floats, t: float) -> Floats:
-            return read(self.value, x, t, subject)
-
-        return (GivenDatum(subject, "displacement", at, part.sides),) if data.varies(self.value) else ()
+        return Contribution(supports=(support,), curves=(subject,) if curved else ())
 
     def describe(self) -> str:
         held = "" if self.direction is None else f" along {self.direction}"
@@ -198,15 +191,7 @@ class ElasticFoundation(Effect):
     def contribute(self, space: Space) -> Contribution:
         part = space.part(self.on, "ElasticFoundation")
         springs = [_spread(self._of_sides(rule, part.normals[rule.sides]), rule, space) for rule in part.rules(2)]
-
-        def at(x: Floats) -> Floats:
-            return np.stack([self._stiffness("normal", x), self._stiffness("tangential", x)])
-
-        subject = f"ElasticFoundation on {where(self.on)}"
-        given = (
-            (GivenDatum(subject, "foundation", at, part.sides),) if data.varies(self.normal, self.tangential) else ()
-        )
-        return Contribution(stiffness=sp.csr_matrix(sum(springs[1:], start=springs[0])), given=given)
+        return Contribution(stiffness=sp.csr_matrix(sum(springs[1:], start=springs[0])))
 
     def _of_sides(self, rule: SideRule, n: Floats) -> Floats:
         """The matrices (m, n, dim, n, dim) of sides with these normals (m, dim), symmetric to the bit."""

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, read_only
-from vemcvx.effects import ContactSurface, Contribution, Friction, GivenDatum, Load, Material, Obstacle
+from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
 from vemcvx.linear.factor import nested_dissection
 from vemcvx.meshes import AnyMesh
@@ -139,8 +139,6 @@ class PosedScene:
     """stiffness of springs to the ground, also in A; None if there are none"""
     inactive: tuple[str, ...] = ()
     """sentences: effects that do nothing in this scene, and so were left out"""
-    given: tuple[GivenDatum, ...] = ()
-    """data that vary in space, of inactive effects, too: they may be zero only at the points that were evaluated"""
     curves: tuple[str, ...] = ()
     """what has conditions on normals along curves, whose corners finer meshes keep"""
 
@@ -202,7 +200,6 @@ def pose_scene(scene: Scene, mesh: AnyMesh, times: Sequence[float] = ()) -> Pose
         obstacles=contact.obstacles,
         springs=forms.springs,
         inactive=(*inactive, *out_of_reach(contact.terms, stops, supports)),
-        given=_chain(p.given for p in parts),
         curves=_chain(p.curves for p in parts),
         viscosity=forms.viscosity,
     )

@@ -21,8 +21,8 @@ from vemcvx.effects import (
     Effect,
     Eigenstrain,
     Friction,
-    GivenDatum,
     InitialStress,
+    Material,
     MaterialLaw,
 )
 from vemcvx.errors import SceneError
@@ -117,13 +117,11 @@ def answer(*effects: Effect, on: PolygonMesh | None = None) -> History:
 
 def content(thing: Any, rows: int = 1) -> Any:
     """Everything that a contribution says, as comparable plain data; functions by their values, of so many rows."""
-    if isinstance(thing, GivenDatum):
-        values = tuple(content(_at_places(thing, t)) for t in TIMES)
-        return thing.kind, content(thing.edges), content(thing.cells), values
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
-        told = {f.name: content(getattr(thing, f.name), rows) for f in dataclasses.fields(thing) if f.name != "value"}
-        return told | {"at": _at_times(thing)}
+        told = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
+        values = {name: content(getattr(thing, name), rows) for name in told}
+        return values | {"at times": _at_times(thing), "at places": _at_places(thing)}
     if isinstance(thing, (sp.csr_matrix, sp.csr_array)):
         return content((thing.shape, thing.indptr, thing.indices, thing.data))
     if isinstance(thing, np.ndarray):
@@ -137,17 +135,13 @@ def content(thing: Any, rows: int = 1) -> Any:
     return thing
 
 
-def _at_places(given: GivenDatum, t: float) -> Any:
-    """A datum as a function of place, at points of the first cell."""
+def _at_places(thing: Any) -> Any:
+    """A material, eigenstrain or stress as a function of place, at points of the first cell."""
+    if not isinstance(thing, (Material, Eigenstrain, InitialStress)) or thing.at is None:
+        return None
     x, cells = np.random.default_rng(0).uniform(0.0, 0.3, (5, 2)), np.zeros(5, dtype=np.int64)
-    more: dict[str, tuple[Any, ...]] = {
-        "bound": (t, np.ones(5)),
-        "spring": (t, np.ones(5)),
-        "foundation": (),
-        "moduli": (cells,),
-        "eigenstrain": (cells, t),
-    }
-    return given.value(x, *more.get(given.kind, (t,)))
+    more = ((),) if isinstance(thing, Material) else tuple((t,) for t in TIMES)
+    return tuple(content(thing.at(x, cells, *t)) for t in more)
 
 
 def _at_times(thing: Any) -> Any:

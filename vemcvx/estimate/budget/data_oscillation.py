@@ -1,184 +1,191 @@
-"""Data oscillation: the parts of loads, bounds, gaps and supports that nodes do not represent."""
+"""Data oscillation: what loads, bounds, gaps, supports and moduli are between the points that were assembled.
+
+The effects of the scene are asked once more, on the same cells with their boundary edges cut into short pieces: what
+they then say at the new nodes, less what is linear between the old ones, was not assembled. A datum that is not what
+was assembled does work r(v) on test functions that the residual of the answer does not know:
+
+    tractions       int (t - t_e) . v                    square  l_e / (2 mu) |t - t_e|^2_e
+    body forces     int (f - f_K) . v                            h_K^2 / (9 mu) |f - f_K|^2_K
+    bounds          int (g - g_h) |v_tau|                        l_e / (2 mu) |g - g_h|^2_e, or |t_h| - g in stick
+    springs         int (k d - p_h) v_n                          |k d - p_h|^2_e / (2 mu / l_e + k)
+    gaps            u is to move by d where it does not          2 mu max |d|^2
+    motions         the same                                     mu pi sum k |d_k|^2, d = sum d_k sin(k pi s / l_e)
+    moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
+
+with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and l_e
+the length of e. These are energies, without the constant of the residuals (:mod:`.error_parts`): the first two by the
+Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e / (2
+mu); that of motions is what a half space stores under waves along its surface, at most 2 mu times the wave number. The
+last is the work itself, in its dual norm: with it the divergence of thermal stresses inside cells is accounted for.
+Bounds count where friction is at its bound, or something has slipped before; elsewhere only where they are less than
+what holds there.
+
+All that is local. The means of tractions, body forces and bounds are forces r on the whole body. Two answers whose
+loads differ by r are no farther apart than sup r(v) / |v|, also with friction and contact: in the discrete space that
+is (r'K^-1 r)^{1/2}, one solve. Waves of a traction as long as an edge, a strip of weight between quadrature points, a
+bound that is read at its crests are all of one sign and move the whole body, so that no weight that vanishes with the
+edge can stand for them: with local weights alone estimates of a bound with 16 waves on 16 edges were .44 of the error,
+and of waves of traction .37.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import warnings
+from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.fft import dst
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
-from vemcvx.effects import GivenDatum, Load
-from vemcvx.estimate.budget.skeleton import Instant, Skeleton, at_ends, pressures_at_ends
-from vemcvx.estimate.measures.overlap import convex_pieces
+from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
+from vemcvx.errors import SceneWarning
+from vemcvx.estimate.budget.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.linear import Factor
-from vemcvx.meshes import plane_mesh
-from vemcvx.meshes.polygons.geometry import fans, places
+from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
+from vemcvx.meshes.polygons.geometry import outlines, places, triangulated
 from vemcvx.meshes.polygons.topology import positions
 from vemcvx.scene.pose import PosedScene
+from vemcvx.scene.scene import contributions
 from vemcvx.vem import Space, elastic_matrix
 
-# Points at which an estimate looks at data: closer together than nodes and quadrature points, by a declared number.
-#
-# On the boundary 1/512 of the size of the body apart and at least four an edge, inside 1/128 and at least four a
-# triangle. What is narrower than that, and between these points, is not seen.
+PIECES, SPACING = 512, 128
+"""Parts of the size of the body, on the boundary and inside, that are looked at; what is narrower than these may be
+missed. Edges have four pieces at least, and triangles four points."""
+ROUNDING = 1e-12
+"""Data that differ by less, in parts of the largest, do not differ."""
+POINCARE = 1.0 / 9.0
+"""1 / pi^2 on a convex cell of the longer side one, and a tenth for turning, which no strain resists: sideways waves of
+weight on 8 x 8 and 16 x 16 squares were .9964 of the error with 1 / pi^2."""
+
+
+@dataclass(frozen=True)
+class FineBoundary:
+    """A mesh with its boundary edges cut into pieces; its cells, and data on these, stay as they are."""
+
+    mesh: PolygonMesh
+    old: int
+    """new nodes are numbered from here on"""
+    pieces: Ints
+    """(k, 2) the pieces, edge by edge"""
+    piece_owner: Ints
+    """(k,) the boundary edge of each"""
+    owner: Ints
+    """(q,) the boundary edge of each new node"""
+    along: Floats
+    """(q,) in (0, 1), from the first end of the edge to the second"""
+    lengths: Floats
+    """(q,) of the pieces beside it: weights of the trapezoidal rule for what vanishes at the ends of edges"""
+
+    def between(self, values: Floats, at: Ints | slice = slice(None)) -> Floats:
+        """Linear at new nodes between the values (b, 2, ...) at the ends of edges."""
+        start, stop = values[self.owner[at], 0], values[self.owner[at], 1]
+        s = self.along[at].reshape(-1, *[1] * (start.ndim - 1))
+        line: Floats = (1.0 - s) * start + s * stop
+        return line
+
+    def read(self, rows: Friction | Obstacle, values: Floats) -> tuple[Ints, Floats, Floats]:
+        """New nodes (k,), the values (m, j) of rows there, and what is linear between those at the ends of the edges.
+
+        Of effects that do not say which edges a row has nothing is looked at.
+        """
+        if rows.ends is None:
+            return np.zeros(0, dtype=np.int64), values[:0], values[:0]
+        node, beyond = rows.nodes[rows.ends.row], rows.ends.beyond
+        new, tips = np.flatnonzero(rows.nodes >= self.old), np.flatnonzero((node < self.old) & (beyond >= self.old))
+        ends = np.zeros((self.owner.max() + 1, 2, values.shape[1]))
+        next_door = beyond[tips] - self.old
+        ends[self.owner[next_door], (self.along[next_door] > 0.5).astype(int)] = values[rows.ends.row[tips]]
+        at = rows.nodes[new] - self.old
+        return at, *without_rounding(values[new], self.between(ends, at))
+
+    def forces(self, rows: Friction, pressure: Floats) -> Floats:
+        """Normal forces (m,) on rows of a pressure (b, 2) that is linear along edges."""
+        if rows.ends is None:
+            return np.zeros(len(rows.nodes))
+        node, beyond = rows.nodes[rows.ends.row], rows.ends.beyond
+        # One end of every piece at least is new.
+        piece = np.maximum(node, beyond) - self.old
+        s = np.where(node < self.old, np.round(self.along[piece]), self.along[np.maximum(node - self.old, 0)])
+        start, stop = pressure[self.owner[piece]].T
+        return totals(rows.ends.row, rows.ends.lengths * ((1.0 - s) * start + s * stop), len(rows.nodes))
+
+
+def without_rounding(values: Floats, line: Floats) -> tuple[Floats, Floats]:
+    """The values, which are those of the line where they differ by rounding, and the line."""
+    size = max(np.abs(values).max(initial=0.0), np.abs(line).max(initial=0.0))
+    return np.where(np.abs(values - line) <= ROUNDING * size, line, values), line
+
+
+def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
+    """The mesh with the boundary edges of its skeleton cut, alike on both sides of an interface."""
+    joints, ends = edges.joints, edges.outer_edges
+    counts = np.maximum(np.ceil(edges.lengths * PIECES / np.ptp(mesh.points, axis=0).max()).astype(np.int64), 4)
+    counts[joints.second] = counts[joints.first]
+    inner, piece_owner = counts - 1, np.repeat(np.arange(len(counts)), counts)
+    start, owner = np.cumsum(inner) - inner, np.repeat(np.arange(len(counts)), inner)
+    place = np.arange(len(owner)) - start[owner]
+    along, new = (place + 1) / counts[owner], mesh.n_nodes + np.arange(len(owner))
+    first, last = mesh.points[ends[owner]].swapaxes(0, 1)
+    offsets = mesh.offsets + np.append(0, np.cumsum(np.bincount(edges.outer, inner, mesh.n_cells))).astype(np.int64)
+    opposite = np.full(len(counts), -1)
+    opposite[joints.first] = joints.second
+    across = np.where(opposite[owner] < 0, -1, mesh.n_nodes + start[opposite[owner]] + inner[owner] - 1 - place)
+
+    def chained(of_new: Ints, of_ends: Ints) -> Ints:
+        """(k, 2) of the pieces of all edges, one after the other."""
+        tips = (np.insert(of_new, at, of_ends[:, side]) for side, at in enumerate((start, start + inner)))
+        return np.column_stack(list(tips))
+
+    def cut(whole: Ints) -> Bools:
+        return np.isin(piece_owner, positions(whole, ends, mesh.n_nodes))
+
+    pieces, partners = chained(new, ends), chained(across, joints.across)
+    fine = PolygonMesh.unchecked(
+        np.concatenate([mesh.points, first + along[:, None] * (last - first)]),
+        offsets,
+        np.insert(mesh.vertices, edges.outer_corners[owner] + 1, new),
+    )
+    sides = {name: of for name, of in mesh.boundaries.items() if name not in (*mesh.interfaces, "boundary")}
+    named = {name: pieces[cut(of)] for name, of in sides.items()}
+    joined = {
+        name: Interface(joint.bodies, pieces[cut(joint.edges)], partners[cut(joint.edges)])
+        for name, joint in mesh.interfaces.items()
+    }
+    fine = fine._replace(_named=named, interfaces=MappingProxyType(joined), cell_data=mesh.cell_data)
+    return FineBoundary(fine, mesh.n_nodes, pieces, piece_owner, owner, along, (edges.lengths / counts)[owner])
 
 
 @dataclass(frozen=True)
 class SamplePoints:
-    """Points (q, 2) with the weights (q,) of a midpoint rule: lengths, or areas."""
+    """Points (q, 2) of cells (q,) with the weights (q,) of a midpoint rule."""
 
     x: Floats
     weights: Floats
     owner: Ints
-    """(q,) the boundary edge of the skeleton, or the cell"""
-    along: Floats
-    """(q,) in (0, 1), from the first end of the edge to the second; empty inside"""
 
 
-def on_edges(edges: Skeleton, points: Floats, chosen: Ints) -> SamplePoints:
-    """SamplePoints on boundary edges that are given by their nodes (m, 2)."""
-    which = positions(chosen, edges.outer_edges, len(points))
-    length = edges.lengths[which]
-    size = np.ptp(points, axis=0).max()
-    counts = np.maximum(np.ceil(length * 512 / size).astype(np.int64), 4)
-    row = np.repeat(np.arange(len(which)), counts)
-    place = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
-    along = (place + 0.5) / counts[row]
-    start, stop = (points[edges.outer_edges[which, side]][row] for side in range(2))
-    return SamplePoints(start + along[:, None] * (stop - start), (length / counts)[row], which[row], along)
-
-
-def in_cells(space: Space) -> SamplePoints:
-    """SamplePoints in all cells: centroids of the triangles into which those of a cell are cut, in halves."""
-    pieces = convex_pieces(space)
-    triangles, areas, owner = fans(pieces.corners, pieces.owner)
-    spacing = np.ptp(space.mesh.points, axis=0).max() / 128
-    halved = np.maximum(np.ceil(0.5 * np.log2(2.0 * areas / spacing**2)), 1).astype(np.int64)
-    parts = []
-    for times in np.unique(halved):
-        these = np.flatnonzero(halved == times)
-        x = places(triangles[these], _centroids(int(times)))
-        count = x.shape[1]
+def in_cells(mesh: PolygonMesh) -> SamplePoints:
+    """The centroids of triangles that all cells are cut into, each of them in four until they are small enough."""
+    corners, areas, owner = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
+    spacing = np.ptp(mesh.points, axis=0).max() / SPACING
+    cuts = np.maximum(np.ceil(0.5 * np.log2(2.0 * areas / spacing**2)), 1).astype(np.int64)
+    parts, middles = [], np.eye(3)[None]
+    for times in range(1, int(cuts.max()) + 1):
+        middles = _quartered(middles)
+        these = np.flatnonzero(cuts == times)
+        x, count = places(corners[these], middles.mean(axis=1)), len(middles)
         parts.append((x.reshape(-1, 2), np.repeat(areas[these] / count, count), np.repeat(owner[these], count)))
-    x, weights, cells = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return SamplePoints(x, weights, cells, np.zeros(0))
+    return SamplePoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _centroids(times: int) -> Floats:
-    """Barycentric coordinates (4^times, 3) of the centroids of a triangle that was cut in four so many times."""
-    corners = np.eye(3)[None]
-    for _ in range(times):
-        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
-        tips = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
-        corners = np.concatenate([*tips, middles])
-    centroids: Floats = corners.mean(axis=1)
-    return centroids
-
-
-# Forces that the assembled problem lacks in all, and what they move.
-#
-# Two answers whose loads differ by r are no farther apart than |r| = sup r(v) / |v|, also with friction and contact:
-# in the discrete space that is (r'K^-1 r)^{1/2}, one solve. Waves of a traction as long as an edge, a strip of weight
-# between quadrature points, a bound that is read at its crests: they are all one sign, and move the whole body, so
-# that no weight that vanishes with the edge can stand for them. With those alone estimates of a bound with 16 waves
-# on 16 edges were .44 of the error, and of waves of traction .37.
-
-
-@dataclass(frozen=True)
-class WholeBody:
-    """A posed scene's stiffness, ready to be solved with."""
-
-    posed: PosedScene
-
-    @cached_property
-    def _factor(self) -> Factor:
-        system = self.posed.system
-        # Where K does not feel rigid motions a small part of its diagonal holds them; friction and contact do more.
-        grounded = system.K if system.kernel is None else system.K + sp.diags_array(1e-8 * system.K.diagonal())
-        return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
-
-    @cached_property
-    def _modes(self) -> Floats:
-        kernel = self.posed.system.kernel
-        return np.zeros((self.posed.system.n, 0)) if kernel is None else np.linalg.qr(kernel.modes)[0]
-
-    def moved(self, forces: Floats) -> Floats:
-        """(n_nodes, 2) how far nodal forces (n_nodes, 2) move the body."""
-        P = self.posed.supports.P
-        force = P.T @ forces.ravel()
-        displacement: Floats = P @ self._factor.solve(force - self._modes @ (self._modes.T @ force))
-        return displacement.reshape(-1, 2)
-
-
-@dataclass(frozen=True)
-class LackingForces:
-    """Forces on edges and in cells that a posed scene lacks at an instant, added up."""
-
-    whole: WholeBody
-    edges: Skeleton
-    largest: float
-    """of the nodal forces that act"""
-    parts: list[tuple[Ints, Ints, Floats]] = field(default_factory=list)
-    """nodes and cells (k,), and forces (k, 2) of these cells on these nodes"""
-
-    def on_edges(self, force: Floats) -> None:
-        """Add forces (b, 2) on boundary edges."""
-        halves = np.repeat(0.5 * force, 2, axis=0)
-        self.parts.append((self.edges.outer_edges.ravel(), np.repeat(self.edges.outer, 2), halves))
-
-    def in_cells(self, force: Floats) -> None:
-        """Add forces (n_cells, 2) in cells, which their vertices share alike, as in the load."""
-        owner = self.edges.owner
-        shares = (force / np.bincount(owner)[:, None])[owner]
-        self.parts.append((self.edges.sides[:, 0], owner, shares))
-
-    def squares(self) -> Floats:
-        """r'K^-1 r, (n_cells,): to each cell in proportion to the work of the forces on it."""
-        none, posed = np.zeros(len(self.edges.shear)), self.whole.posed
-        if not self.parts or posed.system.n == 0:
-            return none
-        nodes, cells, forces = (np.concatenate(one) for one in zip(*self.parts, strict=True))
-        nodal = np.stack([totals(nodes, one, posed.space.mesh.n_nodes) for one in forces.T], axis=1)
-        # Nodal forces below 1e-12 of the largest one that acts are none.
-        if np.abs(nodal).max() <= 1e-12 * self.largest:
-            return none
-        moved = self.whole.moved(nodal)
-        work = totals(cells, np.abs(np.sum(forces * moved[nodes], axis=1)), len(none))
-        squares: Floats = float(np.sum(nodal * moved)) * np.divide(work, work.sum(), out=none, where=work > 0)
-        return squares
-
-
-# What the assembled problem does not see of the data: what they are at finer places, less what was assembled.
-#
-# A datum that is not what was assembled does work r(v) on test functions that the residual of the answer does not
-# know:
-#
-#     tractions       int (t - t_e) . v                    square  l_e / (2 mu) |t - t_e|^2_e
-#     body forces     int (f - f_K) . v                            h_K^2 / (9 mu) |f - f_K|^2_K
-#     bounds          int (g - g_h) |v_tau|                        l_e / (2 mu) |g - g_h|^2_e, or |t_h| - g in stick
-#     springs         int (k d - p_h) v_n                          |k d - p_h|^2_e / (2 mu / l_e + k)
-#     gaps            u is to move by d where it does not          2 mu max |d|^2
-#     motions         the same                                     mu pi sum k |d_k|^2, d = sum d_k sin(k pi s / l_e)
-#     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
-#
-# with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and
-# l_e the length of e. These are energies, without the constant of the residuals (:mod:`.residual`): the first two by
-# the Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e
-# / (2 mu); that of motions what a half space stores under waves along its surface, at most 2 mu times the wave
-# number. The last is the work itself, in its dual norm: with it the divergence of thermal stresses inside cells is
-# accounted for. Bounds count where friction is at its bound, or something has slipped before; elsewhere only where
-# they are less than what holds there.
-#
-# All that is local. What the means of tractions, body forces and bounds lack is a force on the whole body:
-# :mod:`.lacking_forces`.
-
-
-POINCARE = 1.0 / 9.0
-"""1 / pi^2 on a convex cell of the longer side one, and a tenth for turning, which no strain resists: sideways waves of
-weight on 8 x 8 and 16 x 16 squares were .9964 of the error with 1 / pi^2."""
+def _quartered(corners: Floats) -> Floats:
+    """Barycentric coordinates (4 k, 3, 3) of the corners of triangles (k, 3, 3), each cut in four."""
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    tips = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
+    return np.concatenate([*tips, middles])
 
 
 @dataclass(frozen=True)
@@ -187,68 +194,136 @@ class DataOscillation:
 
     posed: PosedScene
     edges: Skeleton
-    on: tuple[tuple[GivenDatum, SamplePoints], ...] = field(init=False)
 
-    def __post_init__(self) -> None:
-        points, given = self.posed.space.mesh.points, self.posed.given
-        on = tuple((one, on_edges(self.edges, points, one.edges)) for one in given if one.edges is not None)
-        object.__setattr__(self, "on", on)
+    @cached_property
+    def fine(self) -> FineBoundary:
+        """The mesh on which effects are asked again."""
+        return fine_boundary(plane_mesh(self.posed.space.mesh, "error_budget"), self.edges)
+
+    @cached_property
+    def parts(self) -> list[Contribution]:
+        """What all effects say there, also those that assembled as zero; materials, on the mesh as it is."""
+        effects = self.posed.scene.canonical
+        laws = [effect for effect in effects if isinstance(effect, MaterialLaw)]
+        others = [effect for effect in effects if not isinstance(effect, MaterialLaw)]
+        with warnings.catch_warnings():
+            # The run has given them.
+            warnings.simplefilter("ignore", SceneWarning)
+            asked = (*contributions(others, Space(self.fine.mesh)), *contributions(laws, self.posed.space))
+        return [part for _, part in asked]
 
     @cached_property
     def inside(self) -> SamplePoints:
-        """SamplePoints in the cells."""
-        return in_cells(self.posed.space)
-
-    @cached_property
-    def whole(self) -> WholeBody:
-        """The body that forces move."""
-        return WholeBody(self.posed)
-
-    @cached_property
-    def _compliances(self) -> Floats:
-        """(b,) l_e / (2 mu) of boundary edges."""
-        compliances: Floats = self.edges.lengths / (2.0 * self.edges.shear[self.edges.outer])
-        return compliances
+        """Places in the cells."""
+        return in_cells(plane_mesh(self.posed.space.mesh, "error_budget"))
 
     def squares(self, now: Instant, strain: Floats) -> Floats:
         """Squares (n_cells,) of the energies that are missed."""
-        n, edges = len(self.edges.shear), self.edges
-        acting = np.append(np.abs(self.posed.force(now.t)), now.weights).max()
-        missed, lacking = np.zeros(n), LackingForces(self.whole, edges, float(acting))
-        for given, sampled in self.on:
-            if given.load is not None and given.load.edges is not None:
-                apart = self._traction(given.load, given.load.edges, sampled, now.t)
-                squares = np.sum([self._scatter(sampled, one) for one in apart.T], axis=0)
-                missed += totals(edges.outer, self._compliances * squares, n)
-                lacking.on_edges(self._vectors(sampled, apart))
-            elif given.kind == "bound":
-                apart = self._bound(given, sampled, now)
-                tangents = edges.units[:, ::-1] * [-1.0, 1.0]
-                squares = self._of_jumps(self._compliances, tangents) * self._scatter(sampled, apart)
-                missed += totals(edges.outer, squares, n)
-                force = self._sum(sampled, apart)[:, None] * self._along_slip(now)
-                lacking.on_edges(force + edges.joints.reaction(force))
-            else:
-                missed += totals(edges.outer, ON_EDGES[given.kind](self, given, sampled, now), n)
-        for given in self.posed.given:
-            if given.load is not None and given.load.cells is not None:
-                apart = self._body(given.load, given.load.cells, now.t)
-                squares = totals(self.inside.owner, self.inside.weights * np.sum(apart**2, axis=1), n)
-                missed += POINCARE * edges.sizes**2 / edges.shear * squares
-                lacking.in_cells(self._in_cells(apart))
-        if any(given.kind in ("moduli", "eigenstrain", "stress") for given in self.posed.given):
-            missed += self._stress(now.t, strain)
-        return missed + lacking.squares()
+        edges, n = self.edges, len(self.edges.shear)
+        on_edges, lacking = self._tractions(now.t)
+        on_edges += self._springs(now)
+        for part in self.parts:
+            for friction in part.frictions:
+                squares, force = self._bound(friction, now)
+                on_edges += squares
+                lacking += force
+                if friction.ground is not None:
+                    at, moved, line = self.fine.read(friction, friction.ground.vector(now.t))
+                    on_edges += self._motion(at, moved - line)
+            on_edges += np.sum([self._obstacle(obstacle, now) for obstacle in part.obstacles], axis=0)
+            on_edges += np.sum([self._support(support, now) for support in part.supports], axis=0)
+        in_cells, force = self._body(now.t)
+        local = totals(edges.outer, on_edges, n) + in_cells + self._stress(now.t, strain)
+        return local + self._of_the_body(lacking, force)
 
-    def _in_cells(self, values: Floats) -> Floats:
-        """(n_cells, 2) integrals of values (q, 2) at the places inside."""
-        weighed = self.inside.weights[:, None] * values
-        return np.stack([totals(self.inside.owner, one, len(self.edges.shear)) for one in weighed.T], axis=1)
+    # The whole body.
 
-    def _vectors(self, places: SamplePoints, values: Floats) -> Floats:
-        """(b, 2) integrals over edges of tractions (q, 2), or of pressures (q, 1) along the inward normals."""
-        sums: Floats = np.stack([self._sum(places, one) for one in values.T], axis=1)
-        return sums if sums.shape == self.edges.units.shape else -sums * self.edges.units
+    @cached_property
+    def _factor(self) -> Factor:
+        system = self.posed.system
+        # Where K does not feel rigid motions a small part of its diagonal holds them; friction and contact do more.
+        grounded = system.K if system.kernel is None else system.K + sp.diags_array(1e-8 * system.K.diagonal())
+        return system.linear(None).factorise(sp.csr_matrix(grounded), system.near_kernel)
+
+    def _of_the_body(self, on_edges: Floats, in_cells: Floats) -> Floats:
+        """r'K^-1 r of forces on edges (b, 2) and in cells (n_cells, 2), shared out by their work on each cell."""
+        posed, edges = self.posed, self.edges
+        none, P = np.zeros(len(in_cells)), posed.supports.P
+        if posed.system.n == 0 or not (on_edges.any() or in_cells.any()):
+            return none
+        # Vertices share the force in a cell alike, as in the load.
+        shares = (in_cells / np.bincount(edges.owner)[:, None])[edges.owner]
+        nodes = np.append(edges.outer_edges, edges.sides[:, 0])
+        cells = np.append(np.repeat(edges.outer, 2), edges.owner)
+        forces = np.concatenate([np.repeat(0.5 * on_edges, 2, axis=0), shares])
+        r = P.T @ np.stack([totals(nodes, one, posed.space.mesh.n_nodes) for one in forces.T], axis=1).ravel()
+        kernel = posed.system.kernel
+        modes = np.zeros((len(r), 0)) if kernel is None else np.linalg.qr(kernel.modes)[0]
+        y = self._factor.solve(r - modes @ (modes.T @ r))
+        work = totals(cells, np.abs(np.einsum("kd,kd->k", forces, (P @ y).reshape(-1, 2)[nodes])), len(none))
+        squares: Floats = float(r @ y) * np.divide(work, work.sum(), out=none, where=work > 0)
+        return squares
+
+    # Edges of the boundary, (b,) each.
+
+    @cached_property
+    def _compliances(self) -> Floats:
+        """l_e / (2 mu)."""
+        compliances: Floats = self.edges.lengths / (2.0 * self.edges.shear[self.edges.outer])
+        return compliances
+
+    def _sum(self, at: Ints | slice, values: Floats) -> Floats:
+        """Integrals of values at new nodes."""
+        return totals(self.fine.owner[at], self.fine.lengths[at] * values, len(self.edges.outer))
+
+    def _scatter(self, squares: Floats, mean: Floats) -> Floats:
+        """Integrals of squares, less those of the squares of the means."""
+        scatter: Floats = np.maximum(squares - mean**2 / self.edges.lengths, 0.0)
+        return scatter
+
+    def _tractions(self, t: float) -> tuple[Floats, Floats]:
+        """What tractions that differ from their assembled means count, and their forces (b, 2)."""
+        fine, force = self.fine, np.zeros(self.fine.pieces.shape)
+        for load in (load for part in self.parts for load in part.loads):
+            if load.edges is not None:
+                np.add.at(force, positions(load.edges, fine.pieces, fine.mesh.n_nodes), load.forces(t))
+        mean = edge_loads(self.posed, self.edges, t) / self.edges.lengths[:, None]
+        owner, length = fine.piece_owner, (self.edges.lengths / np.bincount(fine.piece_owner))[fine.piece_owner]
+        traction, assembled = without_rounding(force / length[:, None], mean[owner])
+        apart, count = traction - assembled, len(self.edges.outer)
+        lacking = np.stack([totals(owner, length * one, count) for one in apart.T], axis=1)
+        squares = [
+            self._scatter(totals(owner, length * one**2, count), sums)
+            for one, sums in zip(apart.T, lacking.T, strict=True)
+        ]
+        return self._compliances * np.sum(squares, axis=0), lacking
+
+    def _bound(self, friction: Friction, now: Instant) -> tuple[Floats, Floats]:
+        """The same of a bound of friction; of two bounds the one that is farther off."""
+        lam, bound, slipped = self._friction(now)
+        none = np.zeros(len(friction.nodes))
+        forces = self.fine.forces(friction, pressures_at_ends(self.posed, self.edges, now))
+        w = friction.weights_under(now.t, forces, none, none)
+        tilt = none if friction.bias is None else friction.bias(now.t)
+        at, g, line = self.fine.read(friction, np.column_stack([w + tilt, w - tilt]) / friction.lengths[:, None])
+        off = g - line
+        differs = np.take_along_axis(off, np.abs(off).argmax(axis=1)[:, None], axis=1)[:, 0]
+        exceeds = np.maximum(self.fine.between(lam, at) - g.min(axis=1), 0.0)
+        # Friction counts as being at its bound from .99 of it on.
+        active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[self.fine.owner[at]]
+        apart = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))
+        mean = self._sum(at, apart)
+        tangents = self.edges.units[:, ::-1] * [-1.0, 1.0]
+        squares = self._of_jumps(self._compliances, tangents) * self._scatter(self._sum(at, apart**2), mean)
+        force = mean[:, None] * self._along_slip(now)
+        return squares, force + self.edges.joints.reaction(force)
+
+    def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools]:
+        """Size of friction and its bound, force per length, and whether it has slipped, at the ends of edges (b, 2)."""
+        terms = self.posed.terms
+        values = np.column_stack([np.linalg.norm(now.lam, axis=1), now.weights, (now.worn > 0) * terms.lengths])
+        size, bound, worn = np.moveaxis(at_ends(self.edges, terms, values / terms.lengths[:, None]), 2, 0)
+        return size, bound, worn > 0
 
     def _along_slip(self, now: Instant) -> Floats:
         """(b, 2) unit vectors along which friction acts; where there is none, along the way that the edges went."""
@@ -267,165 +342,107 @@ class DataOscillation:
         jumps: Floats = now.u[self.edges.outer_edges] - np.where(across[:, :, None] >= 0, now.u[across], 0.0)
         return jumps
 
-    def _scatter(self, places: SamplePoints, values: Floats) -> Floats:
-        """(b,) integrals over edges of the squares of values (q,), less those of their means."""
-        return self._sum(places, values**2) - self._sum(places, values) ** 2 / self.edges.lengths
-
-    def _sum(self, places: SamplePoints, values: Floats) -> Floats:
-        return totals(places.owner, places.weights * values, len(self.edges.outer))
-
-    def _body(self, load: Load, cells: Ints, t: float) -> Floats:
-        """f - f_K (q, 2) at the places inside."""
-        areas = plane_mesh(self.posed.space.mesh, "error_budget").areas
-        f = load.at(self.inside.x, t)
-        mean = np.zeros((len(areas), f.shape[1]))
-        np.add.at(mean, cells, load.forces(t))
-        apart: Floats = f - (mean / areas[:, None])[self.inside.owner]
-        return apart
-
-    def _stress(self, t: float, strain: Floats) -> Floats:
-        """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
-        places, material, mesh = self.inside, self.posed.material, self.posed.space.mesh
-        owner = places.owner
-        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.thermal_stress_moduli[owner]
-        C, blocked, apart = C_K.copy(), blocked_K.copy(), np.zeros((len(owner), 3))
-        cells = np.arange(mesh.n_cells)
-        for given in self.posed.given:
-            if given.kind == "moduli":
-                here = slice(None) if given.cells is None else given.cells[owner]
-                moduli, blocked[here] = given.value(places.x[here], owner[here])
-                C[here] = elastic_matrix(moduli)
-        for given in self.posed.given:
-            if given.kind == "eigenstrain":
-                middle = given.value(mesh.centroids, cells, t)[owner]
-                apart += blocked_K * middle[:, None] - blocked * given.value(places.x, owner, t)[:, None]
-            if given.kind == "stress":
-                apart += given.value(places.x, t) - given.value(mesh.centroids, t)[owner]
-        apart += np.einsum("qij,qj->qi", C - C_K, strain[owner])
-        squares = np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[:, :, None])[:, :, 0])
-        return totals(owner, places.weights * squares, mesh.n_cells)
-
-    def _traction(self, load: Load, edges: Ints, places: SamplePoints, t: float) -> Floats:
-        """t - t_e (q, 2), or (q, 1) of a pressure."""
-        value = load.at(places.x, t).reshape(len(places.x), -1)
-        point = np.unique(edges, axis=0, return_inverse=True)[1].ravel()
-        assembled = load.at(load.points, t).reshape(len(point), -1)
-        count = np.bincount(point)
-        mean = np.stack([totals(point, one, len(count)) for one in assembled.T], axis=1) / count[:, None]
-        edge = np.cumsum(np.append(0, places.owner[1:] != places.owner[:-1]))
-        apart: Floats = value - mean[edge]
-        return apart
-
-    def _bound(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
-        """g - g_h (q,), of two bounds the one that is farther off."""
-        lam, bound, slipped = self._friction(now)
-        pressure = pressures_at_ends(self.posed, self.edges, now)
-        ends = self.posed.space.mesh.points[self.edges.outer_edges]
-        along, owner = places.along, places.owner
-        read = np.unique(owner)
-        nodal = np.zeros((2, len(self.edges.outer), 2))
-        for side in range(2):
-            g = given.value(ends[read, side], now.t, pressure[read, side])
-            nodal[:, read, side] = g
-        g = given.value(places.x, now.t, _between(pressure, owner, along))
-        assembled = np.stack([_between(one, owner, along) for one in nodal])[: len(g)]
-        # Friction counts as being at its bound from .99 of it on.
-        active = np.any(slipped | (lam >= 0.99 * bound), axis=1)[owner]
-        off = g - assembled
-        differs = np.take_along_axis(off, np.abs(off).argmax(axis=0)[None], axis=0)[0]
-        exceeds = np.maximum(_between(lam, owner, along) - g.min(axis=0), 0.0)
-        apart: Floats = np.where(active, differs, -np.minimum(exceeds, np.abs(differs)))
-        return apart
-
-    def _friction(self, now: Instant) -> tuple[Floats, Floats, Bools]:
-        """Size of friction and its bound, force per length, and whether it has slipped, at the ends of edges (b, 2)."""
-        terms = self.posed.terms
-        if len(terms.nodes) == 0:
-            none = np.zeros((len(self.edges.outer), 2))
-            return none, none, np.zeros(none.shape, dtype=bool)
-        size = np.linalg.norm(now.lam, axis=1)
-        values = np.column_stack([size, now.weights, (now.worn > 0) * terms.lengths]) / terms.lengths[:, None]
-        size, bound, worn = np.moveaxis(at_ends(self.edges, terms, values), 2, 0)
-        return size, bound, worn > 0
-
     def _of_jumps(self, values: Floats, unit: Floats) -> Floats:
-        """Values (b,) of the edges free along the units (b, 2); what reads jumps may move either of two bodies."""
+        """Values of the edges free along the units (b, 2); what reads jumps may move either of two bodies."""
         free = np.einsum("bi,bij,bj->b", unit, self.edges.free, unit) > 0.5
         found, joints = np.where(free, values, 0.0), self.edges.joints
         found[joints.first] += found[joints.second]
         return found
 
-    def _outward(self, places: SamplePoints, now: Instant) -> Floats:
-        """u . n at the places, of the jump to another body where there is one."""
-        return _between(np.einsum("bsd,bd->bs", self._jumps(now), self.edges.units), places.owner, places.along)
-
-    def _gap(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
-        points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
-        read = np.unique(owner)
-        nodal = np.zeros((len(nodes), 2))
-        for side in range(2):
-            nodal[read, side] = given.value(points[nodes[read, side]], now.t)
-        gap, assembled = given.value(places.x, now.t), _between(nodal, owner, places.along)
-        pressed = np.all(pressures_at_ends(self.posed, self.edges, now) > 0, axis=1)[owner]
+    def _obstacle(self, obstacle: Obstacle, now: Instant) -> Floats:
+        """What rigid obstacles between nodes, and compliant ones there, count."""
+        edges, soft = self.edges, obstacle.compliance > 0
+        cosines = np.einsum("bd,bsd->bs", edges.units, self._jumps(now))
+        stiffness = np.divide(1.0, obstacle.compliance * obstacle.lengths, out=np.zeros(len(soft)), where=soft)
+        at, values, line = self.fine.read(obstacle, np.column_stack([obstacle.gap(now.t), stiffness]))
+        (gap, k), (nodal, _), outward = values.T, line.T, self.fine.between(cosines, at)
+        pressure = pressures_at_ends(self.posed, edges, now)
+        if soft.any():
+            if not np.ptp(values, axis=0).any() and np.array_equal(values, line):
+                return np.zeros(len(edges.outer))
+            apart = k * np.maximum(outward - gap, 0.0) - self.fine.between(pressure, at)
+            weight = self._of_jumps(self._compliances, edges.units)[self.fine.owner[at]]
+            return self._sum(at, apart**2 * weight / (1.0 + k * weight))
         # Beyond the obstacle, or held away from it by both ends.
-        beyond, away = np.minimum(self._outward(places, now), assembled) - gap, np.where(pressed, gap - assembled, 0.0)
-        apart = np.maximum(np.maximum(beyond, away), 0.0)
-        compliance = self._of_jumps(0.5 / self.edges.shear[self.edges.outer], self.edges.units)
-        stiffness = np.divide(1.0, compliance, out=np.zeros_like(compliance), where=compliance > 0)
-        return self._highest(places, apart) * stiffness
+        held = np.all(pressure > 0, axis=1)[self.fine.owner[at]]
+        apart = np.maximum(np.minimum(outward, nodal) - gap, np.where(held, gap - nodal, 0.0))
+        highest = np.zeros(len(edges.outer))
+        np.maximum.at(highest, self.fine.owner[at], np.maximum(apart, 0.0) ** 2)
+        compliance = self._of_jumps(0.5 / edges.shear[edges.outer], edges.units)
+        return np.divide(highest, compliance, out=np.zeros_like(highest), where=compliance > 0)
 
-    def _highest(self, places: SamplePoints, apart: Floats) -> Floats:
-        """(b,) the largest square on each edge."""
-        highest = np.zeros(len(self.edges.outer))
-        np.maximum.at(highest, places.owner, apart**2)
-        return highest
+    def _support(self, support: Support, now: Instant) -> Floats:
+        """What prescribed displacements count that are not linear between nodes."""
+        new = support.nodes >= self.fine.old
+        if support.value is None:
+            return np.zeros(len(self.edges.outer))
+        at, directions = support.nodes[new] - self.fine.old, support.directions[new]
+        line = np.einsum("qd,qd->q", directions, self.fine.between(now.u[self.edges.outer_edges], at))
+        value, line = without_rounding(support.value(now.t)[new], line)
+        return self._motion(at, (value - line)[:, None] * directions)
 
-    def _spring(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
-        owner = places.owner
-        pressure, k = given.value(places.x, now.t, self._outward(places, now))
-        apart = pressure - _between(pressures_at_ends(self.posed, self.edges, now), owner, places.along)
-        weight = self._of_jumps(self._compliances, self.edges.units)[owner]
-        return self._sum(places, apart**2 * weight / (1.0 + k * weight))
+    def _motion(self, at: Ints, apart: Floats) -> Floats:
+        """mu pi sum_k k |d_k|^2 of the sine series of displacements (k, 2) at new nodes, zero at all others."""
+        d, found = np.zeros((len(self.fine.owner), 2)), np.zeros(len(self.edges.outer))
+        np.add.at(d, at, apart)
+        inner = np.bincount(self.fine.owner)
+        start = np.cumsum(inner) - inner
+        for n in np.unique(inner[np.unique(self.fine.owner[at])]):
+            rows = np.flatnonzero(inner == n)
+            series = dst(d[start[rows, None] + np.arange(n)], type=1, axis=1) / (n + 1)
+            found[rows] = np.pi * np.einsum("k,ekj->e", np.arange(1.0, n + 1.0), series**2)
+        return self.edges.shear[self.edges.outer] * found
 
-    def _foundation(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
-        owner, nodes = places.owner, self.edges.outer_edges
-        k = given.value(places.x)
-        count = np.bincount(owner, minlength=len(self.edges.outer))
-        mean = np.stack([totals(owner, one, len(count)) for one in k]) / np.maximum(count, 1)
+    def _springs(self, now: Instant) -> Floats:
+        """What springs to the ground count whose stiffness is not the mean of their edge."""
+        fine, owner = self.fine, self.fine.owner
+        each = np.zeros((fine.mesh.n_nodes, 2, 2))
+        for part in self.parts:
+            if part.material is None and part.stiffness is not None:
+                each += (part.stiffness @ np.tile(np.eye(2), (len(each), 1))).reshape(-1, 2, 2)
+        each = each[fine.old :]
         frame = np.stack([self.edges.units, self.edges.units[:, ::-1] * [-1.0, 1.0]])
-        moved = np.einsum("bsd,kbd->kbs", now.u[nodes], frame)
-        moved = np.stack([_between(one, owner, places.along) for one in moved])
-        apart = (k - mean[:, owner]) * moved
-        return self._sum(places, np.sum(apart**2 / (1.0 / self._compliances[owner] + k), axis=0))
+        k = np.einsum("jqa,qab,jqb->jq", frame[:, owner], each, frame[:, owner]) / fine.lengths
+        mean = np.stack([totals(owner, one, len(self.edges.outer)) for one in k]) / np.bincount(owner)
+        k, assembled = without_rounding(k, mean[:, owner])
+        moved = np.einsum("jqd,qd->jq", frame[:, owner], fine.between(now.u[self.edges.outer_edges]))
+        squares = np.sum(((k - assembled) * moved) ** 2 / (1.0 / self._compliances[owner] + k), axis=0)
+        return self._sum(slice(None), squares)
 
-    def _displacement(self, given: GivenDatum, places: SamplePoints, now: Instant) -> Floats:
-        points, nodes, owner = self.posed.space.mesh.points, self.edges.outer_edges, places.owner
-        value = given.value(places.x, now.t).reshape(len(owner), -1)
-        start, stop = (given.value(points[nodes[owner, side]], now.t).reshape(value.shape) for side in range(2))
-        apart = value - start - places.along[:, None] * (stop - start)
-        return 2.0 * self.edges.shear[self.edges.outer] * self._waves(places, apart)
+    # Cells, (n_cells,) each.
 
-    def _waves(self, places: SamplePoints, apart: Floats) -> Floats:
-        """(b,) sum_k k pi / 2 |d_k|^2 of the sine series on each edge of displacements (q, j) at its places."""
-        found, first = np.zeros(len(self.edges.outer)), np.flatnonzero(np.diff(places.owner, prepend=-1))
-        counts = np.diff(np.append(first, len(places.owner)))
-        for n in np.unique(counts):
-            rows = first[counts == n]
-            series = dst(apart[rows[:, None] + np.arange(n)], axis=1) / n
-            series[:, -1] *= 0.5
-            found[places.owner[rows]] = 0.5 * np.pi * np.einsum("k,ekj->e", np.arange(1.0, n + 1.0), series**2)
-        return found
+    def _integrals(self, values: Floats) -> Floats:
+        return totals(self.inside.owner, self.inside.weights * values, len(self.edges.shear))
 
+    def _body(self, t: float) -> tuple[Floats, Floats]:
+        """What body forces that differ from those assembled count, and their forces (n_cells, 2)."""
+        edges, n = self.edges, len(self.edges.shear)
+        loads = [load for part in self.parts for load in part.loads if load.cells is not None]
+        if not any(callable(load.value) for load in loads):
+            return np.zeros(n), np.zeros((n, 2))
+        assembled = (body_forces(self.posed, t) / edges.areas[:, None])[self.inside.owner]
+        f, assembled = without_rounding(np.sum([load.at(self.inside.x, t) for load in loads], axis=0), assembled)
+        apart = f - assembled
+        lacking = np.stack([self._integrals(one) for one in apart.T], axis=1)
+        return POINCARE * edges.sizes**2 / edges.shear * self._integrals(np.sum(apart**2, axis=1)), lacking
 
-ON_EDGES = {
-    "gap": DataOscillation._gap,
-    "spring": DataOscillation._spring,
-    "foundation": DataOscillation._foundation,
-    "displacement": DataOscillation._displacement,
-}
-
-
-def _between(values: Floats, owner: Ints, along: Floats) -> Floats:
-    """Linear between the values (b, 2) at the ends of edges."""
-    line: Floats = (1.0 - along) * values[owner, 0] + along * values[owner, 1]
-    return line
+    def _stress(self, t: float, strain: Floats) -> Floats:
+        """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
+        laws = [(part.material, part.material.at) for part in self.parts if part.material and part.material.at]
+        swelling = [(one, one.at) for part in self.parts for one in part.eigenstrains if one.at]
+        initial = [(one, one.at) for part in self.parts for one in part.initial_stresses if one.at]
+        if not (laws or swelling or initial):
+            return np.zeros(len(strain))
+        x, owner, material = self.inside.x, self.inside.owner, self.posed.material
+        C_K, blocked_K = elastic_matrix(material.moduli)[owner], material.thermal_stress_moduli[owner]
+        C, blocked, apart = C_K.copy(), blocked_K.copy(), np.zeros((len(owner), 3))
+        for law, at in laws:
+            here = np.ones(len(owner), dtype=bool) if law.cells is None else law.cells[owner]
+            moduli, blocked[here] = at(x[here], owner[here])
+            C[here] = elastic_matrix(moduli)
+        for eigenstrain, at_place in swelling:
+            apart += blocked_K * eigenstrain.value(t)[owner, None] - blocked * at_place(x, owner, t)[:, None]
+        for stress, at_place in initial:
+            apart += at_place(x, owner, t) - stress.value(t)[owner]
+        apart += np.einsum("qij,qj->qi", C - C_K, strain[owner])
+        return self._integrals(np.einsum("qi,qi->q", apart, np.linalg.solve(C, apart[:, :, None])[:, :, 0]))

@@ -11,7 +11,7 @@ from vemcvx.arrays import Floats, Ints, brief, plain, totals
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.budget.data_oscillation import POINCARE, DataOscillation
 from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
-from vemcvx.estimate.budget.skeleton import Instant, Skeleton, instant, skeleton, surface_forces
+from vemcvx.estimate.budget.skeleton import Instant, Skeleton, body_forces, instant, skeleton, surface_forces
 from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.geometry import right_of
@@ -84,10 +84,7 @@ def indicators(posed: PosedScene, edges: Skeleton, oscillation: DataOscillation,
 
 def _volume(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
     """h^2 / mu |f|^2_K with the mean force: F = |K| f."""
-    force = np.zeros((len(edges.shear), 2))
-    for load in posed.loads:
-        if not isinstance(load, InitialStresses) and load.cells is not None:
-            np.add.at(force, load.cells, load.forces(t))
+    force = body_forces(posed, t)
     squared: Floats = np.einsum("cd,cd->c", force, force)
     return edges.sizes**2 / edges.areas * squared / edges.shear
 

@@ -99,6 +99,8 @@ class Skeleton:
     """(e, 2) from the first cell to the second, as long as the edge"""
     outer: Ints
     """(b,) the cell of each boundary edge"""
+    outer_corners: Ints
+    """(b,) the corner of that cell at which it begins"""
     outer_edges: Ints
     """(b, 2) its nodes, counter-clockwise"""
     outer_normals: Floats
@@ -155,6 +157,7 @@ def skeleton(posed: PosedScene) -> Skeleton:
         inside=mesh.neighbours,
         inside_normals=normals[inner],
         outer=owner[outer],
+        outer_corners=outer,
         outer_edges=edges[outer],
         outer_normals=normals[outer],
         free=_free(posed.supports.P, edges[outer]),
@@ -220,7 +223,7 @@ def instant(history: History, row: int) -> Instant:
 def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Force (b, 2) on each boundary edge of the skeleton."""
     contact = _contact(posed, edges, now)
-    total = _loads(posed, edges, now.t) + contact + edges.joints.reaction(contact)
+    total = edge_loads(posed, edges, now.t) + contact + edges.joints.reaction(contact)
     if posed.springs is not None:
         total += _springs(posed.springs, edges, now.u)
     return total
@@ -247,11 +250,21 @@ def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Float
     return at_ends(edges, obstacles, (now.p / obstacles.lengths)[:, None])[..., 0]
 
 
-def _loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
+def edge_loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
+    """Loads (b, 2) on the boundary edges."""
     total = np.zeros((len(edges.outer), 2))
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.edges is not None:
             np.add.at(total, positions(load.edges, edges.outer_edges, posed.space.mesh.n_nodes), load.forces(t))
+    return total
+
+
+def body_forces(posed: PosedScene, t: float) -> Floats:
+    """Loads (n_cells, 2) in the cells."""
+    total = np.zeros((posed.space.mesh.n_cells, 2))
+    for load in posed.loads:
+        if not isinstance(load, InitialStresses) and load.cells is not None:
+            np.add.at(total, load.cells, load.forces(t))
     return total
 
 

@@ -39,9 +39,9 @@ class InnerStrain:
     centre: Floats
     """(n_cells, 2)"""
 
-    def at(self, cells: Ints, points: Floats | None) -> Floats:
+    def at(self, cells: Ints, points: Floats) -> Floats:
         """Strains (q, 3) at points (q, 2) of cells (q,)."""
-        if self.slope is None or points is None:
+        if self.slope is None:
             return self.mean[cells]
         off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
         return self.mean[cells] + off_centre
@@ -277,7 +277,7 @@ def energy_distance(
         fields = virtual_strain(u, f"{subject} (first mesh)"), virtual_strain(v, f"{subject} (second mesh)")
     else:
         fields = projected_strain(u), projected_strain(v)
-    rule = common_rule(u.mesh, v.mesh, 2 if kind == "exact" else 0)
+    rule = common_rule(u.mesh, v.mesh)
     if not common:
         check_covered(rule, u.mesh, v.mesh, subject)
     squares, norm = _integrals(rule, u.moduli, *fields)
@@ -296,7 +296,7 @@ def _integrals(rule: CommonRule, moduli: Floats, u: InnerStrain, v: InnerStrain)
     for start in range(0, len(squares), CHUNK):
         part = slice(start, start + CHUNK)
         i, weights = rule.first[part], rule.weights[part]
-        x = None if rule.points is None else rule.points[part]
+        x = rule.points[part]
         there = v.at(rule.second[part], x)
         apart, C = u.at(i, x) - there, moduli[:, i]
         squares[part] = weights * np.sum(apart * stresses(C, apart), axis=1)

@@ -13,9 +13,9 @@ from vemcvx.arrays import Floats, Ints, as_real_array, brief, totals
 from vemcvx.effects import data
 from vemcvx.errors import HistoryError
 from vemcvx.estimate.measures.distance import Field, Measured, field_of, measured
-from vemcvx.estimate.measures.overlap import convex_pieces
+from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, fans, places
+from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, outlines, places, triangulated
 from vemcvx.outline import csv_text, html, latex, markdown
 from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results
@@ -145,8 +145,8 @@ def l2_error(history: Results | Field, displacement: data.Datum, step: int = -1)
 
 def _cell_rule(space: Space) -> tuple[Floats, Floats, Ints]:
     """Points (q, 2), weights (q,) that add up to the areas, and the cell (q,) of each point."""
-    pieces = convex_pieces(space)
-    triangles = fans(pieces.corners, pieces.owner)
+    mesh = plane_mesh(space.mesh, "energy_error")
+    triangles = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
     points = places(triangles.corners, RADON_POINTS).reshape(-1, 2)
     weights = triangles.areas[:, None] * RADON_WEIGHTS
     return points, weights.ravel(), np.repeat(triangles.owner, len(RADON_WEIGHTS))

@@ -137,6 +137,52 @@ def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
     return i, j
 
 
+def overlaps(first: NDArray[Any], second: NDArray[Any]) -> tuple[Ints, Ints, NDArray[Any]]:
+    """Pairs (i, j) of polygons that share an area, and the polygons that they share, some pairs several.
+
+    A polygon that another covers is what they share: refined meshes need no intersections.
+    """
+    import shapely
+
+    one = np.stack(shapely.STRtree(second).query(first, predicate="covers"))
+    other = np.stack(shapely.STRtree(first).query(second, predicate="covers"))[::-1]
+    inside = np.zeros(len(first), dtype=bool), np.zeros(len(second), dtype=bool)
+    inside[0][other[0]], inside[1][one[1]] = True, True
+    other = other[:, ~inside[1][other[1]]]
+    i, j = np.flatnonzero(~inside[0]), np.flatnonzero(~inside[1])
+    pairs = np.array([i[:0], j[:0]]) if not (len(i) and len(j)) else shapely.STRtree(second[j]).query(first[i])
+    pairs = np.stack([i[pairs[0]], j[pairs[1]]])
+    shared, pair = shapely.get_parts(shapely.intersection(first[pairs[0]], second[pairs[1]]), return_index=True)
+    cut = shapely.area(shared) > 0.0
+    found = np.concatenate([one, other, pairs[:, pair[cut]]], axis=1)
+    return found[0], found[1], np.concatenate([second[one[1]], first[other[0]], shared[cut]])
+
+
+def triangulated(polygons: NDArray[Any]) -> Triangles:
+    """The triangles of simple polygons, between their own vertices."""
+    import shapely
+
+    cut, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons), return_index=True)
+    corners = shapely.get_coordinates(shapely.get_exterior_ring(cut)).reshape(-1, 4, 2)[:, 2::-1]
+    areas = signed_areas(corners)
+    return Triangles(np.where(areas[:, None, None] < 0.0, corners[:, ::-1], corners), np.abs(areas), owner)
+
+
+def fans(polygons: NDArray[Any]) -> Triangles:
+    """The triangles from the first corner of each polygon to all its sides, those that turn right with negative areas.
+
+    They need not lie in the polygon, but what is a polynomial on it has the sum of their integrals.
+    """
+    import shapely
+
+    x, owner = shapely.get_coordinates(shapely.get_exterior_ring(shapely.orient_polygons(polygons)), return_index=True)
+    first = np.flatnonzero(np.diff(owner, prepend=-1))
+    side = np.setdiff1d(np.arange(len(x) - 1), np.append(first, first - 1))
+    corners = np.stack([x[first][owner[side]], x[side], x[side + 1]], axis=1)
+    areas = signed_areas(corners)
+    return Triangles(corners, areas, owner[side])
+
+
 def close_pairs(points: Floats, distance: float) -> Ints:
     """Pairs (m, 2) of points (n, dim) that are no farther apart than a distance."""
     from scipy.spatial import cKDTree
@@ -226,15 +272,6 @@ class Triangles(NamedTuple):
 def signed_areas(corners: Floats) -> Floats:
     """Areas (...,) of triangles (..., 3, 2), counter-clockwise positive."""
     return 0.5 * cross(corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :])
-
-
-def fans(polygons: Floats, owner: Ints) -> Triangles:
-    """The triangles from the first vertex of convex polygons (p, m, 2), without the flat ones where vertices repeat."""
-    first = np.broadcast_to(polygons[:, :1], polygons[:, 2:].shape)
-    corners = np.stack([first, polygons[:, 1:-1], polygons[:, 2:]], axis=2)
-    areas = signed_areas(corners)
-    kept = areas > 0.0
-    return Triangles(corners[kept], areas[kept], np.repeat(owner, kept.sum(axis=1)))
 
 
 def places(corners: Floats, barycentric: Floats) -> Floats:

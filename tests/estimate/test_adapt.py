@@ -11,7 +11,7 @@ from scenes import paper_scene
 
 import vemcvx as vx
 from vemcvx.estimate.adapt import GAIN, MARGIN, cells_to_refine, split_steps
-from vemcvx.estimate.budget import Finer, beside_finer
+from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.scene import pose_scene
 from vemcvx.stepping.state import prepare
 

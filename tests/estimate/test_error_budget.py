@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import FAMILIES, few_families, paper_scene
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
+from vemcvx.effects import Contribution, Friction
 from vemcvx.estimate.budget import error_budget
 
 pytestmark = pytest.mark.arithmetic
@@ -144,7 +147,7 @@ MATERIALS = [
 @pytest.mark.parametrize("materials", MATERIALS)
 def test_the_stabilisation_is_that_of_the_stiffness(materials):
     """Of u'Au, what the projected strains do not store."""
-    from vemcvx.estimate.budget.error_parts import stabilised
+    from vemcvx.estimate.budget import stabilised
     from vemcvx.scene import pose_scene
     from vemcvx.vem import strains, stresses
 
@@ -190,6 +193,7 @@ def test_contact_and_springs_balance_at_the_boundary():
         (lambda: 3, vx.HistoryError, "found 3 where a History is wanted"),
         (lambda: viscous(), vx.SceneError, "no estimate for scenes with Viscosity"),
         (lambda: poked(), vx.SceneError, "no estimate for PointLoad.*: a force on a point does infinite work"),
+        (lambda: rubbed(), vx.SceneError, "no estimate for Rubs: it does not say by ends= on which edges it acts"),
     ],
 )
 def test_mistakes(history, error, says):
@@ -204,6 +208,22 @@ def viscous():
 def poked():
     scene = paper_scene().with_(vx.PointLoad(lambda x, t: [[0.1 * t, 0.0]], at=(0.0, 1.0)))
     return vx.simulate(scene, vx.meshes.squares(2), [0.0, 1.0])
+
+
+class Rubs(vx.Effect):
+    """Friction that does not say on which edges it acts."""
+
+    def contribute(self, space):
+        friction = Friction.of(space.part("bottom", "Rubs", contact=True).node_normals, "Rubs")
+        return Contribution(frictions=(replace(friction, weights=lambda t: friction.lengths, ends=None),))
+
+    def describe(self):
+        return "Rubs"
+
+
+def rubbed():
+    effects = vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.BilateralContact(on="bottom"), Rubs()
+    return vx.simulate(vx.Scene(*effects, vx.Traction((0.0, 0.0), on="top")), vx.meshes.squares(2), [0.0, 1.0])
 
 
 @pytest.mark.parametrize("steps", [[], "last", [0.5], [[1]]])

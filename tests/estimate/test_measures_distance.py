@@ -7,7 +7,7 @@ import pytest
 from counted import calls
 
 import vemcvx as vx
-from vemcvx.estimate.measures.overlap import common_rule
+from vemcvx.estimate.measures.distance import common_rule
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
 LAM, MU = 1.5, 0.8

@@ -10,8 +10,8 @@ from random_scenes import KINDS, coarse_mesh, declared_scene
 from scenes import paper_scene
 
 import vemcvx as vx
-from vemcvx.estimate.budget import beside_finer, error_budget
-from vemcvx.estimate.budget.finer_steps import course
+from vemcvx.estimate.budget import error_budget
+from vemcvx.estimate.finer_steps import beside_finer, course
 from vemcvx.scene import pose_scene
 from vemcvx.stepping.backward_euler import initial_state
 from vemcvx.stepping.recorder import certified_in_full

@@ -10,7 +10,7 @@ import pytest
 from counted import calls
 
 import vemcvx as vx
-from vemcvx.estimate.measures.overlap import common_rule
+from vemcvx.estimate.measures.distance import common_rule
 from vemcvx.meshes import PolygonMesh, refinement
 from vemcvx.meshes.local_refinement import splitting_of
 

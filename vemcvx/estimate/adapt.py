@@ -1,11 +1,22 @@
-"""A mesh and instants for the accuracy asked: solve, estimate, mark, refine, until the budget is met."""
+"""A mesh and instants for the accuracy asked: solve, estimate, mark, refine, until the budget is met.
+
+Each pass simulates the whole history on the mesh of that pass: friction remembers its path, and a history that was
+carried over from another mesh would bring that mesh's errors along. Passes grow by factors, so that all of them cost
+little more than twice the last one.
+
+Refined is the smallest set of cells that carries a given part theta of the squared indicators (Dorfler, *A convergent
+adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Where less is enough to reach the target,
+less is taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does. A step that
+loses much has data that bend or jump inside it, and these are instants from then on; or it is halved. The steps that
+together make up a given part of the loss are split at once: the smallest set, as of cells.
+"""
 
 from __future__ import annotations
 
 import logging
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +24,8 @@ from numpy.typing import ArrayLike
 
 from vemcvx.arrays import LARGEST, Bools, Floats, Ints, brief, check_takes, is_real, part
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.estimate.budget import ErrorBudget, Finer, beside_finer, budget_of, check_estimable, in_time
-from vemcvx.estimate.budget.finer_steps import ACROSS, course
+from vemcvx.estimate.budget import ErrorBudget, budget_of, check_estimable, in_time
+from vemcvx.estimate.finer_steps import ACROSS, Finer, beside_finer, course
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
 from vemcvx.outline import Outline, Outlined
@@ -29,27 +40,20 @@ from vemcvx.stepping.recorder import certified_in_full
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Memory
 
-# Which cells to refine, and which steps to split: the largest indicators.
-#
-# The smallest set of cells that carries a given part theta of the squared indicators (Dorfler, *A convergent adaptive
-# algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Where less is enough to reach the target, less is
-# taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does.
-#
-# A step that loses much has data that bend or jump inside it, and these are instants from then on; or it is halved.
-# The steps that together make up a given part of the loss are split at once: the smallest set, as of cells.
-
-
 GAIN = 0.75
 """Part of its squared indicator that a smooth cell loses when it is split."""
 MARGIN = 0.9
 """Of the target: what the last pass aims at, so that it need not be followed by another."""
+TIME_SHARE = 0.3
+"""Part of the target for time."""
+THETA = 0.6
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
     """The cells whose squared indicators (n_cells,) make up `theta` of the sum, or fewer if that reaches the goal."""
     total = float(squares.sum())
     excess = (total - MARGIN**2 * goal) / (GAIN * total) if total > 0 else 0.0
-    return largest(squares, min(theta, max(excess, 0.0)))
+    return largest(squares, min(theta, excess))
 
 
 def largest(values: Floats, part: float) -> Bools:
@@ -81,20 +85,6 @@ def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
         inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
         new.append(inside if len(inside) else np.linspace(a, b, parts + 1)[1:-1])
     return np.unique(np.concatenate(new))
-
-
-# A mesh and instants for the accuracy asked: solve, estimate, mark, refine, until the budget is met.
-#
-# Each pass simulates the whole history on the mesh of that pass: friction remembers its path, and a history that was
-# carried over from another mesh would bring that mesh's errors along. Passes grow by factors, so that all of them
-# cost little more than twice the last one.
-
-
-log = logging.getLogger("vemcvx")
-
-TIME_SHARE = 0.3
-"""Part of the target for time."""
-THETA = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +205,11 @@ def adapt(
     check_kinds(scene, mesh)
     mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
     _check(target, theta, most_unknowns, progress)
-    begin = _beginning(initial)
+    if not (initial is None or isinstance(initial, str)):
+        raise SceneError(
+            "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
+            "'settled'."
+        )
     wanted = checked_times(times)
     if len(wanted) < 2:
         raise SceneError("adapt: found one instant; give the first and the last at least, such as [0, 1].")
@@ -224,19 +218,29 @@ def adapt(
     while True:
         start = time.perf_counter()
         if not passes:
-            instants, finer = _begin(scene, mesh, wanted, target, begin)
+            instants, finer = _begin(scene, mesh, wanted, target, initial)
         posed = pose_scene(scene, mesh, instants.tolist())
         kept = np.searchsorted(instants, wanted).tolist()
-        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=begin, store=kept)
+        trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
         assembled = time.perf_counter() - start - sum(trajectory.seconds.values())
         history = History.of(record(posed, trajectory, assembled, Memory()))
         # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
         # mesh.
         near = len(passes) > 0 and passes[-1].space <= 1.4 * target
         budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
-        now = _pass_of(posed, budget, steps=len(instants) - 1, seconds=time.perf_counter() - start)
+        parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
+        now = Pass(
+            cells=mesh.n_cells,
+            unknowns=posed.system.n,
+            steps=len(instants) - 1,
+            seconds=time.perf_counter() - start,
+            **parts,
+        )
         passes.append(now)
-        _log(passes, budget)
+        log = logging.getLogger("vemcvx")
+        for words in budget.jumps if len(passes) == 1 else ():
+            log.info("%s", words)
+        log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
         if progress is not None:
             progress(now)
         marked, split = _next(budget, finer, instants, target, theta)
@@ -246,19 +250,6 @@ def adapt(
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
-
-
-def _pass_of(posed: PosedScene, budget: ErrorBudget, steps: int, seconds: float) -> Pass:
-    parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
-    return Pass(cells=posed.space.mesh.n_cells, unknowns=posed.system.n, steps=steps, seconds=seconds, **parts)
-
-
-def _log(passes: Sequence[Pass], budget: ErrorBudget) -> None:
-    """Log the last pass; beside the first, where data jump."""
-    for words in budget.jumps if len(passes) == 1 else ():
-        log.info("%s", words)
-    now = passes[-1]
-    log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
 
 
 def _judged(
@@ -274,18 +265,14 @@ def _judged(
     return budget_of(posed, history, rows, finer), finer
 
 
-def _for_space(budget: ErrorBudget, target: float) -> float:
-    """The tolerance of the error of the mesh."""
-    worst = budget.largest
-    return max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
-
-
 def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, theta: float) -> tuple[Bools, Floats]:
     """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
-    for_space = _for_space(budget, target)
+    worst = budget.largest
+    # The tolerance of the mesh is what algebra and steps leave of the target.
+    for_space = max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
     marked = cells_to_refine(budget.cells**2, for_space**2, theta)
     # Steps are split once the error of the mesh is this near to what it may be.
-    if budget.largest["space"] > 1.5 * for_space or budget.largest["time"] <= TIME_SHARE * target:
+    if worst["space"] > 1.5 * for_space or worst["time"] <= TIME_SHARE * target:
         return marked, instants
     return marked, split_steps(instants, finer, TIME_SHARE * target * (budget.scale or finer.norm))
 
@@ -298,14 +285,6 @@ def _check(target: object, theta: object, most: object, progress: object) -> Non
     if not (progress is None or callable(progress)):
         raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")
     check_takes(progress, 1, "adapt: progress", "each Pass")
-
-
-def _beginning(initial: ArrayLike | str | None) -> str | None:
-    if initial is None or isinstance(initial, str):
-        return initial
-    raise SceneError(
-        "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or 'settled'."
-    )
 
 
 def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initial: str | None) -> tuple[Floats, Finer]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,9 +108,12 @@ class ContactLine:
         ends = np.append(starts[1:] | ~chosen[1:], True) & chosen
         return np.column_stack([self.limits[starts, 0], self.limits[ends, 1]])
 
-    def named(self, ax: Axes, y: str, title: str, units: Units | None, size: str = "large", **more: Any) -> Figure:
-        """Return the figure of axes along the line, with labels, a title and a legend."""
-        named(ax, label(self.label, "length", units), y, title, size=size, **more)
+    def framed(
+        self, ax: Axes, y: str, title: str, units: Units | None, ends: tuple[float, float], size: str = "medium"
+    ) -> Figure:
+        """Return the figure of axes along the line, which go from end to end, with labels, a title and a legend."""
+        whole = (self.limits.min(), self.limits.max())
+        named(ax, label(self.label, "length", units), y, title, size=size, window=(whole, ends))
         legend_below(ax)
         return figure_of(ax)
 
@@ -218,10 +221,10 @@ def friction_traction(
             ax.plot(line.position[chosen], traction[chosen], marker=marker, color=colour, label=word, **style)
     gone = "" if touches.all() else f", {(~touches).sum()} are open"
     top = 1.2 * max(float(np.abs(force).max()) for force in (contact.bound, contact.backward, contact.traction)) or 1.0
-    ends: dict[str, Any] = {"xlim": (line.limits.min(), line.limits.max()), "ylim": value_range(limits, (-top, top))}
     light_grid(ax)
     title = f"{instant(history.times[row], units)}: {sticks.sum()} contact nodes stick, {slips.sum()} slip{gone}"
-    return line.named(ax, label("friction on the body\n", "force per length", units), title, units, **ends)
+    words = label("friction on the body\n", "force per length", units)
+    return line.framed(ax, words, title, units, value_range(limits, (-top, top)), "large")
 
 
 STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))
@@ -256,7 +259,7 @@ def stick_slip_map(history: Results, *, ax: Axes | None = None, units: Units | N
     missing = history.steps - len(steps)
     bands = f"\neach band: its last step ({missing} of {history.steps} steps not stored)" if missing else ""
     title = f"Stick and slip on the contact boundary{bands}"
-    return line.named(ax, label("t", "time", units), title, units, "medium", ylim=(edges[0], edges[-1]))
+    return line.framed(ax, label("t", "time", units), title, units, (edges[0], edges[-1]))
 
 
 def _later(history: Results, picture: str) -> Ints:
@@ -318,10 +321,10 @@ def wear(
         worn = line.broken(history.contact.wear[row, line.order])
         ax.plot(*worn, ".-", color=colour, linewidth=1.4, markersize=4, label=instant(history.times[row], units))
     top = 1.05 * float(history.contact.wear.max()) or 1.0
-    ends: dict[str, Any] = {"xlim": (line.limits.min(), line.limits.max()), "ylim": value_range(limits, (0.0, top))}
     light_grid(ax)
+    words = label("friction work\n", "energy per length", units)
     title = "Wear of the contact boundary, in proportion to friction work"
-    return line.named(ax, label("friction work\n", "energy per length", units), title, units, "medium", **ends)
+    return line.framed(ax, words, title, units, value_range(limits, (0.0, top)))
 
 
 @dataclass(frozen=True)
@@ -465,22 +468,17 @@ def contact_face(
         ends = value_range(limits, (min(0.0, float(field.min())), float(field.max()) or 1.0))
         drawn.set(cmap=SIZE, clim=ends)
         colour_bar(ax, drawn, label(words, quantity, units))
-    largest = 0.0
-    if row > 0:
-        shown = np.flatnonzero((states == 1) & within(layout.places, window))
-        largest = _slip_arrows(
-            ax,
-            layout.places[shown],
-            layout.flat(contact.slip[row] - contact.slip[row - 1])[shown],
-            float(np.ptp(layout.places if window is None else np.transpose(window), axis=0).max()),
-        )
+    shown = np.flatnonzero((states == 1) & within(layout.places, window) & (row > 0))
+    moved = layout.flat(contact.slip[row] - contact.slip[max(row - 1, 0)])[shown]
+    size = float(np.ptp(layout.places if window is None else np.transpose(window), axis=0).max())
+    largest = _slip_arrows(ax, layout.places[shown], moved, size)
     ax.locator_params(nbins=5)
     if window is None:
         ax.autoscale_view()
     last = row > 0 and history.stored[row - 1] == history.stored[row] - 1
-    moved = f", slip {'of the step' if last else 'since the last stored step'} at most {largest:.3g}" if largest else ""
+    told = f", slip {'of the step' if last else 'since the last stored step'} at most {largest:.3g}" if largest else ""
     x, y = (label(words, "length", units) for words in layout.labels)
-    return named(ax, x, y, f"{instant(history.times[row], units)}{moved}", size="small", window=window, aspect="equal")
+    return named(ax, x, y, f"{instant(history.times[row], units)}{told}", size="small", window=window, aspect="equal")
 
 
 def _slip_arrows(ax: Axes, places: Floats, moved: Floats, size: float) -> float:

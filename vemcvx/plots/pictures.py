@@ -94,16 +94,33 @@ def _certificates(ax: Axes, history: Results) -> None:
         ax.plot(run.times[shown], values[shown], style, color=colour, markersize=2.5, linewidth=1.4, label=words)
 
 
-PICTURES: dict[str, Callable[[Results], Figure]] = {
-    "deformed_mesh": deformed_mesh,
-    "friction_traction": friction_traction,
-    "stick_slip_map": stick_slip_map,
-    "wear": wear,
-    "deformed_body": deformed_body,
-    "contact_face": contact_face,
-    "friction_disc": friction_disc,
-    "energy_ledger": energy_ledger,
+def _plane(history: Results) -> bool:
+    return not isinstance(history.mesh, PolyhedralMesh)
+
+
+def _touches(history: Results) -> bool:
+    return len(history.contact.nodes) > 0
+
+
+def _moves(history: Results) -> bool:
+    return bool((history.stored > 0).any())
+
+
+def _face(history: Results) -> bool:
+    return not _plane(history) and _touches(history) and seen(history.contact)
+
+
+PICTURES: dict[str, tuple[Callable[[Results], Figure], Callable[[Results], bool]]] = {
+    "deformed_mesh": (deformed_mesh, _plane),
+    "friction_traction": (friction_traction, lambda h: _plane(h) and _touches(h)),
+    "stick_slip_map": (stick_slip_map, lambda h: _plane(h) and _touches(h) and _moves(h)),
+    "wear": (wear, lambda h: _plane(h) and _moves(h) and bool(h.contact.wear.any())),
+    "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
+    "contact_face": (contact_face, _face),
+    "friction_disc": (friction_disc, lambda h: _face(h) and bool((h.contact.bound[-1] > 0).any())),
+    "energy_ledger": (energy_ledger, _moves),
 }
+"""By the names of their files: what draws them, and whether a history has something to show for it."""
 MARKS = {
     ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
     ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
@@ -112,28 +129,11 @@ MARKS = {
 """Our mark, in the file: what is said to matplotlib, and what it writes."""
 
 
-def _shows(history: Results) -> dict[str, bool]:
-    """Names of all pictures; true of those that a history has something to show for."""
-    contact, solid = history.contact, isinstance(history.mesh, PolyhedralMesh)
-    touches, moves = len(contact.nodes) > 0, bool((history.stored > 0).any())
-    face = solid and touches and seen(contact)
-    return {
-        "deformed_mesh": not solid,
-        "friction_traction": not solid and touches,
-        "stick_slip_map": not solid and touches and moves,
-        "wear": not solid and moves and bool(contact.wear.any()),
-        "deformed_body": solid and has_pyvista(),
-        "contact_face": face,
-        "friction_disc": face and bool((contact.bound[-1] > 0).any()),
-        "energy_ledger": moves,
-    }
-
-
 def left_out(history: Results) -> dict[str, str]:
     """Pictures that there would be, by name, and why there are not."""
-    if not isinstance(history.mesh, PolyhedralMesh):
+    if _plane(history):
         return {}
-    around = len(history.contact.nodes) > 0 and not seen(history.contact)
+    around = _touches(history) and not seen(history.contact)
     faces = {name: hidden(name) for name in ("contact_face", "friction_disc") if around}
     return ({} if has_pyvista() else {"deformed_body": MISSING}) | faces
 
@@ -178,8 +178,7 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
 
 def draw_pictures(history: Results) -> dict[str, Figure]:
     """The pictures that a history has something to show for, by name."""
-    shows = _shows(history)
-    return {name: draw(history) for name, draw in PICTURES.items() if shows[name]}
+    return {name: draw(history) for name, (draw, shows) in PICTURES.items() if shows(history)}
 
 
 def check_pictures(folder: Path, suffix: str = ".png") -> None:
@@ -263,7 +262,7 @@ def _frames(
 ) -> Iterator[None]:
     """Draw one stored step after another on the figure."""
     magnify, limits, units = how
-    draw = deformed_body if isinstance(history.mesh, PolyhedralMesh) else deformed_mesh
+    draw = deformed_mesh if _plane(history) else deformed_body
     for step in history.stored:
         figure.clear()
         ax = figure.add_subplot()

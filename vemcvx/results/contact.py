@@ -209,10 +209,8 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     S, m = len(forces), len(surface.nodes)
     held = np.unique(surface.normal_reaction.indices)
     rest = forces.reshape(S, -1)[:, held] + trajectory.multipliers.reshape(S, -1) @ terms.rows[:, held]
-    normal = np.zeros((S, m))
-    if obstacles is not None and len(obstacles.nodes):
-        normal = summed_columns(p, surface.jumps.find(obstacles.jumps), m)
-        rest += p @ obstacles.rows[:, held]
+    normal = summed_columns(p, surface.jumps.find(obstacles.jumps), m)
+    rest += p @ obstacles.rows[:, held]
     pressure: Floats = (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
     return pressure
 
@@ -257,9 +255,8 @@ def _sticking(trajectory: Trajectory, slip: Floats, at: Ints) -> Bools:
 
 def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     """Return True if each node touches its obstacle, (S, m); true where nothing can open."""
-    closed = np.ones((len(u), len(posed.surface.nodes)), dtype=bool)
-    met = [] if posed.obstacles is None else [(posed.obstacles, trajectory.pressures)]
-    if posed.obstacles is not None and posed.obstacles.prescribed is not None:
+    closed, met = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), [(posed.obstacles, trajectory.pressures)]
+    if posed.obstacles.prescribed is not None:
         met.append((posed.obstacles.prescribed, np.zeros((len(u), len(posed.obstacles.prescribed.nodes)))))
     places = [posed.surface.jumps.find(obstacles.jumps) for obstacles, _ in met]
     for at in places:

@@ -400,7 +400,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     """Say how much of friction's work is done where contact is open, if nobody has said that it is meant to be."""
     terms, obstacles = posed.terms, posed.obstacles
     asked = [friction for friction in terms.frictions if friction.in_the_air]
-    if not asked or obstacles is None or len(obstacles.nodes) == 0:
+    if not asked or len(obstacles.nodes) == 0:
         return
     first, place = obstacles.jumps.distinct
     at = obstacles.jumps[first].find(terms.jumps)
@@ -451,7 +451,7 @@ def _damped(posed: PosedScene, trajectory: Trajectory, row: int) -> Floats | flo
 
 def _untouched(posed: PosedScene, trajectory: Trajectory) -> tuple[str, ...]:
     """A sentence if there are obstacles, and none was ever felt at a stored instant."""
-    if posed.obstacles is None or trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
+    if trajectory.pressures.shape[1] == 0 or trajectory.pressures.any():
         return ()
     subjects = ", ".join(posed.obstacles.subjects)
     return (f"{subjects}: nothing pressed on it at the stored instants",)

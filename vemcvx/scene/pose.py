@@ -129,12 +129,12 @@ class PosedScene:
     """(n_u, n_u) stiffness over all nodal values"""
     loads: tuple[Load | InitialStresses, ...]
     terms: Terms
+    obstacles: Obstacles
     surface: Surface
     """contact nodes not held otherwise"""
     material: Material
     prestress: InitialStresses | None = None
     """stresses at zero strain, also among the loads; None if there are none"""
-    obstacles: Obstacles | None = None
     springs: sp.csr_matrix | None = None
     """stiffness of springs to the ground, also in A; None if there are none"""
     inactive: tuple[str, ...] = ()

@@ -1,31 +1,42 @@
-"""Displacement fields, their strains inside cells, and how far two of them are apart on different meshes."""
+"""How far two displacement fields are apart in the energy norm, on whatever meshes.
+
+    exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
+    projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
+    nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other, whose values there I v takes
+
+The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are
+norms of a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle
+inequality. The nodal distance misses what v does between the coarse nodes, and is the smallest of the three. Cell
+by cell, with tau the smallest shear stiffness, 2 mu if isotropic,
+
+    |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + tau sum_i |w(x_i) - Pi w(x_i)|^2,    (3.13).
+
+Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
+
+On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
+e_2 and centre c it is, with xi = 2 e_1.(x - c) / |e_1|^2, eta likewise and the vertex values u_1 ... u_4 in turn,
+
+    u(x) = mean + grad(Pi u) (x - c) + b xi eta,    b = (u_1 - u_2 + u_3 - u_4) / 4,
+
+for xi eta is harmonic and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, the slope being that of
+sym(b (x) grad(xi eta)). On other cells nothing but Pi u is known.
+"""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, as_real_array, brief, choice, finite, flag, number, totals
 from vemcvx.errors import HistoryError, MeshError
-from vemcvx.estimate.measures.overlap import CommonRule, check_covered, common_rule
 from vemcvx.meshes import PolygonMesh, plane_mesh
-from vemcvx.meshes.polygons.geometry import nearest
+from vemcvx.meshes.polygons.geometry import INNER, fans, nearest, outlines, overlaps, places
 from vemcvx.results.results import Results
 from vemcvx.vem import CellGroup, Space, elastic_matrix, strains, stresses, upper_triangle
 from vemcvx.vem.elasticity import missed_squares, softest_shear
-
-# Strains inside cells: of Pi u, constant; and of the virtual function itself where it is known.
-#
-# On a triangle the virtual function of (3.11), harmonic with linear edges, is linear. On a rectangle with sides e_1,
-# e_2 and centre c it is, with xi = 2 e_1.(x - c) / |e_1|^2, eta likewise and the vertex values u_1 ... u_4 in turn,
-#
-#     u(x) = mean + grad(Pi u) (x - c) + b xi eta,    b = (u_1 - u_2 + u_3 - u_4) / 4,
-#
-# for xi eta is harmonic and linear on the sides. So strains are eps(Pi u) + (x - c) . slope, the slope being that of
-# sym(b (x) grad(xi eta)). On other cells nothing but Pi u is known.
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,28 +45,21 @@ class InnerStrain:
 
     mean: Floats
     """(n_cells, 3) e_xx, e_yy, 2 e_xy at the centre"""
-    slope: Floats | None
-    """(n_cells, 2, 3) their gradients; None if strains are constant"""
+    slope: Floats
+    """(n_cells, 2, 3) their gradients"""
     centre: Floats
     """(n_cells, 2)"""
 
     def at(self, cells: Ints, points: Floats) -> Floats:
         """Strains (q, 3) at points (q, 2) of cells (q,)."""
-        if self.slope is None:
-            return self.mean[cells]
         off_centre: Floats = np.einsum("qk,qkl->ql", points - self.centre[cells], self.slope[cells])
         return self.mean[cells] + off_centre
 
 
-def projected_strain(field: Field) -> InnerStrain:
-    """Strains of Pi u."""
-    return InnerStrain(field.strain, None, field.mesh.centroids)
-
-
-def virtual_strain(field: Field, subject: str) -> InnerStrain:
-    """Strains of the virtual function, or MeshError if some cell is neither a triangle nor a rectangle."""
+def inner_strain(field: Field, kind: str, subject: str) -> InnerStrain:
+    """Strains of Pi u, or for "exact" of the virtual function: MeshError if a cell is no triangle nor rectangle."""
     slope = np.zeros((field.mesh.n_cells, 2, 3))
-    for group in field.space.groups:
+    for group in field.space.groups if kind == "exact" else ():
         n = group.nodes.shape[1]
         bad = ~_rectangles(group.corners) if n == 4 else np.full(len(group.cells), n != 3)
         if bad.any():
@@ -89,9 +93,6 @@ def _slopes(group: CellGroup, displacement: Floats) -> Floats:
     turn = g[:, :, None] * h[:, None, :] + h[:, :, None] * g[:, None, :]
     xx, yy = b[:, None, 0] * turn[:, :, 0], b[:, None, 1] * turn[:, :, 1]
     return np.stack([xx, yy, b[:, None, 0] * turn[:, :, 1] + b[:, None, 1] * turn[:, :, 0]], axis=2)
-
-
-# What measures compare: a displacement on a mesh, with the moduli that weigh its strains; and what they give.
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,23 +209,50 @@ def measured(squares: Floats, reference: float, moduli_apart: float = 0.0) -> Me
     return Measured(float(np.sqrt(np.sum(cells**2))), float(np.sqrt(max(reference, 0.0))), cells, moduli_apart)
 
 
-# How far two runs are apart, in the energy norm, on whatever meshes.
-#
-#     exact       ( int C eps(u - v) : eps(u - v) dx )^(1/2) of the virtual functions, on rectangles and triangles
-#     projected   ( int C (eps(Pi u) - eps(Pi v)) : (eps(Pi u) - eps(Pi v)) dx )^(1/2), on any polygons
-#     nodal       |u - I v|_{a^h} on the mesh of u, where its nodes are nodes of the other, whose values there I v takes
-#
-# The first two integrate on the overlaps of the cells, exactly: strains are linear or constant on each. They are
-# norms of a difference in one space of strains, hence symmetric where the moduli are the same, and obey the triangle
-# inequality. The nodal distance misses what v does between the coarse nodes, and is the smallest of the three. Cell
-# by cell, with tau the smallest shear stiffness, 2 mu if isotropic,
-#
-#     |w|^2 = sum_K |K| eps(Pi w) : C eps(Pi w) + tau sum_i |w(x_i) - Pi w(x_i)|^2,    (3.13).
+@dataclass(frozen=True, eq=False)
+class CommonRule:
+    """Points of quadrature on the overlaps of two meshes.
+
+    They stand for polynomials on each overlap: in cells that are not convex some lie outside, with negative weights.
+    """
+
+    first: Ints
+    """(q,) the cell of the first mesh that each point belongs to"""
+    second: Ints
+    weights: Floats
+    """(q,) that add up to the area that the meshes share"""
+    points: Floats
+    """(q, 2)"""
+
+
+@lru_cache(maxsize=4)
+def common_rule(first: PolygonMesh, second: PolygonMesh) -> CommonRule:
+    """A quadrature exact for what is quadratic on the cells of both meshes.
+
+    The last few are kept: a history is compared step by step on the same two meshes.
+    """
+    i, j, shared = overlaps(*(outlines(mesh.points, mesh.offsets, mesh.vertices) for mesh in (first, second)))
+    corners, areas, owner = fans(shared)
+    points = places(corners, INNER).reshape(-1, 2)
+    return CommonRule(np.repeat(i[owner], 3), np.repeat(j[owner], 3), np.repeat(areas / 3.0, 3), points)
+
+
+def check_covered(rule: CommonRule, first: PolygonMesh, second: PolygonMesh, subject: str) -> None:
+    """Raise MeshError unless both meshes cover the same domain."""
+    for mine, mesh, name, other in ((rule.first, first, "first", "second"), (rule.second, second, "second", "first")):
+        covered = totals(mine, rule.weights, mesh.n_cells) / mesh.areas
+        # A cell is covered up to 1e-8 of its area, and a strip along it as wide as the rounding of both boundaries.
+        allowed = 1e-8 + 1e-15 * np.abs(mesh.points).max() * mesh.diameters / mesh.areas
+        worst = int(np.argmax(np.abs(covered - 1.0) - allowed))
+        if abs(covered[worst] - 1.0) > allowed[worst]:
+            raise MeshError(
+                f"{subject}: the {other} mesh covers {100 * covered[worst]:.6g} % of cell {worst} of the {name} mesh, "
+                f"at {mesh.centroids[worst]}; both must cover the same domain. Give common=True to measure on what "
+                "they share."
+            )
 
 
 KINDS = ("projected", "exact", "nodal")
-# Points at which strains and stresses are taken at once.
-CHUNK = 2**18
 
 
 def energy_distance(
@@ -270,38 +298,20 @@ def energy_distance(
     subject = "energy_distance"
     choice(kind, subject, "kind", KINDS, HistoryError)
     common = flag(common, f"{subject}: common")
-    u, v = _field(run, step, time, subject), _field(reference, reference_step, time, subject)
+    if time is not None:
+        step = step_at(run, time) if isinstance(run, Results) else step
+        reference_step = step_at(reference, time) if isinstance(reference, Results) else reference_step
+    u, v = field_of(run, step, subject), field_of(reference, reference_step, subject)
     if kind == "nodal":
         return _nodal(u, v)
-    if kind == "exact":
-        fields = virtual_strain(u, f"{subject} (first mesh)"), virtual_strain(v, f"{subject} (second mesh)")
-    else:
-        fields = projected_strain(u), projected_strain(v)
+    fields = [inner_strain(field, kind, f"{subject} ({name} mesh)") for field, name in ((u, "first"), (v, "second"))]
     rule = common_rule(u.mesh, v.mesh)
     if not common:
         check_covered(rule, u.mesh, v.mesh, subject)
-    squares, norm = _integrals(rule, u.moduli, *fields)
-    return measured(totals(rule.first, squares, u.mesh.n_cells), norm, _apart(rule, u, v))
-
-
-def _field(run: Results | Field, step: int, time: float | None, subject: str) -> Field:
-    if time is not None and isinstance(run, Results):
-        step = step_at(run, time)
-    return field_of(run, step, subject)
-
-
-def _integrals(rule: CommonRule, moduli: Floats, u: InnerStrain, v: InnerStrain) -> tuple[Floats, float]:
-    """The weighted squares (q,) of the difference at the points, and the squared norm of the reference."""
-    squares, norm = np.empty(len(rule.weights)), 0.0
-    for start in range(0, len(squares), CHUNK):
-        part = slice(start, start + CHUNK)
-        i, weights = rule.first[part], rule.weights[part]
-        x = rule.points[part]
-        there = v.at(rule.second[part], x)
-        apart, C = u.at(i, x) - there, moduli[:, i]
-        squares[part] = weights * np.sum(apart * stresses(C, apart), axis=1)
-        norm += float(weights @ np.sum(there * stresses(C, there), axis=1))
-    return squares, norm
+    mine, there = fields[0].at(rule.first, rule.points), fields[1].at(rule.second, rule.points)
+    apart, C = mine - there, u.moduli[:, rule.first]
+    squares, norm = (rule.weights * np.sum(strain * stresses(C, strain), axis=1) for strain in (apart, there))
+    return measured(totals(rule.first, squares, u.mesh.n_cells), float(norm.sum()), _apart(rule, u, v))
 
 
 def _apart(rule: CommonRule, u: Field, v: Field) -> float:

@@ -1,4 +1,44 @@
-"""Parts of the error, of the mesh, the time steps and the algebra, from residuals and comparisons."""
+"""The error of a run, part by part: the algebra, the mesh, the steps.
+
+    total = algebra + space + time
+
+algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is estimated
+by the residuals below. time is the distance from the same run in finer steps, on the same mesh (:mod:`.finer_steps`).
+All are relative energy errors: parts of the largest energy norm of the run; where nothing has moved, parts of the
+estimate, because all is missing.
+
+The mesh is judged by residual indicators of one state, cell by cell:
+
+    eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                          what the body force leaves
+                   + sum over inner edges     d_e / (4 mu) |[sigma n]|^2_e / 2       jumps, half to each neighbour
+                   + sum over boundary edges  d_e / (2 mu) |t - sigma n|^2_e )       loads, friction, contact, springs
+              + the larger of
+                     tau |(I - Pi) u|^2 at the vertices                              the stabilisation, as in K
+                     sum over edges  d_e E / 6 |eps_ss(u) - eps_ss(Pi u)|^2_e        strain along edges
+              + what of the data was not assembled                                   :mod:`.data_oscillation`
+
+with sigma = C eps(Pi u) + sigma_0, E the modulus of a bar along the edge, and boundary residuals only in the
+directions that supports leave free, at interfaces on the edges of both bodies (:mod:`.skeleton`). In the order of
+Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and of Cangiani, Georgoulis,
+Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). A ninth is
+of the Poincare inequality on a cell; c is declared below.
+
+Lengths are those of the cell *across* the edge. A residual at e is tested with w = v - v_I, and the divergence of
+(x - a) w^2 in the triangle T of e, the apex a and the height d gives
+
+    |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     where |w|_T <= C d |grad w|_T,
+
+as it is in meshes that are fine where things change fast. For d serves d_e, the side along n_e of the rectangle
+with the cell's second moments (the mean of both cells), and for h_K its longer side: of a rectangle these are its
+sides, of a triangle .82 of its heights, and short edges have no d_e beyond the diameter. A stress that varies along
+a cell of the sides L and H jumps across its *short* edges by L d(sigma)/dx; with |K|^{1/2} for d this counted (H /
+L)^{1/2} of its square, and estimates were .49 of the error on README's scene with 128 x 4 squares.
+
+Tractions do not contain eps_ss, the strain along an edge. Seen from both cells the strain eps_ss(u) is the same and
+eps_ss(Pi u) is not; on a rectangle they differ by the variation of the strain that jumps do not see, H d(eps_xx)/dy and
+L d(eps_yy)/dx. The stabilisation weighs both by H L, which is too little for the latter by L / H. The energy of a bar E
+whose strain is linear between two opposite edges e is a sixth of the sum over them.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +49,9 @@ import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief, plain, totals
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.estimate.budget.data_oscillation import POINCARE, DataOscillation
-from vemcvx.estimate.budget.finer_steps import Finer, beside_finer
-from vemcvx.estimate.budget.skeleton import Instant, Skeleton, body_forces, instant, skeleton, surface_forces
+from vemcvx.estimate.data_oscillation import POINCARE, DataOscillation
+from vemcvx.estimate.finer_steps import Finer, beside_finer
+from vemcvx.estimate.skeleton import Instant, Skeleton, body_forces, instant, skeleton, surface_forces
 from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.geometry import right_of
@@ -23,39 +63,6 @@ from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import elastic_matrix, strains, stresses
 from vemcvx.vem.elasticity import missed_squares
-
-# Residual indicators of one state, cell by cell.
-#
-#     eta_K^2 = c^2 (  h_K^2 / (9 mu) |f|^2_K                                          what the body force leaves
-#                    + sum over inner edges     d_e / (4 mu) |[sigma n]|^2_e / 2       jumps, half to each neighbour
-#                    + sum over boundary edges  d_e / (2 mu) |t - sigma n|^2_e )       loads, friction, contact, springs
-#               + the larger of
-#                      tau |(I - Pi) u|^2 at the vertices                              the stabilisation, as in K
-#                      sum over edges  d_e E / 6 |eps_ss(u) - eps_ss(Pi u)|^2_e        strain along edges
-#               + what of the data was not assembled                                   :mod:`.data_oscillation`
-#
-# with sigma = C eps(Pi u) + sigma_0, E the modulus of a bar along the edge, and boundary residuals only in the
-# directions that supports leave free, at interfaces on the edges of both bodies (:mod:`.joints`). In the order of
-# Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and of Cangiani, Georgoulis,
-# Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). A ninth is
-# of the Poincare inequality on a cell; c is declared below.
-#
-# Lengths are those of the cell *across* the edge. A residual at e is tested with w = v - v_I, and the divergence of
-# (x - a) w^2 in the triangle T of e, the apex a and the height d gives
-#
-#     |w|^2_e = 2 / d ( |w|^2_T + int_T w (x - a) . grad w )  <=  C d |grad w|^2_T     where |w|_T <= C d |grad w|_T,
-#
-# as it is in meshes that are fine where things change fast. For d serves d_e, the side along n_e of the rectangle
-# with the cell's second moments (the mean of both cells), and for h_K its longer side: of a rectangle these are its
-# sides, of a triangle .82 of its heights, and short edges have no d_e beyond the diameter. A stress that varies along
-# a cell of the sides L and H jumps across its *short* edges by L d(sigma)/dx; with |K|^{1/2} for d this counted (H /
-# L)^{1/2} of its square, and estimates were .49 of the error on README's scene with 128 x 4 squares.
-#
-# Tractions tell nothing of eps_ss, the strain along an edge. That of u is the same from both sides; what Pi u makes
-# of it differs, and this is the rest of the strain's variation, H d(eps_xx)/dy and L d(eps_yy)/dx. The stabilisation
-# reads it with the weight H L for both, and misses L / H of the latter. A strain of the bar E that is linear between
-# two edges e of a rectangle is a sixth of the sum over them.
-
 
 CONSTANT = 0.63
 """c, of the residuals alone: what the projection misses and data count by their own energy.
@@ -133,16 +140,6 @@ def _along(posed: PosedScene, edges: Skeleton, u: Floats, strain: Floats) -> Flo
     return totals(owner, part, len(strain))
 
 
-# Where the error of a run comes from: the algebra, the mesh, the steps.
-#
-#     total = algebra + space + time
-#
-# algebra is certified: the steps' duality gaps added up (:attr:`vemcvx.History.certificate_total`). space is
-# estimated, by the residuals of :mod:`.residual`. time is the distance from the same run in finer steps, on the same
-# mesh (:mod:`.finer_steps`). All are relative energy errors: parts of the largest energy norm of the run; where
-# nothing has moved, of the estimate, so that all is missing.
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ErrorBudget(Outlined):
     """Relative energy errors of a run, part by part.
@@ -152,12 +149,12 @@ class ErrorBudget(Outlined):
     steps : (S,) int
         The steps looked at.
     algebra, space, time : (S,)
-        Certified, estimated and estimated: see :mod:`vemcvx.estimate.budget.error_parts`.
+        Certified, estimated and estimated: see :mod:`vemcvx.estimate.budget`.
     parts : mapping of str to (S,)
         The shares of space: "volume", "jumps", "boundary", "stabilisation" and "data"; space^2 is the sum of their
         squares.
     cells : (n_cells,)
-        The largest eta_K (:mod:`vemcvx.estimate.budget.error_parts`) of each cell over the steps looked at.
+        The largest eta_K (:mod:`vemcvx.estimate.budget`) of each cell over the steps looked at.
     added : (N,)
         What each step adds to the error of time: the norm of the change.
     jumps : tuple of str
@@ -286,6 +283,13 @@ def check_estimable(posed: PosedScene, subject: str) -> None:
             raise SceneError(
                 f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or act along "
                 "given directions; compare meshes and steps of your own choice."
+            )
+    frictions = tuple(friction.subject for friction in posed.terms.frictions)
+    for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):
+        if (rows.names[rows.ends.indices, 1] < 0).any():
+            raise SceneError(
+                f"{subject}: there is no estimate for {', '.join(subjects)}: it does not say by ends= on which edges "
+                "it acts."
             )
     for load in posed.loads:
         if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:

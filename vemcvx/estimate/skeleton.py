@@ -1,4 +1,14 @@
-"""The skeleton of a mesh: its edges, what tractions jump across them, and forces on the surface."""
+"""The skeleton of a mesh: its edges with their cells, and the forces that act on those of the boundary.
+
+Forces on the surface are loads, friction, pressure of contact and springs. What contact exerts on an edge of the first
+body it exerts on the second one's edge in the same place the other way. Where normals are held together, no multiplier
+is at hand; the normal force that balances the stresses on both sides best, in the weights w = d_e / (2 mu) of the
+residuals, is as good as any:
+
+    min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2,
+
+which is what a jump across an edge inside one body counts, d_e / (4 mu), where both sides are alike.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +29,6 @@ from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.scene.supports import normal_rows, on_free
 from vemcvx.vem import elastic_matrix, mean_shear
-
-# Boundary edges at which two bodies meet.
-#
-# What contact exerts on an edge of the first body it exerts on the second one's edge in the same place the other way.
-# Where normals are held together, no multiplier is at hand; the normal force that balances the stresses on both sides
-# best, in the weights w = h_e / (2 mu) of the residuals, is as good as any:
-#
-#     min over T of  w_1 |T - s_1|^2 + w_2 |T - s_2|^2  =  w_1 w_2 / (w_1 + w_2) |s_1 - s_2|^2,
-#
-# which is what a jump across an edge inside one body counts, h_e / (4 mu), where both sides are alike.
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,6 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
     normal = normal_rows(Jumps(ends.ravel(), partners.ravel()), np.repeat(units[first], 2, axis=0), mesh.points)
     held = np.diff(on_free(normal, posed.supports).indptr) == 0
     return Joints(across, first, second, held.reshape(-1, 2).all(axis=1))
-
-
-# The edges of a mesh as an error estimator sees them: who is next door, how stiff, what may move at the boundary.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,9 +190,6 @@ def _free(P: sp.csr_matrix, edges: Ints) -> Floats:
     return projectors
 
 
-# Forces per length that act on boundary edges: loads, friction, pressure of contact, springs.
-
-
 @dataclass(frozen=True)
 class Instant:
     """The state at an instant."""
@@ -230,24 +224,18 @@ def surface_forces(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
 
 
 def _contact(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
-    """Friction and pressure (b, 2) on the edges of the bodies whose normals they refer to."""
-    total = np.zeros(edges.outer_normals.shape)
+    """Friction and pressure (b, 2), linear between nodes, on the edges of the bodies whose normals they refer to."""
     terms, obstacles = posed.terms, posed.obstacles
-    if len(terms.nodes):
-        traction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
-        total += _spread(edges, terms, traction)
-    if obstacles is not None and len(obstacles.nodes):
-        traction = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
-        total += _spread(edges, obstacles, traction)
-    return total
+    friction = -np.einsum("mb,mbd->md", now.lam, terms.tangents) / terms.lengths[:, None]
+    pressure = -(now.p / obstacles.lengths)[:, None] * obstacles.normals
+    traction = at_ends(edges, terms, friction) + at_ends(edges, obstacles, pressure)
+    force: Floats = 0.5 * edges.lengths[:, None] * traction.sum(axis=1)
+    return force
 
 
 def pressures_at_ends(posed: PosedScene, edges: Skeleton, now: Instant) -> Floats:
     """Pressure of obstacles (b, 2) at the two ends of each boundary edge, force per length."""
-    obstacles = posed.obstacles
-    if obstacles is None or len(obstacles.nodes) == 0:
-        return np.zeros((len(edges.outer), 2))
-    return at_ends(edges, obstacles, (now.p / obstacles.lengths)[:, None])[..., 0]
+    return at_ends(edges, posed.obstacles, (now.p / posed.obstacles.lengths)[:, None])[..., 0]
 
 
 def edge_loads(posed: PosedScene, edges: Skeleton, t: float) -> Floats:
@@ -268,44 +256,21 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
     return total
 
 
-def _spread(edges: Skeleton, rows: Terms | Obstacles, traction: Floats) -> Floats:
-    """Integrals over edges of tractions given at nodes and sides, linear between them."""
-    force: Floats = 0.5 * edges.lengths[:, None] * at_ends(edges, rows, traction).sum(axis=1)
-    return force
-
-
 def at_ends(edges: Skeleton, rows: Terms | Obstacles, values: Floats) -> Floats:
-    """(b, 2, k) values (m, k), given at nodes and sides, at the two ends of each edge; zero where there is none.
+    """(b, 2, k) values (m, k) of rows at the two ends of each edge that they own; zero where there is none.
 
-    An edge counts for a row that owns its end or, of an effect that does not name its edges, has its normal, and has
-    the same body across. Where supports hold an end of an interface they bear what acts there, whatever it is: it is
-    taken to be as at the other end.
+    Where supports hold an end of an interface they bear what acts there, whatever it is: it is taken to be as at the
+    other end.
     """
-    nodes, partners = rows.jumps.nodes, rows.jumps.partners
-    normals = right_of(rows.tangents[:, 0]) if isinstance(rows, Terms) else rows.normals
-    size = int(max(nodes.max(initial=0), edges.outer_edges.max())) + 1
-    owner, end = rows.ends.nonzero()
-    beyond = rows.names[end, 1]
-    owned, nameless = np.sort(owner[beyond >= 0] * size + beyond[beyond >= 0]), np.zeros(len(nodes), dtype=bool)
-    nameless[owner[beyond < 0]] = True
-    found = np.zeros((len(edges.outer), 2, values.shape[1]))
-    known = edges.joints.across < 0
-    order = np.argsort(nodes, kind="stable")
-    for side in range(2):
-        ends, others = edges.outer_edges[:, side], edges.outer_edges[:, 1 - side]
-        start, stop = (np.searchsorted(nodes[order], ends, side=how) for how in ("left", "right"))
-        for k in range(int((stop - start).max(initial=0))):
-            has = np.flatnonzero(start + k < stop)
-            row = order[start[has] + k]
-            cosine = np.einsum("bd,bd->b", normals[row], edges.outer_normals[has]) / edges.lengths[has]
-            # Normals of an edge and of a term of an effect that names no edges agree to this.
-            along = np.where(nameless[row], np.abs(cosine) > 1 - 1e-6, np.isin(row * size + others[has], owned))
-            same = along & (partners[row] == edges.joints.across[has, side])
-            found[has[same], side] += values[row[same]]
-            known[has[same], side] = True
-    for side in range(2):
-        bare = known[:, 1 - side] & ~known[:, side]
-        found[bare, side] = found[bare, 1 - side]
+    row, end = rows.ends.nonzero()
+    found, known = np.zeros((len(edges.outer), 2, values.shape[1])), edges.joints.across < 0
+    edge = positions(rows.names[end], edges.outer_edges, int(edges.outer_edges.max()) + 1)
+    side = (rows.names[end, 0] != edges.outer_edges[edge, 0]).astype(int)
+    np.add.at(found, (edge, side), values[row])
+    known[edge, side] = True
+    for side_ in range(2):
+        bare = known[:, 1 - side_] & ~known[:, side_]
+        found[bare, side_] = found[bare, 1 - side_]
     return found
 
 

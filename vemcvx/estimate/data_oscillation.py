@@ -13,7 +13,7 @@ was assembled does work r(v) on test functions that the residual of the answer d
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
 with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and l_e
-the length of e. These are energies, without the constant of the residuals (:mod:`.error_parts`): the first two by the
+the length of e. These are energies, without the constant of the residuals (:mod:`.budget`): the first two by the
 Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e / (2
 mu); that of motions is what a half space stores under waves along its surface, at most 2 mu times the wave number. The
 last is the work itself, in its dual norm: with it the divergence of thermal stresses inside cells is accounted for.
@@ -42,7 +42,7 @@ from scipy.fft import dst
 from vemcvx.arrays import Bools, Floats, Ints, totals
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
 from vemcvx.errors import SceneWarning
-from vemcvx.estimate.budget.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
+from vemcvx.estimate.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import outlines, places, triangulated
@@ -168,24 +168,18 @@ class SamplePoints:
 
 
 def in_cells(mesh: PolygonMesh) -> SamplePoints:
-    """The centroids of triangles that all cells are cut into, each of them in four until they are small enough."""
+    """The centroids of equal parts of the triangles that cells are cut into, each cut until its parts are small."""
     corners, areas, owner = triangulated(outlines(mesh.points, mesh.offsets, mesh.vertices))
     spacing = np.ptp(mesh.points, axis=0).max() / SPACING
-    cuts = np.maximum(np.ceil(0.5 * np.log2(2.0 * areas / spacing**2)), 1).astype(np.int64)
-    parts, middles = [], np.eye(3)[None]
-    for times in range(1, int(cuts.max()) + 1):
-        middles = _quartered(middles)
-        these = np.flatnonzero(cuts == times)
-        x, count = places(corners[these], middles.mean(axis=1)), len(middles)
+    cuts = np.maximum(np.ceil(np.sqrt(2.0 * areas) / spacing).astype(np.int64), 2)
+    parts = []
+    for m in np.unique(cuts):
+        these, (i, j) = np.flatnonzero(cuts == m), np.indices((m, m))
+        up, down = i + j < m, i + j < m - 1
+        a, b = (np.append(k[up] + 1.0 / 3.0, k[down] + 2.0 / 3.0) / m for k in (i, j))
+        x, count = places(corners[these], np.column_stack([a, b, 1.0 - a - b])), m * m
         parts.append((x.reshape(-1, 2), np.repeat(areas[these] / count, count), np.repeat(owner[these], count)))
     return SamplePoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-
-
-def _quartered(corners: Floats) -> Floats:
-    """Barycentric coordinates (4 k, 3, 3) of the corners of triangles (k, 3, 3), each cut in four."""
-    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
-    tips = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], axis=1) for k in range(3)]
-    return np.concatenate([*tips, middles])
 
 
 @dataclass(frozen=True)

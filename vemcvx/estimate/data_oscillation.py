@@ -155,7 +155,15 @@ def fine_boundary(mesh: PolygonMesh, edges: Skeleton) -> FineBoundary:
         for name, joint in mesh.interfaces.items()
     }
     fine = fine._replace(_named=named, interfaces=MappingProxyType(joined), cell_data=mesh.cell_data)
-    return FineBoundary(fine, mesh.n_nodes, pieces, piece_owner, owner, along, (edges.lengths / counts)[owner])
+    return FineBoundary(
+        mesh=fine,
+        old=mesh.n_nodes,
+        pieces=pieces,
+        piece_owner=piece_owner,
+        owner=owner,
+        along=along,
+        lengths=(edges.lengths / counts)[owner],
+    )
 
 
 @dataclass(frozen=True)

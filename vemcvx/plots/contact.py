@@ -224,7 +224,7 @@ def friction_traction(
     light_grid(ax)
     title = f"{instant(history.times[row], units)}: {sticks.sum()} contact nodes stick, {slips.sum()} slip{gone}"
     words = label("friction on the body\n", "force per length", units)
-    return line.framed(ax, words, title, units, value_range(limits, (-top, top)), "large")
+    return line.framed(ax, words, title, units, value_range(limits, (-top, top)), size="large")
 
 
 STATES = ((-1, BACKWARD, "slip towards smaller {}"), (0, STICK_AREA, "stick"), (1, FORWARD, "slip towards larger {}"))

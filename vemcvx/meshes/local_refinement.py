@@ -15,8 +15,8 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import check_boundaries, check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.convex import convex_pieces, left_of
-from vemcvx.meshes.polygons.geometry import cross, polygon_centroids, rounding
+from vemcvx.meshes.polygons.convex import convex_pieces, kernel_centroids
+from vemcvx.meshes.polygons.geometry import cross, rounding
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -303,24 +303,6 @@ def _middles_of_quads(x: Floats) -> Floats:
     arrow = turn.min(axis=1) < 0.0
     diagonal = np.where((tip % 2 == 0)[:, None], even, odd)
     return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
-
-
-def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Centroids (c, 2) of the kernels of polygons, and how far they are from the lines of the sides, (c,).
-
-    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin, which stands for an empty kernel. Distances
-    are the least signed ones, negative outside.
-    """
-    edge = np.roll(corners, -1, axis=1) - corners
-    inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / np.hypot(edge[..., 0], edge[..., 1])[..., None]
-    empty = np.zeros(len(corners), dtype=bool)
-    kernel = np.broadcast_to(np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), (len(corners), 4, 2))
-    for start, along in zip(corners.transpose(1, 0, 2), edge.transpose(1, 0, 2), strict=True):
-        kernel, left = left_of(kernel, start, along)
-        empty |= ~left
-    areas, centroids = polygon_centroids(kernel)
-    points = np.where(((areas > 0.0) & ~empty)[:, None], centroids, 0.0)
-    return points, np.einsum("cia,cia->ci", points[:, None] - corners, inward).min(axis=1)
 
 
 # The cells of a refined mesh: outlines of the old cells with the new middles in them, cut at the chosen places.

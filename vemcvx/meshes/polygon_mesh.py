@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from vemcvx.canvas import draw_cells
 from vemcvx.meshes.box import plotted_points, plotted_values
-from vemcvx.meshes.cracks import cut
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.extrusion import extruded
 from vemcvx.meshes.local_refinement import refinement
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.several_bodies import cut
 from vemcvx.meshes.tessellation import Tessellation
 
 if TYPE_CHECKING:

@@ -50,33 +50,6 @@ def rounding(*points: Floats) -> Floats:
     return TOLERANCE * largest
 
 
-def beside(point: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Distance (m,) of points from segments, and its sign: left of the segment positive."""
-    edge = end - start
-    length = np.hypot(edge[:, 0], edge[:, 1])
-    along = np.einsum("ij,ij->i", point - start, edge)
-    # Coordinates relative to the nearer end: the far end would bring in its own rounding.
-    near = np.where((along > 0.5 * length**2)[:, None], end, start)
-    away = point - near
-    signed = cross(edge, away) / length
-    inside = (along >= 0.0) & (along <= length**2)
-    return np.where(inside, np.abs(signed), np.hypot(away[:, 0], away[:, 1])), np.sign(signed)
-
-
-def crossing(points: Floats, first: Ints, second: Ints) -> Bools:
-    """Return True if edges (m, 2) and edges (m, 2), as node numbers, cross in inner points of both, beyond rounding."""
-    a, b, c, d = (points[nodes] for nodes in (first[:, 0], first[:, 1], second[:, 0], second[:, 1]))
-    slack = rounding(a, b, c, d)
-
-    def parted(start: Floats, end: Floats, one: Floats, other: Floats) -> Bools:
-        edge = end - start
-        margin = slack * np.hypot(edge[:, 0], edge[:, 1])
-        left, right = cross(edge, one - start), cross(edge, other - start)
-        return ((left > margin) & (right < -margin)) | ((left < -margin) & (right > margin))
-
-    return parted(a, b, c, d) & parted(c, d, a, b)
-
-
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
     """Pairs (i, j) where the box [low_i, high_i] meets the box [tree_low_j, tree_high_j], by i; boxes are (m, d).
 
@@ -99,34 +72,6 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
 
     rings = shapely.linearrings(points[vertices], indices=cell_of_corner(offsets))
     return np.asarray(shapely.polygons(rings))
-
-
-def clearances(polygons: NDArray[Any]) -> Floats:
-    """The distance (n,) by which a vertex of each polygon can move before the outline meets itself; 0 if it does."""
-    import shapely
-
-    return np.where(shapely.is_valid(polygons), shapely.minimum_clearance(polygons), 0.0)
-
-
-def distances(polygons: NDArray[Any], places: Floats) -> Floats:
-    """Distance (n,) of a place (n, 2) each from closed polygons (n,): 0 inside."""
-    import shapely
-
-    return np.asarray(shapely.distance(polygons, shapely.points(places)))
-
-
-def inner_points(polygons: NDArray[Any]) -> Floats:
-    """A point (n, 2) in the interior of each polygon."""
-    import shapely
-
-    return np.asarray(shapely.get_coordinates(shapely.point_on_surface(polygons)))
-
-
-def run_through(polygons: NDArray[Any], segments: Floats) -> Bools:
-    """Return True where a segment (n, 2, 2) has inner points in the interior of its polygon (n,)."""
-    import shapely
-
-    return np.asarray(shapely.relate_pattern(shapely.linestrings(segments), polygons, "T********"))
 
 
 def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:

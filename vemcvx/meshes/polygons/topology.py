@@ -115,6 +115,12 @@ class SharedEdges:
         """Corners whose edge belongs to one cell only, in the order of the cells."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
+    @property
+    def twice(self) -> tuple[Ints, Ints]:
+        """The corners that start each edge of two cells: in the one of lower number, and in the other."""
+        first = self.first[self.counts == 2]
+        return self.corners[first], self.corners[first + 1]
+
 
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
@@ -128,9 +134,7 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
     """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
-    first = shared.first[shared.counts == 2]
-    cells = cell_of_corner(offsets)
-    return np.column_stack([cells[shared.corners[first]], cells[shared.corners[first + 1]]])
+    return cell_of_corner(offsets)[np.column_stack(shared.twice)]
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:

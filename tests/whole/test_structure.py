@@ -49,7 +49,12 @@ HEAVY = {
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},
     "shapely": {
-        *("meshes/polygons/geometry.py", "meshes/polygons/convex.py", "meshes/checks/plane.py", "meshes/checks/space.py"),
+        *(
+            "meshes/polygons/geometry.py",
+            "meshes/polygons/convex.py",
+            "meshes/checks/plane.py",
+            "meshes/checks/space.py",
+        ),
         "meshes/several_bodies.py",
     },
     "pandas": {"results/tables.py"},

@@ -37,7 +37,7 @@ def extruded(mesh: Tessellation, heights: ArrayLike) -> PolyhedralMesh:
         offsets_of(np.tile(np.bincount(owner), layers)),
     )
     points = np.column_stack([np.tile(mesh.points, (layers + 1, 1)), np.repeat(levels, nodes)])
-    solid = PolyhedralMesh.unchecked(points, **joined._asdict())
+    solid = PolyhedralMesh.unchecked(points, *joined)
     # In every layer, the faces of a cell are its bottom, its top and its sides in the order of its corners.
     first = joined.cell_offsets[:-1].reshape(layers, cells)
     corner_face = cell_of_corner(mesh.offsets) * 2 + 2 + np.arange(len(mesh.vertices))

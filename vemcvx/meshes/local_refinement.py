@@ -12,7 +12,7 @@ from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, flag, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.box import check_boundaries, check_cell_data
+from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons.convex import convex_pieces, kernel_centroids
@@ -528,7 +528,7 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
     offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
     inner = centres[kinds.centred]
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
-    refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, mesh._box), parents, edges, middle)
+    refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, box=mesh._box), parents, edges, middle)
     at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
     return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
 
@@ -612,7 +612,7 @@ def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Int
 
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
     named = {name: halved(part) for name, part in mesh._named.items()}
-    named = check_boundaries(named, refined._boundary, refined.n_nodes, None) if named else {}
+    named = refined._checked_parts(named) if named else {}
     sides = {k: Interface(i.bodies, halved(i.edges), halved(i.partners)) for k, i in mesh.interfaces.items()}
     matched = on_boundary(sides, refined._boundary, refined.n_nodes) if sides else {}
     return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))

@@ -293,8 +293,8 @@ def _check_points_of_contact(whole: SideBySide[Mesh], place: Ints, interfaces: M
         node = alone[0]
         a, b = (whole.names[number] for number in sorted(whole.body[[place[node], node]]))
         raise MeshError(
-            f"bodies: {a!r} and {b!r} touch only in the point {_at(whole.mesh.points[node])}, which is no interface. Leave "
-            "a gap there, or let them share an edge."
+            f"bodies: {a!r} and {b!r} touch only in the point {_at(whole.mesh.points[node])}, which is no interface. "
+            "Leave a gap there, or let them share an edge."
         )
 
 
@@ -372,7 +372,7 @@ def cut(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> Mesh:
     joints = {name: Interface((first, second), edges, partners)}
     for key, found in mesh.interfaces.items():
         joints[key] = Interface(found.bodies, renumbered(found.edges), renumbered(found.partners[:, ::-1])[:, ::-1])
-    made = type(mesh).unchecked(mesh.points[origin], mesh.offsets, vertices, mesh._box)
+    made = type(mesh).unchecked(mesh.points[origin], mesh.offsets, vertices, box=mesh._box)
     return made._replace(
         _named={key: renumbered(side) for key, side in mesh._named.items()},
         interfaces=MappingProxyType(on_boundary(joints, made._boundary, made.n_nodes)),

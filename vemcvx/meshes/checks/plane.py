@@ -31,7 +31,6 @@ from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
     offsets_of,
-    rows_in_order,
     shared_edges,
     turned,
 )
@@ -223,7 +222,7 @@ def check_coincident(points: Floats, used: Ints) -> None:
 
 
 def check_cells(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> Floats:
-    """Return signed areas (n_cells,), or raise MeshError at the first cell that is not a simple polygon with an area."""
+    """Return signed areas (n_cells,), or raise MeshError at the first cell that is no simple polygon with an area."""
     check_simple(points, offsets, vertices, polygons, lambda cell: f"cell {cell}")
     areas, sizes = areas_and_centroids(points, offsets, vertices)[0], diameters(points, offsets, vertices)
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])

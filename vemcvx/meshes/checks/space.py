@@ -39,6 +39,7 @@ from vemcvx.meshes.polygons.topology import (
     edge_keys,
     offsets_of,
     rows_in_order,
+    same_rows,
     smallest_linked,
     turned,
 )
@@ -49,7 +50,6 @@ from vemcvx.meshes.polyhedra import (
     face_shapes,
     joined_faces,
     nodes_of_cells,
-    same_faces,
     volumes_and_centroids,
 )
 
@@ -224,7 +224,7 @@ class SharedFaces(NamedTuple):
 
 def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> SharedFaces:
     """Join the faces that cells list (see `SharedFaces`); MeshError if one has three cells, or two outlines."""
-    first, number = same_faces(offsets, vertices)
+    first, number = same_rows(offsets, vertices)
     counts = np.bincount(number)
     order = np.argsort(number, kind="stable")
     starts = np.cumsum(counts) - counts
@@ -379,9 +379,9 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
             f"the face {_row(offsets, vertices, face)} of cell {faces.face_cells[outer[face], 0]}"
             for face in (one[k], other[k])
         )
+        how = f"{apart[k]:.3g} beside" if apart[k] > 1e-3 * slack else "on"
         raise MeshError(
-            f"{first} and {second} lie {f'{apart[k]:.3g} beside' if apart[k] > 1e-3 * slack else 'on'} one another. Two "
-            "cells must meet in whole faces of both: cut the larger face into the faces of its neighbours, along their "
-            "edges, and make a node on an edge a vertex of every face that has the edge; if the cells overlap, correct "
+            f"{first} and {second} lie {how} one another. Two cells must meet in whole faces of both: cut the "
+            "larger face into the faces of its neighbours, along their edges, and make a node on an edge a vertex of every face that has the edge; if the cells overlap, correct "
             "the vertices."
         )

@@ -55,7 +55,7 @@ def squares(
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
 def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
@@ -74,7 +74,7 @@ def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> Polygon
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))
-    return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box)
+    return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box=box)
 
 
 # Squares cut in two by the diagonal from the lower left; halving n nests the meshes.
@@ -98,7 +98,7 @@ def triangles(
     nx, ny = cell_counts(n, rectangle, size, each=2)
     points, corners = square_grid(nx, ny, rectangle)
     vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
-    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, box=rectangle)
 
 
 # Hexagons in staggered rows, cut off straight at the box.
@@ -190,7 +190,7 @@ def distorted(
     random = np.random.default_rng(check_whole("seed", seed, 0))
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
     inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
-    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
 # Squares of which some are cut in four: their neighbours get a vertex in the middle of a straight edge.

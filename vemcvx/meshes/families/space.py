@@ -77,7 +77,7 @@ def mesh_of_equal_cells(points: Floats, faces: Ints, box: Box) -> PolyhedralMesh
     """The mesh of cells that all have as many faces, of as many vertices: (n_cells, faces, vertices), outwards."""
     cells, each, sides = faces.shape
     joined = joined_faces(np.arange(cells * each + 1) * sides, faces.ravel(), np.arange(cells + 1) * each)
-    return PolyhedralMesh.unchecked(points, **joined._asdict(), box=box)
+    return PolyhedralMesh.unchecked(points, *joined, box=box)
 
 
 # Cubes cut in six tetrahedra about the diagonal from the lowest to the highest corner, which fit face to face.
@@ -186,7 +186,7 @@ def kelvin(
     at = (used % width, used // width % depth, used // (width * depth))
     lines = whole.ticks(*(4 * counts).tolist())
     points = np.column_stack([line[place] for line, place in zip(lines, at, strict=True)])
-    return PolyhedralMesh.unchecked(points, **joined._asdict(), box=whole)
+    return PolyhedralMesh.unchecked(points, *joined, box=whole)
 
 
 def _grid(counts: Ints) -> Ints:
@@ -284,7 +284,7 @@ def voronoi3(
     number[rows] = np.arange(len(rows))
     faces = faces._replace(face_vertices=number[faces.face_vertices])
     return PolyhedralMesh.unchecked(
-        placed(points[rows], sides, np.array(whole.low), np.array(whole.high)), **faces._asdict(), box=whole
+        placed(points[rows], sides, np.array(whole.low), np.array(whole.high)), *faces, box=whole
     )
 
 

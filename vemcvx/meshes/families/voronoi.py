@@ -201,7 +201,7 @@ def voronoi(
     number = np.empty_like(rows)
     number[rows] = np.arange(len(rows))
     low, high = np.array(rectangle.low), np.array(rectangle.high)
-    return PolygonMesh.unchecked(placed(points[rows], sides, low, high), offsets, number[vertices], rectangle)
+    return PolygonMesh.unchecked(placed(points[rows], sides, low, high), offsets, number[vertices], box=rectangle)
 
 
 def _by_rows(points: Floats) -> Ints:

@@ -250,7 +250,7 @@ def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> Sh
     def edges(listed: Ints, backwards: bool = False) -> tuple[Ints, Ints]:
         """Where each face begins, and its directed edges as numbers, ascending in each face."""
         rows, nodes = rows_in_order(offsets, vertices, listed)
-        keys = directed_edges(rows, nodes) @ ([1, n_nodes] if backwards else [n_nodes, 1])
+        keys = directed_edges(rows, nodes) @ np.array([1, n_nodes] if backwards else [n_nodes, 1])
         return rows[:-1], keys[np.lexsort((keys, cell_of_corner(rows)))]
 
     begin, mine = edges(one)
@@ -382,6 +382,6 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
         how = f"{apart[k]:.3g} beside" if apart[k] > 1e-3 * slack else "on"
         raise MeshError(
             f"{first} and {second} lie {how} one another. Two cells must meet in whole faces of both: cut the "
-            "larger face into the faces of its neighbours, along their edges, and make a node on an edge a vertex of every face that has the edge; if the cells overlap, correct "
-            "the vertices."
+            "larger face into the faces of its neighbours, and make a node on an edge a vertex of every face that has the "
+            "edge; if the cells overlap, correct the vertices."
         )

@@ -24,7 +24,8 @@ def clip(subject: Floats, window: Floats) -> Floats:
     slot = np.minimum(np.arange(max(counts.max(initial=2) - 1, 1)), np.maximum(counts - 2, 0)[:, None])
     corners = np.concatenate([corners, np.zeros((1, 2))])
     first = np.where(counts > 0, np.cumsum(counts) - counts, len(corners) - 1)
-    return corners[first[:, None] + slot] + origin
+    met_at: Floats = corners[first[:, None] + slot]
+    return met_at + origin
 
 
 def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.errors import MeshError
 from vemcvx.meshes.polygons.topology import cell_of_corner, next_corner
 
 # Four units in the last place: the middle and the thirds of an edge, computed in any order, stay below two.
@@ -95,27 +94,6 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
     distance, number = cKDTree(points).query(places)
     return np.asarray(distance, dtype=float), np.asarray(number, dtype=np.int64)
-
-
-def delaunay(points: Floats) -> Ints:
-    """Triangles (t, 3) of the Delaunay triangulation of points (n, 2), or MeshError if these are on one line."""
-    from scipy.spatial import Delaunay, QhullError
-
-    try:
-        return Delaunay(points).simplices.astype(np.int64)
-    except QhullError as error:
-        raise MeshError(f"{len(points)} points have no triangulation: they are all but on one line.") from error
-
-
-def voronoi_faces(sites: Floats) -> tuple[Floats, Ints, list[list[int]]]:
-    """Voronoi cells of sites (n, 3): corners (m, 3), and of each face the two sites (f, 2) and its corners in order.
-
-    A corner at infinity has the number -1.
-    """
-    from scipy.spatial import Voronoi
-
-    found = Voronoi(sites)
-    return found.vertices, found.ridge_points.astype(np.int64), found.ridge_vertices
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:

@@ -48,7 +48,7 @@ def test_bad_points(points, message):
         ([[]], "cell 0 has 0 vertices"),
         ([[0, 1, 2, 3], [0, 1]], "cell 1 has 2 vertices; a polygon has at least 3"),
         (np.array([[0, 1], [2, 3]]), "cell 0 has 2 vertices"),
-        (np.arange(4), r"cells as one array must have the shape \(n_cells, k\)"),
+        (np.arange(4), r"cell 0 must be a list of node numbers; got int64 of shape \(\)"),
         ([0, 1, 2, 3], r"cell 0 must be a list of node numbers; got int64 of shape \(\)"),
         ([[0.0, 1.0, 2.0]], "cell 0 must be a list of node numbers; got float64"),
         (np.array([[0.0, 1.0, 2.0]]), "cell 0 must be a list of node numbers; got float64"),

@@ -137,11 +137,6 @@ class SideBySide(Generic[Mesh]):
         return self.mesh.boundaries[WHOLE]
 
     @property
-    def body_of_edge(self) -> Ints:
-        """The body of each edge of the boundary."""
-        return self.body[self.ends[:, 0]]
-
-    @property
     def body_of_cell(self) -> Ints:
         """The body of each cell."""
         return self.body[self.mesh.vertices[self.mesh.offsets[:-1]]]
@@ -153,7 +148,7 @@ class SideBySide(Generic[Mesh]):
         counts = np.diff(mesh.offsets) + np.bincount(cell_of_corner(mesh.offsets)[corner], minlength=mesh.n_cells)
         vertices = np.insert(mesh.vertices, corner + 1, mesh.n_nodes + np.arange(len(node)))
         whole = type(mesh).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
-        return SideBySide(self.names, whole, np.concatenate([self.body, self.body_of_edge[edge]]))
+        return SideBySide(self.names, whole, np.concatenate([self.body, self.body[self.ends[edge, 0]]]))
 
 
 def _same_places(bodies: SideBySide[Mesh], tolerance: float) -> Ints:
@@ -183,7 +178,7 @@ def _hanging(bodies: SideBySide[Mesh], place: Ints, tolerance: float) -> tuple[F
     number, edge = shapely.STRtree(edges).query(
         shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
     )
-    node, other = leaders[number], bodies.body_of_edge[edge]
+    node, other = leaders[number], bodies.body[ends[edge, 0]]
     # Of each body that has no node in the place, the nearest edge.
     distance = shapely.distance(shapely.points(points[node]), edges[edge])
     order = np.lexsort((distance, other, node))
@@ -211,7 +206,7 @@ def _interfaces_of(
     order = np.argsort(keys, kind="stable")  # of two edges in one place, that of the earlier body comes first
     same = np.flatnonzero(np.diff(keys[order]) == 0)
     one, other = order[same], order[same + 1]
-    first, second = whole.body_of_edge[one], whole.body_of_edge[other]
+    first, second = whole.body[whole.ends[one, 0]], whole.body[whole.ends[other, 0]]
     found = {}
     for a, b in np.unique(np.column_stack([first, second]), axis=0):
         here = (first == a) & (second == b)

@@ -7,7 +7,7 @@ a polygon is simple, and whether polygons are a coverage: none overlap, and wher
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -40,7 +40,7 @@ NARROW = 1e-6
 
 
 def checked(
-    points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer], interfaces: Mapping[str, Interface] | None
+    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
 ) -> tuple[Floats, Ints, Ints, dict[str, Interface], Ints | None, list[str]]:
     """Return valid arrays made of a user's points and cells (see `PolygonMesh`), or raise MeshError.
 
@@ -52,10 +52,9 @@ def checked(
     if len(offsets) < 2:
         raise MeshError("a mesh needs at least one cell; got none.")
     check_polygons(offsets, vertices, len(points), lambda cell: f"cell {cell}")
-    used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
     interfaces = check_interfaces(interfaces, len(points))
     place = places_of(pairs_of(interfaces), points)
-    check_coincident(points, np.unique(place[used]))
+    check_coincident(points, np.unique(place[vertices]))
     polygons = outlines(points[place], offsets, vertices)
     areas = check_cells(points[place], offsets, vertices, polygons)
     notes, backwards = [], areas < 0.0
@@ -72,22 +71,22 @@ def checked(
     if misfit:
         _check_hanging(points, ends, cells_of_ends)
         raise MeshError(_in_words(misfit, width))
-    node_map = None
-    if len(used) < len(points):
-        node_map, note = dropped(used, len(points))
-        notes.append(note)
-        points, vertices = points[used], node_map[vertices]
-    return points, offsets, vertices, interfaces, node_map, notes
+    points, vertices, node_map, more = dropped(points, vertices)
+    return points, offsets, vertices, interfaces, node_map, notes + more
 
 
-def dropped(used: Ints, n_nodes: int) -> tuple[Ints, str]:
-    """New numbers of nodes of which some are used, -1 for the others, and a note on these."""
-    node_map = np.full(n_nodes, -1)
+def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
+    """Points and vertices without nodes that no cell uses, the new numbers of all (-1 if dropped), and a note."""
+    used = np.unique(vertices)
+    if len(used) == len(points):
+        return points, vertices, None, []
+    node_map = np.full(len(points), -1)
     node_map[used] = np.arange(len(used))
-    return node_map, (
-        f"{n_nodes - len(used)} of {n_nodes} nodes belong to no cell (the first is node "
+    note = (
+        f"{len(points) - len(used)} of {len(points)} nodes belong to no cell (the first is node "
         f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
     )
+    return points[used], node_map[vertices], node_map, [note]
 
 
 # Numbers.
@@ -117,11 +116,7 @@ def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     return array
 
 
-def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, Ints]:
-    if isinstance(cells, np.ndarray) and cells.dtype.kind in "iu":
-        if cells.ndim != 2:
-            raise MeshError(f"cells as one array must have the shape (n_cells, k); got {cells.shape}.")
-        return np.arange(len(cells) + 1) * cells.shape[1], cells.astype(np.int64).ravel()
+def _flattened(cells: Any) -> tuple[Ints, Ints]:
     wanted = f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}."
 
     def fault(number: int, row: NDArray[Any] | None) -> str:

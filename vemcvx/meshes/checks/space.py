@@ -61,8 +61,7 @@ def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints
     """Points and faces made of a user's points and cells, or MeshError; the map of nodes, notes on what was mended."""
     points = check_points(points, 3)
     offsets, vertices, cell_offsets = check_face_lists(cells, len(points))
-    used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
-    check_coincident(points, used)
+    check_coincident(points, np.unique(vertices))
     owner = cell_of_corner(cell_offsets)
     shared = shared_faces(offsets, vertices, owner, len(points))
     shapes = check_faces(points, *rows_in_order(offsets, vertices, shared.first), owner[shared.first])
@@ -87,18 +86,13 @@ def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints
             f"{len(mended)} of {len(volumes)} cells had faces that did not run outwards, counter-clockwise seen from "
             f"outside (the first is cell {mended[0]}); they have been turned."
         )
-    node_map = None
-    if len(used) < len(points):
-        node_map, note = dropped(used, len(points))
-        notes.append(note)
-        points, faces = points[used], faces._replace(face_vertices=node_map[faces.face_vertices])
-    return points, faces, node_map, notes
+    points, vertices, node_map, more = dropped(points, faces.face_vertices)
+    return points, faces._replace(face_vertices=vertices), node_map, notes + more
 
 
 # Lists of faces.
 
 
-WANTED = "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers"
 BY_VERTICES = (
     "Tetrahedra, hexahedra, wedges and pyramids given by their vertices come in by "
     'vx.meshes.convert(meshio.Mesh(points, {"tetra": cells})).'
@@ -110,15 +104,15 @@ def check_face_lists(cells: Any, n_nodes: int) -> Listed:
 
     Every cell has at least four faces, every face at least three different nodes that exist.
     """
-    offsets, vertices, cell_offsets = _flattened(cells)
-    if len(cell_offsets) < 2:
+    listed = cells if isinstance(cells, Listed) else _flattened(cells)
+    if len(listed.cell_offsets) < 2:
         raise MeshError("a mesh needs at least one cell; got none.")
-    few = np.flatnonzero(np.diff(cell_offsets) < 4)
+    few = np.flatnonzero(np.diff(listed.cell_offsets) < 4)
     if len(few):
-        count = cell_offsets[few[0] + 1] - cell_offsets[few[0]]
+        count = np.diff(listed.cell_offsets)[few[0]]
         raise MeshError(f"cell {few[0]} has {count} faces; a polyhedron has at least 4.")
-    check_polygons(offsets, vertices, n_nodes, lambda face: _face(face, cell_offsets))
-    return Listed(offsets, vertices, cell_offsets)
+    check_polygons(listed.offsets, listed.vertices, n_nodes, lambda face: _face(face, listed.cell_offsets))
+    return listed
 
 
 def _face(number: int, cell_offsets: Ints) -> str:
@@ -127,20 +121,13 @@ def _face(number: int, cell_offsets: Ints) -> str:
 
 
 def _flattened(cells: Any) -> Listed:
-    if isinstance(cells, Listed):
-        return cells
-    if isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and not isinstance(cells, np.ma.MaskedArray):
-        if cells.ndim != 3:
-            raise MeshError(
-                f"cells as one array must have the shape (n_cells, faces, vertices); got {cells.shape}. {BY_VERTICES}"
-            )
-        count, each, sides = cells.shape
-        flat = cells.astype(np.int64).ravel()
-        return Listed(np.arange(count * each + 1) * sides, flat, np.arange(count + 1) * each)
     try:
         listed = [list(cell) for cell in cells]
     except Exception:  # of whatever a user hands in
-        raise MeshError(f"{WANTED}; got {type(cells).__name__}. {BY_VERTICES}") from None
+        raise MeshError(
+            "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers; got "
+            f"{type(cells).__name__}. {BY_VERTICES}"
+        ) from None
     cell_offsets = offsets_of(np.array([len(cell) for cell in listed], dtype=np.int64))
 
     def fault(number: int, row: NDArray[Any] | None) -> str:
@@ -382,6 +369,6 @@ def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: 
         how = f"{apart[k]:.3g} beside" if apart[k] > 1e-3 * slack else "on"
         raise MeshError(
             f"{first} and {second} lie {how} one another. Two cells must meet in whole faces of both: cut the "
-            "larger face into the faces of its neighbours, and make a node on an edge a vertex of every face that has the "
-            "edge; if the cells overlap, correct the vertices."
+            "larger face into the faces of its neighbours, and make a node on an edge a vertex of every face that has "
+            "the edge; if the cells overlap, correct the vertices."
         )

@@ -97,7 +97,7 @@ def voronoi(
     for side in (np.zeros(2), sides):
         points = np.where(np.abs(points - side) < ROUND_OFF, side, points)
     place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
-    points, offsets, vertices = _renumbered(points, offsets, place[vertices])
+    points, offsets, vertices, _ = _renumbered(points, offsets, place[vertices])
     if shortest > 0.0:
         points, offsets, vertices = collapse_short_edges(points, offsets, vertices, sides, shortest)
     points, number = _by_rows(points)
@@ -253,15 +253,16 @@ def collapse_short_edges(
         moved[edges[bad]] = points[edges[bad]]
         number = np.arange(len(points))
         number[edges[~bad, 1]] = edges[~bad, 0]
-        points, offsets, vertices = _renumbered(moved, offsets, number[vertices])
+        points, offsets, vertices, _ = _renumbered(moved, offsets, number[vertices])
 
 
-def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints]:
-    """Drop vertices that repeat their successor, then points that no cell uses."""
-    keep = vertices != next_vertex(offsets, vertices)
-    counts = np.add.reduceat(keep.astype(np.int64), offsets[:-1])
-    used, vertices = np.unique(vertices[keep], return_inverse=True)
-    return points[used], offsets_of(counts), vertices
+def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
+    """Drop vertices that repeat their successor, rows of less than three, unused points; also which rows are left."""
+    fresh = vertices != next_vertex(offsets, vertices)
+    counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
+    left = counts > 2
+    used, vertices = np.unique(vertices[fresh & np.repeat(left, np.diff(offsets))], return_inverse=True)
+    return points[used], offsets_of(counts[left]), vertices, np.flatnonzero(left)
 
 
 def _on_sides(points: Floats, size: Floats) -> Bools:
@@ -356,7 +357,8 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     of_corner = np.repeat(side, np.diff(offsets))
     for number in range(6):  # vertices of faces on a side of the box lie there to the bit
         points[vertices[of_corner == number], number // 2] = size[number // 2] * (number % 2)
-    points, offsets, vertices, left = _merged(points, offsets, vertices)
+    place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
+    points, offsets, vertices, left = _renumbered(points, offsets, place[vertices])
     first, second, side = first[left], second[left], side[left]
     outwards = np.einsum("ij,ij->i", face_shapes(points, offsets, vertices).normals, sites[second] - sites[first])
     vertices = turned(offsets, vertices, outwards < 0.0)
@@ -366,18 +368,3 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     order = np.argsort(owner, kind="stable")
     cell_offsets = offsets_of(np.bincount(owner, minlength=count))
     return points, Faces(offsets, vertices, cell_offsets, number[order], face_cells)
-
-
-def _merged(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
-    """Used points with those in the same place made one, rows without repetitions, and which of the rows are left."""
-    used, vertices = np.unique(vertices, return_inverse=True)
-    points = points[used]
-    place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
-    vertices = place[vertices]
-    rows = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    fresh = next_vertex(offsets, vertices) != vertices
-    counts = np.bincount(rows[fresh], minlength=len(offsets) - 1)
-    left = counts > 2
-    vertices = vertices[fresh & left[rows]]
-    used, vertices = np.unique(vertices, return_inverse=True)
-    return points[used], offsets_of(counts[left]), vertices, np.flatnonzero(left)

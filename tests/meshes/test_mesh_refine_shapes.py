@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from vemcvx.meshes import PolygonMesh, refinement
-from vemcvx.meshes.local_refinement import kernel_centroids
-from vemcvx.meshes.polygons.convex import convex_pieces
+from vemcvx.meshes.polygons.convex import convex_pieces, kernel_centroids
 
 L = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], dtype=float)
 U = np.array([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)], dtype=float)
@@ -40,9 +39,9 @@ SHAPES = {
     "L": (L, 6, 12.0),
     "U": (U, 3, 12.0),
     "comb": (comb(), None, 20.0),
-    "spiral": (spiral(), None, 17.0),
-    "500-gon": (regular(500), 9, 6.5),
-    "40-gon": (regular(40), 9, 7.0),
+    "spiral": (spiral(), None, 25.0),
+    "500-gon": (regular(500), 5, 5.0),
+    "40-gon": (regular(40), 5, 4.6),
     "heptagon": (regular(7), 7, 5.0),
     "star": (star(5, 0.3), 10, 28.0),
     "sharp star": (star(50, 0.02), None, 940.0),

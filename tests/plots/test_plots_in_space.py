@@ -117,7 +117,7 @@ def test_a_face_that_leans_is_seen_along_its_normal():
     points = sheared.points + np.column_stack([0 * sheared.points[:, :2], sheared.points[:, 0]])
     names = {name: faces for name, faces in sheared.boundaries.items() if name != "boundary"}
     arrays = {name: getattr(sheared, name) for name in sheared.ARRAYS if name != "points"}
-    mesh = vx.PolyhedralMesh.unchecked(points, **arrays).with_boundaries(names)
+    mesh = vx.PolyhedralMesh.unchecked(points, *arrays.values()).with_boundaries(names)
     scene = vx.Scene(
         vx.Elasticity(200.0, 0.3),
         vx.PrescribedDisplacement(lambda x, t: [t, 0.0, t], on="top"),

@@ -48,7 +48,15 @@ HEAVY = {
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},
-    "shapely": {"meshes/polygons/geometry.py"},
+    "shapely": {
+        *(
+            "meshes/polygons/geometry.py",
+            "meshes/polygons/convex.py",
+            "meshes/checks/plane.py",
+            "meshes/checks/space.py",
+        ),
+        "meshes/several_bodies.py",
+    },
     "pandas": {"results/tables.py"},
     "xarray": {"results/tables.py"},
     "marimo": {"cli/live_page.py"},

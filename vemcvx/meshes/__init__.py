@@ -4,8 +4,8 @@ In space: polyhedral meshes, and families of meshes of a box.
 """
 
 from vemcvx.meshes.families.plane import distorted, hanging, hexagons, l_shape, nonconvex, squares, triangles
-from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra, voronoi3
-from vemcvx.meshes.families.voronoi import voronoi
+from vemcvx.meshes.families.space import cubes, kelvin, prisms, tetrahedra
+from vemcvx.meshes.families.voronoi import voronoi, voronoi3
 from vemcvx.meshes.foreign import AnyMesh, convert, plane_mesh, read
 from vemcvx.meshes.interfaces import Interface
 from vemcvx.meshes.local_refinement import Refinement, refinement

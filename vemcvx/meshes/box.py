@@ -8,7 +8,7 @@ Parts of the boundary are edges in the plane, faces in space.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, is_real, is_whole, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.polygons.topology import edge_keys, offsets_of, spans
-from vemcvx.meshes.polyhedra import Faces, same_faces
+from vemcvx.meshes.polygons.topology import matching_rows, rows_in_order
+from vemcvx.meshes.polyhedra import Faces
 
 Count = int | tuple[int, int]
 SpaceCount = int | tuple[int, int, int]
@@ -181,15 +181,6 @@ def check_name(name: object) -> str:
     return name
 
 
-def check_is_whole_boundary(given: Ints, boundary: Ints) -> None:
-    """Raise MeshError where what is called the whole boundary, as meshes call it, is less; numbers or keys of parts."""
-    if not np.array_equal(np.unique(given), np.unique(boundary)):
-        raise MeshError(
-            f"the name {WHOLE!r} is taken: it always means the whole boundary, and here it is given to "
-            f"{len(np.unique(given))} of its {len(boundary)} parts. Choose another name, or leave it out."
-        )
-
-
 def chosen_parts(name: object, predicate: Callable[[Floats], Bools], places: Floats, parts: str = "edges") -> Bools:
     """A mask of the parts that a predicate accepts by their middles (m, dim); see `with_boundary` of meshes."""
     name = check_name(name)
@@ -226,31 +217,6 @@ def check_mapping(given: Mapping[str, T] | None, what: str, wanted: str) -> Mapp
     return given
 
 
-def check_boundaries(
-    boundaries: Mapping[str, ArrayLike] | None, boundary: Ints, n_nodes: int, node_map: Ints | None
-) -> dict[str, Ints]:
-    """Named edges as their cells run them, in the order of the boundary; MeshError if one is not on it."""
-    keys = edge_keys(boundary, n_nodes)
-    named = {}
-    for name, given in check_mapping(boundaries, "boundaries", "edges (m, 2)").items():
-        name = name if name == WHOLE else check_name(name)
-        given = check_edges(name, given, n_nodes if node_map is None else len(node_map))
-        edges = given if node_map is None else node_map[given]
-        wanted = edge_keys(edges, n_nodes)
-        strange = np.flatnonzero(~np.isin(wanted, keys) | (edges < 0).any(axis=1))
-        if len(strange):
-            a, b = given[strange[0]]
-            raise MeshError(
-                f"boundary {name!r}: ({a}, {b}) is not an edge of the boundary ({len(strange)} of "
-                f"{len(given)} are not). Name only edges that belong to exactly one cell."
-            )
-        if name == WHOLE:
-            check_is_whole_boundary(wanted, keys)
-        else:
-            named[name] = read_only(boundary[np.isin(keys, wanted)])
-    return named
-
-
 def check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
     """Edges as pairs of node numbers that exist, (m, 2), or MeshError."""
     edges = _array(edges)
@@ -266,18 +232,12 @@ def check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
     return edges.astype(np.int64)
 
 
-def check_datum_name(name: object) -> str:
-    """Return a name that a cell datum may have, or raise MeshError."""
-    if not isinstance(name, str) or not name:
-        raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
-    return name
-
-
 def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
     """Read-only copies of arrays with one row a cell, or MeshError."""
     checked = {}
     for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
-        check_datum_name(name)
+        if not isinstance(name, str) or not name:
+            raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
         array = _array(values).copy()
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
             raise MeshError(
@@ -320,62 +280,10 @@ def _array(values: ArrayLike) -> NDArray[Any]:
     return np.empty(0, dtype=object) if array is None else array
 
 
-def check_face_boundaries(
-    boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None, mesh: Faces, node_map: Ints | None
-) -> dict[str, Ints]:
-    """Named faces by their numbers, ascending; MeshError if one is not on the boundary."""
-    boundaries = check_mapping(boundaries, "boundaries", "faces")
-    if WHOLE in boundaries:
-        whole = _faces(WHOLE, boundaries[WHOLE], mesh, node_map)
-        check_is_whole_boundary(whole, np.flatnonzero(mesh.face_cells[:, 1] < 0))
-    rest = [name for name in boundaries if name != WHOLE]
-    return {check_name(name): _faces(name, boundaries[name], mesh, node_map) for name in rest}
-
-
-def _faces(name: str, given: Any, mesh: Faces, node_map: Ints | None) -> Ints:
-    numbers = plain(given)
-    if numbers is not None and numbers.ndim == 1 and numbers.dtype.kind in "iu" and len(numbers):
-        faces, called = numbers.astype(np.int64), [f"face {number}" for number in numbers.tolist()]
-        faces = np.where((faces >= 0) & (faces < len(mesh.face_cells)), faces, -1)
-    else:
-        rows = _rows(name, given)
-        faces, called = faces_of(rows, mesh, node_map), [f"({', '.join(map(str, row.tolist()))})" for row in rows]
-    strange = np.flatnonzero((faces < 0) | (mesh.face_cells[faces, 1] >= 0))
-    if len(strange):
-        raise MeshError(
-            f"boundary {name!r}: {called[strange[0]]} is not a face of the boundary ({len(strange)} of {len(faces)} "
-            "are not). Name only faces that belong to exactly one cell."
-        )
-    return read_only(np.unique(faces))
-
-
-def _rows(name: str, given: Any) -> list[Ints]:
-    wanted = f"boundary {name!r}: faces must be numbers (m,) or rows of the numbers of their vertices, at least one"
-    try:
-        rows = [plain(row) for row in given]
-    except Exception:  # of whatever a user hands in
-        raise MeshError(f"{wanted}; got {brief(given)}.") from None
-    if not rows or any(row is None or row.ndim != 1 or row.dtype.kind not in "iu" or not len(row) for row in rows):
-        raise MeshError(f"{wanted}; got {brief(given)}.")
-    return [row.astype(np.int64) for row in rows if row is not None]
-
-
-def faces_of(rows: Sequence[Ints], mesh: Faces, node_map: Ints | None) -> Ints:
-    """Number of the face with the given vertices (numbers before unused nodes were dropped), -1 where there is none."""
-    number = np.arange(mesh.face_vertices.max() + 1) if node_map is None else node_map
-    flat = np.concatenate(rows)
-    known = (flat >= 0) & (flat < len(number))
-    flat = np.where(known, number[np.where(known, flat, 0)], -1)
-    return matching_faces(mesh, offsets_of(np.array([len(row) for row in rows])), flat)
-
-
 def matching_faces(mesh: Faces, offsets: Ints, vertices: Ints) -> Ints:
-    """Number of the face that has the same vertices as each row, -1 where there is none."""
+    """Number of the face of the boundary that has the same vertices as each row, -1 where there is none."""
     counts = np.diff(mesh.face_offsets)
-    # Only faces with as many vertices, on the boundary: sorting all faces of a mesh takes longer than reading it.
+    # Only faces with as many vertices: sorting all faces of a mesh takes longer than reading it.
     outer = np.flatnonzero((mesh.face_cells[:, 1] < 0) & np.isin(counts, np.diff(offsets)))
-    own = mesh.face_vertices[spans(mesh.face_offsets[outer], counts[outer])]
-    whole = offsets_of(np.concatenate([counts[outer], np.diff(offsets)]))
-    first, number = same_faces(whole, np.concatenate([own, vertices]))
-    found = first[number[len(outer) :]]
-    return np.append(outer, -1)[np.minimum(found, len(outer))]
+    found = matching_rows(*rows_in_order(mesh.face_offsets, mesh.face_vertices, outer), offsets, vertices)
+    return np.append(outer, -1)[found]

@@ -10,8 +10,7 @@ from vemcvx.meshes.io.files import load
 from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
-from vemcvx.meshes.space_tessellation import SpaceTessellation
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 # Meshes of the plane or of space, and the sentence that refuses the latter where only the former will do.
 

@@ -12,11 +12,11 @@ from scipy.sparse import csr_array, eye_array, vstack
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, flag, plain, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.box import check_boundaries, check_cell_data
+from vemcvx.meshes.box import check_cell_data
 from vemcvx.meshes.interfaces import Interface, on_boundary
 from vemcvx.meshes.interpolation import projected_values
-from vemcvx.meshes.polygons.convex import convex_pieces, left_of
-from vemcvx.meshes.polygons.geometry import cross, polygon_centroids, rounding
+from vemcvx.meshes.polygons.convex import convex_pieces, kernel_centroids
+from vemcvx.meshes.polygons.geometry import cross, rounding
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -32,10 +32,10 @@ from vemcvx.meshes.tessellation import Tessellation
 
 # The sides of polygonal cells, and the places where refinement splits them.
 #
-# A vertex where the outline goes straight on hangs on a side; the others are *bends*. Not every bend is a corner:
-# were the middles on both sides of a bend of 175 degrees joined to the centre, then a quarter with that angle would
-# be left, whose quarters would have it again and again. So a corner is a bend by at least `SHARP`, or one in a row of
-# gentler bends, like those of a many-sided polygon, by which the outline has turned another `TURN`.
+# A vertex where the outline goes straight on hangs on a side; the others are *bends*. Not every bend is a corner: were
+# the middles on both sides of a bend of 175 degrees joined to the centre, then a quarter with that angle would be left,
+# whose quarters would have it again and again. So a corner is a bend by at least `SHARP`; if a cell has fewer than
+# three, all bends are corners, like those of a many-sided polygon.
 #
 # A *side* of a cell is its outline from one corner to the next, nearly always straight. One that is at least `SHORT`
 # of the cell's diameter long is split once: at a vertex if there is one near its middle, else at the middle of the
@@ -47,25 +47,11 @@ from vemcvx.meshes.tessellation import Tessellation
 # turns first. The perimeter is at least twice the diameter: every cell has at least two such places.
 
 
-SHARP, TURN = np.radians(20.0), np.radians(40.0)
+SHARP = np.radians(20.0)
 # Part of the diameter. The sides of squares (0.71), hexagons (0.5), regular decagons (0.31) and rectangles up to
 # 1 : 3.2 are long; thinner rectangles are cut across only, which brings them back below. Zigzag cells of twelve sides
 # of 0.26 get 5 children; if 0.25 were enough it would be 10, thin ones around a point.
 SHORT = 0.3
-
-
-@dataclass(frozen=True, eq=False)
-class Outline:
-    """Edges and angles of all cells, (n_corners,) each, at the corners of the mesh."""
-
-    length: Floats
-    """of the edge that starts there"""
-    turn: Floats
-    """angle by which the outline turns left there; zero where it goes straight on"""
-    bend: Bools
-    """whether it turns at all"""
-    corner: Bools
-    """whether that makes a corner"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,20 +72,18 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Splitting:
-    """The points and edges at which cells are split."""
+    """The points and edges at which cells are split: masks of cells and of their corners."""
 
-    start: Ints
-    """(n_sides,) corner of the mesh at which each side begins, the sides in the order of the cells"""
-    offsets: Ints
-    """(n_cells + 1,) cell c has the sides offsets[c] to offsets[c + 1]"""
-    long: Bools
-    """(n_sides,) those that are split in the middle"""
-    bend: Bools
-    """(n_corners,) vertices where the outline of a cell does not go straight on"""
+    sides: Ints
+    """(n_cells,) how many sides a cell has"""
+    all_long: Bools
+    """(n_cells,) cells all of whose sides are split in the middle"""
     convex: Bools
     """(n_cells,) cells that turn right nowhere"""
     places: Ints
     """(n_cells,) number of places to split at: 2 at least, for all but absurd shapes"""
+    bend: Bools
+    """(n_corners,) vertices where the outline of a cell does not go straight on"""
     vertex: Bools
     """(n_corners,) places to split at: the vertex at a corner of the mesh"""
     edge: Bools
@@ -108,35 +92,34 @@ class Splitting:
 
 def splitting_of(mesh: Tessellation) -> Splitting:
     """Find the sides of all cells and the places to split at."""
-    outline = _outline_of(mesh)
-    sides = _sides(mesh, outline, outline.corner)
-    smooth = _cancelling(sides, outline)
+    begin = mesh.offsets[:-1]
+    length, turn, bend = _outlines(mesh)
+    corner = _at_least_three(np.abs(turn) > SHARP, bend, mesh.offsets)
+    sides = _sides(mesh, length, corner)
+    smooth = _cancelling(sides, turn)
     if len(smooth):
-        corner = outline.corner.copy()
-        corner[smooth] = False
-        sides = _sides(mesh, outline, _at_least_three(corner, outline.corner, mesh.offsets))
+        fewer = corner.copy()
+        fewer[smooth] = False
+        sides = _sides(mesh, length, _at_least_three(fewer, corner, mesh.offsets))
     order, first = sides.order, sides.first
     vertex, edge = np.zeros((2, len(order)), dtype=bool)
-    at, between = _middles(outline.length[order], sides)
+    at, between = _middles(length[order], sides)
     vertex[order[at]] = edge[order[between]] = True
-    vertex[order[first[_split_runs(sides, outline.turn[order[first]] < 0.0)]]] = True
-    convex = np.minimum.reduceat(outline.turn, mesh.offsets[:-1]) >= 0.0
-    places = np.add.reduceat(vertex + edge.astype(np.int64), mesh.offsets[:-1])
-    offsets = offsets_of(np.bincount(sides.cell, minlength=mesh.n_cells))
+    vertex[order[first[_split_runs(sides, turn[order[first]] < 0.0)]]] = True
+    counts = np.bincount(sides.cell, minlength=mesh.n_cells)
     return Splitting(
-        start=order[first],
-        offsets=offsets,
-        long=sides.long,
-        bend=outline.bend,
-        convex=convex,
-        places=places,
+        sides=counts,
+        all_long=np.logical_and.reduceat(sides.long, offsets_of(counts)[:-1]),
+        convex=np.minimum.reduceat(turn, begin) >= 0.0,
+        places=np.add.reduceat(vertex + edge.astype(np.int64), begin),
+        bend=bend,
         vertex=vertex,
         edge=edge,
     )
 
 
-def _outline_of(mesh: Tessellation) -> Outline:
-    """Measure the outlines of all cells and find their corners."""
+def _outlines(mesh: Tessellation) -> tuple[Floats, Floats, Bools]:
+    """At each corner: the length of the edge that starts there, by how much the outline turns left, whether it does."""
     x = mesh.points[mesh.vertices]
     edge = mesh.points[next_vertex(mesh.offsets, mesh.vertices)] - x
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -145,8 +128,7 @@ def _outline_of(mesh: Tessellation) -> Outline:
     # Sine of the angle below which an edge goes straight on; beyond the rounding of the coordinates it means nothing.
     slack = 1e-6 * length[before] * length + rounding(x) * (length[before] + length)
     bend = _at_least_three((np.abs(sine) > slack) | (cosine <= 0.0), np.ones(len(x), dtype=bool), mesh.offsets)
-    turn = np.where(bend, np.arctan2(sine, cosine), 0.0)
-    return Outline(length, turn, bend, _at_least_three(_corners(turn, mesh.offsets), bend, mesh.offsets))
+    return length, np.where(bend, np.arctan2(sine, cosine), 0.0), bend
 
 
 def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
@@ -155,32 +137,13 @@ def _at_least_three(flags: Bools, otherwise: Bools, offsets: Ints) -> Bools:
     return np.where(np.repeat(few, np.diff(offsets)), otherwise, flags)
 
 
-def _corners(turn: Floats, offsets: Ints) -> Bools:
-    """Sharp bends, and those of the others where the turn since the last sharp one passes 20, 60, 100 ... degrees."""
-    sharp: Bools = np.abs(turn) > SHARP
-    gentle = np.flatnonzero(np.logical_or.reduceat((turn != 0.0) & ~sharp, offsets[:-1]))
-    if not len(gentle):
-        return sharp
-    order = rotation(offsets, first_in_row(sharp, offsets))
-    fresh = sharp[order]
-    fresh[offsets[:-1]] = True
-    step = np.where(sharp, 0.0, turn)[order]
-    total = np.cumsum(step)
-    since = np.maximum.accumulate(np.where(fresh, np.arange(len(order)), 0))
-    turned = np.rint((total - (total - step)[since]) / TURN)
-    passed = np.concatenate([[False], turned[1:] != turned[:-1]]) & ~fresh & (step != 0.0)
-    corner = sharp.copy()
-    corner[order[passed]] = True
-    return corner
-
-
-def _sides(mesh: Tessellation, outline: Outline, corner: Bools) -> Sides:
+def _sides(mesh: Tessellation, length: Floats, corner: Bools) -> Sides:
     """Sides between the given corners."""
     cell = cell_of_corner(mesh.offsets)
     order = rotation(mesh.offsets, first_in_row(corner, mesh.offsets))
     for _ in range(2):  # once to know the long sides, once more to begin with one
         first = np.flatnonzero(corner[order])
-        lengths = np.add.reduceat(outline.length[order], first) / mesh.diameters[cell[first]]
+        lengths = np.add.reduceat(length[order], first) / mesh.diameters[cell[first]]
         triangle = np.bincount(cell[first], minlength=mesh.n_cells) == 3
         long = (lengths >= SHORT) | triangle[cell[first]]
         sides = Sides(cell[first], first, order, lengths, long)
@@ -196,11 +159,11 @@ def _runs(sides: Sides) -> tuple[Bools, Ints, Floats]:
     return new, np.cumsum(new) - 1, np.add.reduceat(sides.lengths, np.flatnonzero(new))
 
 
-def _cancelling(sides: Sides, outline: Outline) -> Ints:
+def _cancelling(sides: Sides, turn: Floats) -> Ints:
     """Corners of the mesh in runs of short sides that are short in sum and hardly turn in all."""
     new, run, total = _runs(sides)
     begin = np.flatnonzero(new)
-    turn = outline.turn[sides.order[sides.first]]
+    turn = turn[sides.order[sides.first]]
     # The corner after a run is where the next side begins, in the same cell or (a cell begins with a long side) the
     # first of its cell.
     last = np.append(begin[1:], len(new)) - 1
@@ -277,8 +240,8 @@ def centres_of(mesh: Tessellation, splitting: Splitting) -> tuple[Floats, Bools]
         nodes: Ints = mesh.vertices[bends[offsets[cells, None] + np.arange(count)]]
         return mesh.points[nodes]
 
-    all_long = np.logical_and.reduceat(splitting.long, splitting.offsets[:-1]) & (np.diff(splitting.offsets) == 4)
-    quads = np.flatnonzero((counts == 4) & (all_long | ~splitting.convex))
+    four_long = splitting.all_long & (splitting.sides == 4)
+    quads = np.flatnonzero((counts == 4) & (four_long | ~splitting.convex))
     centres[quads] = _middles_of_quads(corners(quads, 4))
     others = np.flatnonzero(~splitting.convex & (counts != 4))
     for count in np.unique(counts[others]):
@@ -305,24 +268,6 @@ def _middles_of_quads(x: Floats) -> Floats:
     return np.where(arrow[:, None], 0.5 * diagonal, 0.25 * (even + odd))
 
 
-def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
-    """Centroids (c, 2) of the kernels of polygons, and how far they are from the lines of the sides, (c,).
-
-    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin, which stands for an empty kernel. Distances
-    are the least signed ones, negative outside.
-    """
-    edge = np.roll(corners, -1, axis=1) - corners
-    inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1) / np.hypot(edge[..., 0], edge[..., 1])[..., None]
-    empty = np.zeros(len(corners), dtype=bool)
-    kernel = np.broadcast_to(np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), (len(corners), 4, 2))
-    for start, along in zip(corners.transpose(1, 0, 2), edge.transpose(1, 0, 2), strict=True):
-        kernel, left = left_of(kernel, start, along)
-        empty |= ~left
-    areas, centroids = polygon_centroids(kernel)
-    points = np.where(((areas > 0.0) & ~empty)[:, None], centroids, 0.0)
-    return points, np.einsum("cia,cia->ci", points[:, None] - corners, inward).min(axis=1)
-
-
 # The cells of a refined mesh: outlines of the old cells with the new middles in them, cut at the chosen places.
 #
 # All nodes of the outlines, cell after cell, and the new centres form one pool; every new cell is a few ranges of it,
@@ -346,13 +291,12 @@ class Kinds:
     unseen: Bools
     """into convex pieces along diagonals, having no centre"""
 
-
-def kinds_of(splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
-    """Tell what becomes of each cell from which are marked, and which have a centre that sees all of them."""
-    parted = marked & seen
-    medial = parted & (np.diff(splitting.offsets) == 3) & splitting.convex
-    centred = parted & ~medial & ~((splitting.places == 2) & splitting.convex)
-    return Kinds(parted, centred, medial, marked & ~seen)
+    @classmethod
+    def of(cls, splitting: Splitting, marked: Bools, seen: Bools) -> Kinds:
+        """Tell what becomes of each cell from which are marked, and which have a centre that sees all of them."""
+        parted = marked & seen
+        medial = parted & (splitting.sides == 3) & splitting.convex
+        return cls(parted, parted & ~medial & ~((splitting.places == 2) & splitting.convex), medial, marked & ~seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,11 +321,11 @@ def outlines_of(mesh: Tessellation, splitting: Splitting, kinds: Kinds, middle: 
     cell = cell_of_corner(mesh.offsets)
     new = middle >= 0
     place = offsets_of(1 + new)
-    offsets = place[mesh.offsets]
+    offsets, old, inserted = place[mesh.offsets], place[:-1], place[:-1][new] + 1
     nodes, marked = np.empty(place[-1], dtype=np.int64), np.zeros(place[-1], dtype=bool)
-    nodes[place[:-1]], nodes[place[:-1][new] + 1] = mesh.vertices, middle[new]
-    marked[place[:-1]] = (kinds.parted[cell] & splitting.vertex) | (kinds.unseen[cell] & splitting.bend)
-    marked[place[:-1][new] + 1] = (kinds.parted[cell] & splitting.edge)[new]
+    nodes[old], nodes[inserted] = mesh.vertices, middle[new]
+    marked[old] = (kinds.parted[cell] & splitting.vertex) | (kinds.unseen[cell] & splitting.bend)
+    marked[inserted] = (kinds.parted[cell] & splitting.edge)[new]
     turned = rotation(offsets, first_in_row(marked, offsets))
     marks = np.flatnonzero(marked[turned])
     owner = cell_of_corner(offsets)[marks]
@@ -403,40 +347,27 @@ def children_of(outlines: Outlines, kinds: Kinds, points: Floats, first_centre: 
     children = np.where(kinds.parted, marks + kinds.medial, 1)
     children[cut] = counts
     first = offsets_of(children)
-    ranges = [
+    centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
+    at_centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
+    # Of parted cells, from each middle: the outline to the next one, that one, and the centre if there is one.
+    part = np.flatnonzero(kinds.parted[outlines.cell])
+    cell, start = outlines.cell[part], outlines.marks[part]
+    child = first[cell] + part - offsets_of(marks)[cell]
+    inner, medial = kinds.centred[cell], kinds.medial[cell]
+    one = np.ones(len(part), dtype=np.int64)
+    ranges: list[Ranges] = [
         (first[whole], outlines.offsets[whole], np.diff(outlines.offsets)[whole]),
-        *_between_middles(outlines, kinds, first, marks),
-        _middle_triangles(outlines, kinds, first, marks),
+        (child, start, outlines.stop[part] - start),
+        (child, outlines.follower[part], one),
+        (child[inner], at_centre[cell[inner]], one[inner]),
+        (first[cell[medial]] + marks[cell[medial]], start[medial], one[medial]),
         *((first[c] + number, start, length) for c, (number, start, length) in zip(cut, pieces, strict=True)),
     ]
     cell, start, count = (np.concatenate(parts) for parts in zip(*ranges, strict=True))
     order = np.argsort(cell, kind="stable")
-    centres = first_centre + np.arange(np.count_nonzero(kinds.centred))
-    pool = np.concatenate([outlines.nodes, centres])
+    vertices = np.concatenate([outlines.nodes, centres])[spans(start[order], count[order])]
     sizes = np.bincount(cell, weights=count, minlength=first[-1]).astype(np.int64)
-    vertices = pool[spans(start[order], count[order])]
     return offsets_of(sizes), vertices, np.repeat(np.arange(n_cells), children)
-
-
-def _between_middles(outlines: Outlines, kinds: Kinds, first: Ints, marks: Ints) -> list[Ranges]:
-    """The outline from each middle to the next one, that one, and the centre if there is one."""
-    here = np.flatnonzero(kinds.parted[outlines.cell])
-    cell, start = outlines.cell[here], outlines.marks[here]
-    child = first[cell] + here - offsets_of(marks)[cell]
-    single = np.ones(len(here), dtype=np.int64)
-    with_centre = kinds.centred[cell]
-    centre = len(outlines.nodes) + np.cumsum(kinds.centred) - 1
-    return [
-        (child, start, outlines.stop[here] - start),
-        (child, outlines.follower[here], single),
-        (child[with_centre], centre[cell[with_centre]], single[with_centre]),
-    ]
-
-
-def _middle_triangles(outlines: Outlines, kinds: Kinds, first: Ints, marks: Ints) -> Ranges:
-    """The three middles of each triangle."""
-    here = np.flatnonzero(kinds.medial[outlines.cell])
-    return first[outlines.cell[here]] + marks[outlines.cell[here]], outlines.marks[here], np.ones_like(here)
 
 
 def _pieces(outlines: Outlines, cells: Ints, points: Floats) -> tuple[Ints, list[Ranges]]:
@@ -541,12 +472,12 @@ def refinement(mesh: Mesh, cells: ArrayLike | None = None, *, balance: bool = Tr
     _check_lengths(mesh.points, ends)
     middle = np.full(len(split), -1)
     middle[split] = mesh.n_nodes + np.arange(len(ends))
-    kinds = kinds_of(splitting, marked, seen)
+    kinds = Kinds.of(splitting, marked, seen)
     outlines = outlines_of(mesh, splitting, kinds, middle[edges.of_corner])
     offsets, vertices, parents = children_of(outlines, kinds, mesh.points, mesh.n_nodes + len(ends))
     inner = centres[kinds.centred]
     points = np.concatenate([mesh.points, mesh.points[ends].mean(axis=1), inner])
-    refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, mesh._box), parents, edges, middle)
+    refined = _carried(mesh, type(mesh).unchecked(points, offsets, vertices, box=mesh._box), parents, edges, middle)
     at_centres = projected_values(mesh, np.flatnonzero(kinds.centred), inner)
     return Refinement(refined, read_only(parents), _prolongation(mesh.n_nodes, ends, at_centres))
 
@@ -630,7 +561,7 @@ def _carried(mesh: Mesh, refined: Mesh, parents: Ints, edges: Edges, middle: Int
 
     data = check_cell_data({name: values[parents] for name, values in mesh.cell_data.items()}, refined.n_cells)
     named = {name: halved(part) for name, part in mesh._named.items()}
-    named = check_boundaries(named, refined._boundary, refined.n_nodes, None) if named else {}
+    named = refined._checked_parts(named) if named else {}
     sides = {k: Interface(i.bodies, halved(i.edges), halved(i.partners)) for k, i in mesh.interfaces.items()}
     matched = on_boundary(sides, refined._boundary, refined.n_nodes) if sides else {}
     return refined._replace(_named=named, interfaces=MappingProxyType(matched), cell_data=MappingProxyType(data))

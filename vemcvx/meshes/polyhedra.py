@@ -27,6 +27,7 @@ from vemcvx.meshes.polygons.topology import (
     next_corner,
     offsets_of,
     rows_in_order,
+    same_rows,
     turned,
 )
 
@@ -58,7 +59,7 @@ class Faces(NamedTuple):
 
 def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
     """Faces of cells that list all of theirs, outwards: listed face k is ``vertices[offsets[k]:offsets[k + 1]]``."""
-    first, number = same_faces(offsets, vertices)
+    first, number = same_rows(offsets, vertices)
     face_offsets, face_vertices = rows_in_order(offsets, vertices, first)
     owner = cell_of_corner(cell_offsets)
     second = np.full(len(first), -1)
@@ -71,21 +72,6 @@ def joined_faces(offsets: Ints, vertices: Ints, cell_offsets: Ints) -> Faces:
         number,
         np.column_stack([owner[first], second]),
     )
-
-
-def same_faces(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
-    """The first listing of each face, in order, and the face of each listing."""
-    counts = np.diff(offsets)
-    leader = np.arange(len(counts))
-    for count in np.unique(counts):
-        listed = np.flatnonzero(counts == count)
-        rows = np.sort(vertices[offsets[listed, None] + np.arange(count)], axis=1)
-        order = np.lexsort(rows.T[::-1])
-        rows = rows[order]
-        starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
-        leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
-    first = np.unique(leader)
-    return first, np.searchsorted(first, leader)
 
 
 def listed_faces(faces: Faces) -> Listed:

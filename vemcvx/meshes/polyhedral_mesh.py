@@ -13,7 +13,7 @@ from vemcvx.errors import MeshError
 from vemcvx.meshes.box import plotted_points, plotted_values
 from vemcvx.meshes.exported import Exported
 from vemcvx.meshes.polygons.topology import rows_in_order
-from vemcvx.meshes.space_tessellation import SpaceTessellation
+from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,134 +1,215 @@
-"""Several bodies in one mesh: coincident boundaries become interfaces, names and data get the names of the bodies.
+"""Interfaces made: between several bodies whose boundaries coincide, and along cracks in one.
 
-The meshes are laid side by side in one list of nodes and cells. Nodes of different bodies within the tolerance of each
-other are in one place: that of the node of the first body. A node within the tolerance of an edge of another body
+Meshes of bodies are laid side by side in one list of nodes and cells. Nodes of different bodies within the tolerance of
+each other are in one place: that of the node of the first body. A node within the tolerance of an edge of another body
 becomes a hanging vertex of it, where the node is; but a node of a later body that is off an edge of an earlier one, by
 more than rounding, first moves to the nearest point of it. So the earlier body keeps its outline, the later one takes
 it, and both have the same nodes along the common part.
 
-Outlines without the edges that two bodies have in one place, in opposite directions, bound all bodies together, and
-what is true of the boundary of one mesh must be true of them.
+At a crack, the corners of cells at a node are joined across the edges that are not cut. Where that leaves them in
+several groups, each group gets a node of its own; where it leaves one, as at a tip inside the body, nothing is double.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Floats, Ints, brief, is_real
+from vemcvx.arrays import Bools, Floats, Ints, brief, is_real, read_only
 from vemcvx.errors import MeshError
-from vemcvx.meshes.box import WHOLE, check_boundaries, check_cell_data, check_name
-from vemcvx.meshes.checks.plane import NARROW_BETWEEN_BODIES, Misfit, check_cells, covering, misfit_of, shortest_edges
+from vemcvx.meshes.box import WHOLE, check_cell_data, check_name
+from vemcvx.meshes.checks.plane import check_cells, lowest, misfit_of
 from vemcvx.meshes.interfaces import Interface, on_boundary, outside, pairs_of, places_of
-from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.geometry import TOLERANCE, beside, close_pairs, cross, outlines, overlapping_boxes, rounding
+from vemcvx.meshes.local_refinement import check_marks
+from vemcvx.meshes.polygons.geometry import TOLERANCE, close_pairs, outlines, rounding
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
     edge_keys,
+    next_corner,
     offsets_of,
     positions,
-    shared_edges,
     smallest_linked,
 )
 from vemcvx.meshes.tessellation import Tessellation
 
+Mesh = TypeVar("Mesh", bound=Tessellation)
+# Bodies that programs of six digits or less drew apart are nearer than this part of the lowest cell.
+NARROW_BETWEEN_BODIES = 1e-3
+BODY = "body"
+SIGNS = (".", "|")
+
+
+def bodies(
+    meshes: Mapping[str, Mesh],
+    interfaces: Mapping[str, tuple[str, str]] | None = None,
+    *,
+    tolerance: float | None = None,
+) -> Mesh:
+    """Join the meshes of several bodies to one, with an interface wherever boundaries of two of them coincide.
+
+    Along an interface each body takes the nodes of the other as hanging vertices of its cells, so that both
+    have the same; nodes in one place stay double. Bodies need not touch, but must neither overlap nor nearly touch.
+
+    Parameters
+    ----------
+    meshes : mapping of str to PolygonMesh
+        The bodies by name.
+    interfaces : mapping of str to (str, str), optional
+        Names of interfaces: name -> (first body, second body). Otherwise an interface is called "first|second", in the
+        order of the bodies.
+    tolerance : float, optional
+        Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
+        of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle (which are
+        up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the earlier one: its nodes
+        move to the nearest points of the other's.
+
+    Returns
+    -------
+    PolygonMesh
+        Cells of the bodies one after the other; their nodes likewise, and then the new hanging ones.
+        ``mesh.interfaces`` has an `Interface` a name; ``mesh.boundaries`` has its edges of the first body, and
+        "lower.left" for what is left of the boundary "left" of "lower" without the interfaces (no such name if nothing
+        is). Cell data are those of the bodies, zero on the others; "body" is the number of the body, and a datum of
+        the name of each body is 1 on it and 0 elsewhere, so that ``Elasticity(..., on="lower")`` means its cells.
+
+    Raises
+    ------
+    MeshError
+        Bodies overlap, touch in a point only, or leave a gap above the tolerance that is hardly one; an interface is
+        named that is none; names clash.
+    """
+    _check_meshes(meshes)
+    apart = SideBySide.of(meshes)
+    place = _same_places(apart, tolerance := _check_tolerance(tolerance, apart.mesh.points))
+    points, node, edge = _hanging(apart, place, tolerance)
+    whole = apart.with_hanging(points, node, edge)
+    place = np.concatenate([place, place[node]])
+    _check_apart(whole, moved=not np.array_equal(points, apart.mesh.points))
+    matched = on_boundary(_interfaces_of(whole, place, interfaces), whole.ends, len(place))
+    _check_points_of_contact(whole, place, matched)
+    origin = np.repeat(np.arange(len(apart.ends)), 1 + np.bincount(edge, minlength=len(apart.ends)))
+    free = outside(matched, whole.ends, len(place))
+    sides = {}
+    for start, (body, mesh) in zip(np.searchsorted(apart.body, np.arange(len(meshes))), meshes.items(), strict=True):
+        for name, edges in mesh.boundaries.items():
+            of_name = np.zeros(len(apart.ends), dtype=bool)
+            of_name[positions(edges + start, apart.ends, len(apart.body))] = True
+            left = whole.ends[free & of_name[origin]]
+            if name != WHOLE and len(left):
+                sides[f"{body}.{name}"] = left
+    return whole.mesh._replace(
+        interfaces=MappingProxyType(matched),
+        _named=whole.mesh._checked_parts(sides),
+        cell_data=MappingProxyType(check_cell_data(_data(meshes, whole.body_of_cell), whole.mesh.n_cells)),
+    )
+
 
 @dataclass(frozen=True, eq=False)
-class SideBySide:
-    """Several bodies, which share no node.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the bodies.
-    points : (n, 2) float
-    offsets, vertices : (n_cells + 1,) int, (n_corners,) int
-        As of a `PolygonMesh`, cells of the bodies one after the other.
-    body : (n,) int
-        The body of each node.
-    """
+class SideBySide(Generic[Mesh]):
+    """Meshes of several bodies in one, which share no node; nodes and cells in their order."""
 
     names: tuple[str, ...]
-    points: Floats
-    offsets: Ints
-    vertices: Ints
+    mesh: Mesh
     body: Ints
+    """(n_nodes,) the body of each node"""
 
     @classmethod
-    def of(cls, meshes: Mapping[str, Tessellation]) -> SideBySide:
-        """Lay meshes side by side: nodes and cells in their order."""
+    def of(cls, meshes: Mapping[str, Mesh]) -> SideBySide[Mesh]:
+        """Lay meshes side by side."""
         each = list(meshes.values())
         nodes = np.array([mesh.n_nodes for mesh in each])
-        return cls(
-            names=tuple(meshes),
-            points=np.concatenate([mesh.points for mesh in each]),
-            offsets=offsets_of(np.concatenate([np.diff(mesh.offsets) for mesh in each])),
-            vertices=np.concatenate([m.vertices + s for m, s in zip(each, offsets_of(nodes), strict=False)]),
-            body=np.repeat(np.arange(len(each)), nodes),
+        whole = type(each[0]).unchecked(
+            np.concatenate([mesh.points for mesh in each]),
+            offsets_of(np.concatenate([np.diff(mesh.offsets) for mesh in each])),
+            np.concatenate([m.vertices + s for m, s in zip(each, offsets_of(nodes), strict=False)]),
         )
-
-    @cached_property
-    def corners(self) -> Ints:
-        """Corners at which the edges of the boundary start."""
-        return shared_edges(self.offsets, self.vertices, len(self.points)).alone
-
-    @cached_property
-    def ends(self) -> Ints:
-        """The edges of the boundary, as they run in their cells, in the order of these."""
-        return directed_edges(self.offsets, self.vertices)[self.corners]
+        return cls(tuple(meshes), whole, np.repeat(np.arange(len(each)), nodes))
 
     @property
-    def body_of_edge(self) -> Ints:
-        """The body of each edge of the boundary."""
-        return self.body[self.ends[:, 0]]
+    def ends(self) -> Ints:
+        """The edges of the boundary, as they run in their cells, in the order of these."""
+        return self.mesh.boundaries[WHOLE]
 
     @property
     def body_of_cell(self) -> Ints:
         """The body of each cell."""
-        return self.body[self.vertices[self.offsets[:-1]]]
+        return self.body[self.mesh.vertices[self.mesh.offsets[:-1]]]
 
-    def with_hanging(self, points: Floats, edge: Ints) -> SideBySide:
-        """The bodies with one more node at each of the points: hanging vertices on edges of the boundary, in order."""
-        corner = self.corners[edge]
-        counts = np.diff(self.offsets) + np.bincount(
-            cell_of_corner(self.offsets)[corner], minlength=len(self.offsets) - 1
+    def with_hanging(self, points: Floats, node: Ints, edge: Ints) -> SideBySide[Mesh]:
+        """The bodies at moved points, with one more node in the place of each given one, in order on its edge."""
+        mesh = self.mesh
+        corner = mesh.shared_edges.alone[edge]
+        counts = np.diff(mesh.offsets) + np.bincount(cell_of_corner(mesh.offsets)[corner], minlength=mesh.n_cells)
+        vertices = np.insert(mesh.vertices, corner + 1, mesh.n_nodes + np.arange(len(node)))
+        whole = type(mesh).unchecked(np.concatenate([points, points[node]]), offsets_of(counts), vertices)
+        return SideBySide(self.names, whole, np.concatenate([self.body, self.body[self.ends[edge, 0]]]))
+
+
+def _same_places(bodies: SideBySide[Mesh], tolerance: float) -> Ints:
+    """For each node the first of those in its place; MeshError if a body has two of them."""
+    nodes, points = np.unique(bodies.ends), bodies.mesh.points
+    pairs = nodes[close_pairs(points[nodes], tolerance)]
+    pairs = pairs[bodies.body[pairs[:, 0]] != bodies.body[pairs[:, 1]]]
+    place = smallest_linked(pairs, len(points))
+    together = np.unique(pairs)
+    key = place[together] * len(bodies.names) + bodies.body[together]
+    _, index, counts = np.unique(key, return_index=True, return_counts=True)
+    if (counts > 1).any():
+        node = together[index[counts > 1][0]]
+        raise MeshError(
+            f"bodies: two nodes of {bodies.names[bodies.body[node]]!r} near {_at(points[node])} would come to one "
+            f"place: the tolerance {tolerance:.3g} must be well below the edges. Give a smaller tolerance=."
         )
-        return replace(
-            self,
-            points=np.concatenate([self.points, points]),
-            offsets=offsets_of(counts),
-            vertices=np.insert(self.vertices, corner + 1, len(self.points) + np.arange(len(points))),
-            body=np.concatenate([self.body, self.body_of_edge[edge]]),
-        )
+    return place
 
 
-def edges_in_one_place(whole: SideBySide, place: Ints) -> tuple[Ints, Ints]:
-    """Pairs (q,), (q,) of edges of the boundary between the same places."""
-    keys = edge_keys(place[whole.ends], len(place))
-    order = np.argsort(keys, kind="stable")
-    same = np.flatnonzero(np.diff(keys[order]) == 0)
-    return order[same], order[same + 1]
+def _hanging(bodies: SideBySide[Mesh], place: Ints, tolerance: float) -> tuple[Floats, Ints, Ints]:
+    """The points moved into their places; nodes to hang on edges of the boundary, (q,) each, in order on each edge."""
+    import shapely
+
+    points, ends, count = bodies.mesh.points[place], bodies.ends, len(bodies.names)
+    leaders, edges = np.unique(place[ends]), shapely.linestrings(points[ends])
+    number, edge = shapely.STRtree(edges).query(
+        shapely.points(points[leaders]), predicate="dwithin", distance=tolerance
+    )
+    node, other = leaders[number], bodies.body[ends[edge, 0]]
+    # Of each body that has no node in the place, the nearest edge.
+    distance = shapely.distance(shapely.points(points[node]), edges[edge])
+    order = np.lexsort((distance, other, node))
+    order = order[~np.isin((node * count + other)[order], place * count + bodies.body)]
+    nearest = order[np.unique((node * count + other)[order], return_index=True)[1]]
+    node, edge, other, distance = node[nearest], edge[nearest], other[nearest], distance[nearest]
+    off = (other < bodies.body[node]) & (distance > rounding(points[node], *points[ends[edge]].swapaxes(0, 1)))
+    off = np.flatnonzero(off)
+    off = off[np.unique(node[off], return_index=True)[1]]  # of several earlier bodies, the first
+    meeting = shapely.shortest_line(edges[edge[off]], shapely.points(points[node[off]]))
+    moved = points.copy()
+    moved[node[off]] = shapely.get_coordinates(meeting)[::2]
+    points = moved[place]
+    along = shapely.line_locate_point(shapely.linestrings(points[ends[edge]]), shapely.points(points[node]))
+    order = np.lexsort((along, edge))
+    return points, node[order], edge[order]
 
 
-def interfaces_of(
-    whole: SideBySide, place: Ints, interfaces: Mapping[str, tuple[str, str]] | None
+def _interfaces_of(
+    whole: SideBySide[Mesh], place: Ints, interfaces: Mapping[str, tuple[str, str]] | None
 ) -> dict[str, Interface]:
     """The interfaces of bodies that share the places of nodes, under the given names or "first|second"."""
     named = _check_names(interfaces, whole.names)
-    one, other = edges_in_one_place(whole, place)
-    first, second = whole.body_of_edge[one], whole.body_of_edge[other]
-    backwards = first > second
-    one, other = np.where(backwards, other, one), np.where(backwards, one, other)
+    keys = edge_keys(place[whole.ends], len(place))
+    order = np.argsort(keys, kind="stable")  # of two edges in one place, that of the earlier body comes first
+    same = np.flatnonzero(np.diff(keys[order]) == 0)
+    one, other = order[same], order[same + 1]
+    first, second = whole.body[whole.ends[one, 0]], whole.body[whole.ends[other, 0]]
     found = {}
-    for a, b in np.unique(np.sort(np.column_stack([first, second]), axis=1), axis=0):
-        here = (whole.body_of_edge[one] == a) & (whole.body_of_edge[other] == b)
+    for a, b in np.unique(np.column_stack([first, second]), axis=0):
+        here = (first == a) & (second == b)
         edges, partners = whole.ends[one[here]], whole.ends[other[here]][:, ::-1]
         pair = whole.names[a], whole.names[b]
         name = named.get(pair, named.get(pair[::-1], "|".join(pair)))
@@ -167,238 +248,52 @@ def _check_names(
     return named
 
 
-class Coincidence(NamedTuple):
-    """Nodes in the same places, and nodes to insert."""
-
-    points: Floats
-    """(n, 2) the points moved into their places"""
-    place: Ints
-    """(n,) the first of the nodes in the place of each node"""
-    edge: Ints
-    """(q,) edges (numbers of rows of ``ends``) with nodes to insert, in their order along each edge"""
-    node: Ints
-    """(q,) these nodes"""
-
-
-def coincidence_of(bodies: SideBySide, tolerance: float) -> Coincidence:
-    """Find the coinciding nodes and edges of the boundaries of several bodies."""
-    nodes = np.unique(bodies.ends)
-    place = _same_places(bodies, nodes, tolerance)
-    points = bodies.points[place]
-    leaders = np.unique(place[nodes])
-    node, edge, distance = _near_edges(bodies, points, place, nodes=leaders, tolerance=tolerance)
-    points = _moved(bodies, points, place, node=node, edge=edge, distance=distance)
-    a, b = points[bodies.ends[edge, 0]], points[bodies.ends[edge, 1]]
-    along = np.einsum("ij,ij->i", points[node] - a, b - a) / np.einsum("ij,ij->i", b - a, b - a)
-    order = np.lexsort((along, edge))
-    return Coincidence(points, place, edge[order], node[order])
-
-
-def _same_places(bodies: SideBySide, nodes: Ints, tolerance: float) -> Ints:
-    """For each node the first of those in its place; MeshError if a body has two of them."""
-    pairs = nodes[close_pairs(bodies.points[nodes], tolerance)]
-    pairs = pairs[bodies.body[pairs[:, 0]] != bodies.body[pairs[:, 1]]]
-    place = smallest_linked(pairs, len(bodies.points))
-    together = np.unique(pairs)
-    key = place[together] * len(bodies.names) + bodies.body[together]
-    _, index, counts = np.unique(key, return_index=True, return_counts=True)
-    if (counts > 1).any():
-        node = together[index[counts > 1][0]]
-        raise MeshError(
-            f"bodies: two nodes of {bodies.names[bodies.body[node]]!r} near {_at(bodies.points[node])} would come to "
-            f"one place: the tolerance {tolerance:.3g} must be well below the edges. Give a smaller tolerance=."
-        )
-    return place
-
-
-def _near_edges(
-    bodies: SideBySide, points: Floats, place: Ints, *, nodes: Ints, tolerance: float
-) -> tuple[Ints, Ints, Floats]:
-    """Nodes, edges of bodies that have no node there, and distances, (q,) each: the nearest edge of each such body."""
-    a, b = points[bodies.ends[:, 0]], points[bodies.ends[:, 1]]
-    at = points[nodes]
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    number, edge = overlapping_boxes(at - tolerance, at + tolerance, low, high)
-    node = nodes[number]
-    other = bodies.body_of_edge[edge]
-    count = len(bodies.names)
-    there = ~np.isin(node * count + other, place * count + bodies.body)
-    node, edge, other = node[there], edge[there], other[there]
-    distance = beside(points[node], a[edge], b[edge])[0]
-    near = distance <= tolerance
-    node, edge, other, distance = node[near], edge[near], other[near], distance[near]
-    order = np.lexsort((distance, other, node))
-    nearest = order[np.unique((node * count + other)[order], return_index=True)[1]]
-    return node[nearest], edge[nearest], distance[nearest]
-
-
-def _moved(bodies: SideBySide, points: Floats, place: Ints, *, node: Ints, edge: Ints, distance: Floats) -> Floats:
-    """Points with the nodes of later bodies on the edges of the first body that they are near to."""
-    a, b = points[bodies.ends[edge, 0]], points[bodies.ends[edge, 1]]
-    other = bodies.body_of_edge[edge]
-    off = np.flatnonzero((other < bodies.body[node]) & (distance > rounding(points[node], a, b)))
-    off = off[np.unique(node[off], return_index=True)[1]]  # of several bodies, the first
-    chord = b[off] - a[off]
-    part = np.einsum("ij,ij->i", points[node[off]] - a[off], chord) / np.einsum("ij,ij->i", chord, chord)
-    moved = points.copy()
-    moved[node[off]] = a[off] + np.clip(part, 0.0, 1.0)[:, None] * chord
-    return moved[place]
-
-
 def _at(point: Floats) -> str:
     return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
-def check_apart(whole: SideBySide, place: Ints, *, moved: bool) -> None:
-    """MeshError where bodies that share the places of nodes overlap, or leave a gap that is hardly one.
-
-    If nodes were moved, so are cells, and checked again.
-    """
-    polygons = outlines(whole.points, whole.offsets, whole.vertices)
+def _check_apart(whole: SideBySide[Mesh], *, moved: bool) -> None:
+    """MeshError where bodies overlap or leave a slit; if nodes were moved, so are cells, and checked again."""
+    mesh = whole.mesh
+    polygons = outlines(mesh.points, mesh.offsets, mesh.vertices)
     if moved:
         try:
-            check_cells(whole.points, whole.offsets, whole.vertices, polygons)
+            check_cells(mesh.points, mesh.offsets, mesh.vertices, polygons)
         except MeshError as error:
             raise MeshError(f"bodies: nodes that were moved to an interface spoil a cell; {error}") from None
-    one, other = edges_in_one_place(whole, place)
-    ends, body = place[whole.ends], whole.body_of_edge
-    third = np.flatnonzero(other[:-1] == one[1:])
-    first, second = np.concatenate([one, one[third]]), np.concatenate([other, other[third + 1]])
-    same_side = np.flatnonzero(ends[first, 0] == ends[second, 0])
-    if len(same_side):
-        edge, another = first[same_side[0]], second[same_side[0]]
-        raise MeshError(_overlap(whole, body[[edge, another]], whole.points[ends[edge]].mean(axis=0)))
-    free = np.setdiff1d(np.arange(len(ends)), np.concatenate([one, other]))
-    shortest = shortest_edges(whole.points, place[directed_edges(whole.offsets, whole.vertices)])
-    ends, body = ends[free], body[free]
-    misfit = misfit_of(whole.points, ends, shortest, bodies=body)
-    if misfit:
-        raise MeshError(_sentence(whole, misfit, ends, body))
-    covered = covering(whole.points, ends, cell_of_corner(whole.offsets)[whole.corners[free]], polygons)
-    if covered:
-        pair = np.array([body[covered[0]], whole.body_of_cell[covered[1]]])
-        raise MeshError(_overlap(whole, pair, whole.points[ends[covered[0]]].mean(axis=0)))
-
-
-def check_points_of_contact(whole: SideBySide, place: Ints, interfaces: Mapping[str, Interface]) -> None:
-    """MeshError where bodies share a place of nodes, but no interface goes there."""
-    joined = places_of(pairs_of(interfaces), whole.points)
-    alone = np.flatnonzero(joined != place)
-    if len(alone):
-        node = alone[0]
-        a, b = (whole.names[number] for number in sorted(whole.body[[place[node], node]]))
+    width = NARROW_BETWEEN_BODIES * lowest(mesh.areas, mesh.diameters)
+    cells = cell_of_corner(mesh.offsets)[mesh.shared_edges.alone]
+    misfit = misfit_of(mesh.points, whole.ends, cells, polygons, width=width, body=whole.body_of_cell)
+    if misfit is None:
+        return
+    a, b = (repr(whole.names[number]) for number in np.sort(whole.body_of_cell[list(misfit.cells)]))
+    if misfit.overlap:
         raise MeshError(
-            f"bodies: {a!r} and {b!r} touch only in the point {_at(whole.points[node])}, which is no interface. Leave "
-            "a gap there, or let them share an edge."
+            f"bodies: {a} and {b} overlap near {_at(misfit.at)}. Move one of them; if their boundaries are two "
+            "polygons of one curve, give tolerance=, the largest distance between these."
         )
-
-
-def _sentence(whole: SideBySide, misfit: Misfit, ends: Ints, body: Ints) -> str:
-    """A misfit of edges (as places) of the given bodies in words."""
-    if misfit.kind == "crossing":
-        (a, b), (c, d) = whole.points[ends[[misfit.edge, misfit.other]]]
-        at = a + cross(c - a, d - c) / cross(b - a, d - c) * (b - a)
-        return _overlap(whole, body[[misfit.edge, misfit.other]], at)
-    names = " and ".join(repr(whole.names[k]) for k in body[[misfit.edge, misfit.other]])
-    return (
-        f"bodies: {names} are apart by {misfit.distance:.3g} near {_at(whole.points[misfit.node])}, less than "
-        f"{NARROW_BETWEEN_BODIES:g} of the edges there, and without an interface never in contact. Bring them together "
+    raise MeshError(
+        f"bodies: {a} and {b} are apart by {misfit.distance:.3g} near {_at(misfit.at)}, less than {width:.3g}, "
+        f"{NARROW_BETWEEN_BODIES:g} of the lowest cell, and without an interface never in contact. Bring them together "
         "(tolerance= matches what is farther apart than rounding; a clearance is the gap= of a contact), or leave a "
         "larger gap."
     )
 
 
-def _overlap(whole: SideBySide, pair: Ints, at: Floats) -> str:
-    a, b = (whole.names[number] for number in np.sort(pair))
-    return (
-        f"bodies: {a!r} and {b!r} overlap near {_at(at)}. Move one of them; if their boundaries are two polygons of "
-        "one curve, give tolerance=, the largest distance between these."
-    )
+def _check_points_of_contact(whole: SideBySide[Mesh], place: Ints, interfaces: Mapping[str, Interface]) -> None:
+    """MeshError where bodies share a place of nodes, but no interface goes there."""
+    joined = places_of(pairs_of(interfaces), whole.mesh.points)
+    alone = np.flatnonzero(joined != place)
+    if len(alone):
+        node = alone[0]
+        a, b = (whole.names[number] for number in sorted(whole.body[[place[node], node]]))
+        raise MeshError(
+            f"bodies: {a!r} and {b!r} touch only in the point {_at(whole.mesh.points[node])}, which is no interface. "
+            "Leave a gap there, or let them share an edge."
+        )
 
 
-BODY = "body"
-SIGNS = (".", "|")
-
-
-def bodies(
-    meshes: Mapping[str, PolygonMesh],
-    interfaces: Mapping[str, tuple[str, str]] | None = None,
-    *,
-    tolerance: float | None = None,
-) -> PolygonMesh:
-    """Join the meshes of several bodies to one, with an interface wherever boundaries of two of them coincide.
-
-    Along an interface each body takes the nodes of the other as hanging vertices of its cells, so that both
-    have the same; nodes in one place stay double. Bodies need not touch, but must neither overlap nor nearly touch.
-
-    Parameters
-    ----------
-    meshes : mapping of str to PolygonMesh
-        The bodies by name.
-    interfaces : mapping of str to (str, str), optional
-        Names of interfaces: name -> (first body, second body). Otherwise an interface is called "first|second", in the
-        order of the bodies.
-    tolerance : float, optional
-        Boundaries coincide where they are no farther apart than this length; by default 1e-9 of the extent
-        of all bodies. Of two boundaries that do not coincide to rounding, such as two polygons of one circle (which are
-        up to h^2 / (8 R) apart, with edges of length h), the later body takes the shape of the earlier one: its nodes
-        move to the nearest points of the other's.
-
-    Returns
-    -------
-    PolygonMesh
-        Cells of the bodies one after the other; their nodes likewise, and then the new hanging ones.
-        ``mesh.interfaces`` has an `Interface` a name; ``mesh.boundaries`` has its edges of the first body, and
-        "lower.left" for what is left of the boundary "left" of "lower" without the interfaces (no such name if nothing
-        is). Cell data are those of the bodies, zero on the others; "body" is the number of the body, and a datum of
-        the name of each body is 1 on it and 0 elsewhere, so that ``Elasticity(..., on="lower")`` means its cells.
-
-    Raises
-    ------
-    MeshError
-        Bodies overlap, touch in a point only, or leave a gap above the tolerance that is hardly one; an interface is
-        named that is none; names clash.
-    """
-    _check_meshes(meshes)
-    apart = SideBySide.of(meshes)
-    found = coincidence_of(apart, _check_tolerance(tolerance, apart.points))
-    whole = replace(apart, points=found.points).with_hanging(found.points[found.node], found.edge)
-    place = np.concatenate([found.place, found.place[found.node]])
-    check_apart(whole, place, moved=not np.array_equal(found.points, apart.points))
-    matched = on_boundary(interfaces_of(whole, place, interfaces), whole.ends, len(whole.points))
-    check_points_of_contact(whole, place, matched)
-    origin = np.repeat(np.arange(len(apart.ends)), 1 + np.bincount(found.edge, minlength=len(apart.ends)))
-    sides = _sides(meshes, apart, whole, origin=origin, interfaces=matched)
-    mesh = PolygonMesh.unchecked(whole.points, whole.offsets, whole.vertices)
-    return mesh._replace(
-        interfaces=MappingProxyType(matched),
-        _named=check_boundaries(sides, whole.ends, mesh.n_nodes, None),
-        cell_data=MappingProxyType(check_cell_data(_data(meshes, whole.body_of_cell), mesh.n_cells)),
-    )
-
-
-def _sides(
-    meshes: Mapping[str, PolygonMesh],
-    apart: SideBySide,
-    whole: SideBySide,
-    *,
-    origin: Ints,
-    interfaces: Mapping[str, Interface],
-) -> dict[str, Ints]:
-    """The named boundaries without the interfaces; `origin` (e,): the former edge that each edge is part of."""
-    free = outside(interfaces, whole.ends, len(whole.points))
-    sides = {}
-    for start, (body, mesh) in zip(np.searchsorted(apart.body, np.arange(len(meshes))), meshes.items(), strict=True):
-        for name, edges in mesh.boundaries.items():
-            of_name = np.zeros(len(apart.ends), dtype=bool)
-            of_name[positions(edges + start, apart.ends, len(apart.points))] = True
-            left = whole.ends[free & of_name[origin]]
-            if name != WHOLE and len(left):
-                sides[f"{body}.{name}"] = left
-    return sides
-
-
-def _data(meshes: Mapping[str, PolygonMesh], body: Ints) -> dict[str, NDArray[Any]]:
+def _data(meshes: Mapping[str, Mesh], body: Ints) -> dict[str, NDArray[Any]]:
     """Cell data of all bodies, zero where a body has none, the number of the body, and where each body is."""
     data: dict[str, NDArray[Any]] = {}
     for number, mesh in enumerate(meshes.values()):
@@ -416,7 +311,7 @@ def _data(meshes: Mapping[str, PolygonMesh], body: Ints) -> dict[str, NDArray[An
     return data | {BODY: body} | {name: (body == number).astype(np.uint8) for number, name in enumerate(meshes)}
 
 
-def _check_meshes(meshes: Mapping[str, PolygonMesh]) -> None:
+def _check_meshes(meshes: Mapping[str, Mesh]) -> None:
     if not isinstance(meshes, Mapping) or len(meshes) < 2:
         raise MeshError(
             f"bodies: wanted is a mapping of names to the meshes of two bodies or more; got {brief(meshes)}."
@@ -442,3 +337,78 @@ def _check_tolerance(tolerance: float | None, points: Floats) -> float:
             f"bodies: tolerance must be a length below the extent {extent:.3g} of the bodies; got {brief(tolerance)}."
         )
     return float(tolerance)
+
+
+# Cracks.
+
+
+def cut(mesh: Mesh, name: str, sides: Mapping[str, ArrayLike]) -> Mesh:
+    """Cut a mesh along the edges between two sets of its cells: see :meth:`vemcvx.PolygonMesh.cut`."""
+    one, other = _check_sides(mesh, name, sides)
+    cell, (left, right) = cell_of_corner(mesh.offsets), mesh.shared_edges.twice
+    backwards = other[cell[left]]
+    left, right = np.where(backwards, right, left), np.where(backwards, left, right)
+    opened = one[cell[left]] & other[cell[right]]
+    if not opened.any():
+        raise MeshError(
+            f"cut: no edge is between the cells of {' and '.join(map(repr, sides))}; they must be neighbours."
+        )
+    vertices, origin = _numbered_anew(mesh, left, right, opened)
+    before, after = directed_edges(mesh.offsets, mesh.vertices), directed_edges(mesh.offsets, vertices)
+    edges, partners = after[left[opened]], after[right[opened]][:, ::-1]
+    _check_opening(mesh.points[origin], edges, partners)
+    order = np.argsort(before @ [mesh.n_nodes, 1])
+
+    def renumbered(side: Ints) -> Ints:
+        place = np.searchsorted(before @ [mesh.n_nodes, 1], side @ [mesh.n_nodes, 1], sorter=order)
+        return read_only(after[order[place]])
+
+    first, second = sides
+    joints = {name: Interface((first, second), edges, partners)}
+    for key, found in mesh.interfaces.items():
+        joints[key] = Interface(found.bodies, renumbered(found.edges), renumbered(found.partners[:, ::-1])[:, ::-1])
+    made = type(mesh).unchecked(mesh.points[origin], mesh.offsets, vertices, box=mesh._box)
+    return made._replace(
+        _named={key: renumbered(side) for key, side in mesh._named.items()},
+        interfaces=MappingProxyType(on_boundary(joints, made._boundary, made.n_nodes)),
+        cell_data=mesh.cell_data,
+    )
+
+
+def _numbered_anew(mesh: Tessellation, left: Ints, right: Ints, opened: Bools) -> tuple[Ints, Ints]:
+    """Nodes of all corners with some inner edges opened, the new ones last; and which node each of them was."""
+    follow = next_corner(mesh.offsets)
+    whole, parted = (_groups(follow, left[kept], right[kept]) for kept in (np.ones_like(opened), ~opened))
+    first = np.unique(parted)  # each group is called by its first corner
+    fresh = ~np.isin(first, whole)
+    number = np.where(fresh, mesh.n_nodes + np.cumsum(fresh) - 1, mesh.vertices[first])
+    return number[np.searchsorted(first, parted)], np.concatenate(
+        [np.arange(mesh.n_nodes), mesh.vertices[first[fresh]]]
+    )
+
+
+def _groups(follow: Ints, left: Ints, right: Ints) -> Ints:
+    """The first corner (n_corners,) of each one's group: those at one node are joined across the given edges."""
+    pairs = np.concatenate([np.column_stack([left, follow[right]]), np.column_stack([follow[left], right])])
+    return smallest_linked(pairs, len(follow))
+
+
+def _check_sides(mesh: Tessellation, name: str, sides: Mapping[str, ArrayLike]) -> tuple[Bools, Bools]:
+    if check_name(name) in mesh.boundaries:
+        raise MeshError(f"cut: there is a boundary {name!r} already; give the crack another name.")
+    if not isinstance(sides, Mapping) or len(sides) != 2 or not all(isinstance(side, str) for side in sides):
+        raise MeshError(f"cut: wanted are two sides of the crack, name -> cells; got {brief(sides)}.")
+    one, other = (check_marks(cells, mesh.n_cells, f"cells of {side!r}") for side, cells in sides.items())
+    if (one & other).any():
+        raise MeshError(f"cut: cell {np.flatnonzero(one & other)[0]} is on both sides of the crack.")
+    return one, other
+
+
+def _check_opening(points: Floats, edges: Ints, partners: Ints) -> None:
+    closed = np.flatnonzero((edges == partners).all(axis=1))
+    if len(closed):
+        x, y = points[edges[closed[0]]].mean(axis=0)
+        raise MeshError(
+            f"cut: the edge at ({x:.6g}, {y:.6g}) has a tip at both ends and cannot open. A crack inside a body is at "
+            "least two edges long: refine the mesh, or take more cells."
+        )

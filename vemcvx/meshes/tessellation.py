@@ -1,8 +1,9 @@
 """A mesh: points, cells, named parts of the boundary, data on cells; immutable.
 
-In the plane cells are simple polygons listed counter-clockwise; two cells meet in whole edges and vertices of both. A
-vertex may lie on a straight line between its neighbours (a hanging node of the cell next door) and cells need not be
-convex.
+A mesh is a cell complex: cells have sides (edges in the plane, faces in space), sides have vertices, and a side belongs
+to one cell, on the boundary, or to two. In the plane cells are simple polygons listed counter-clockwise, in space
+polyhedra with plane faces; two cells meet in whole sides of both. A vertex may lie on a straight line between its
+neighbours (a hanging node of the cell next door), a cell may have several coplanar faces, and need not be convex.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints, read_only
+from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError, MeshWarning
-from vemcvx.meshes.box import SIDES, Box, check_boundaries, check_cell_data, check_datum_name, chosen_parts
+from vemcvx.meshes import polyhedra
+from vemcvx.meshes.box import SIDES, WHOLE, Box, check_cell_data, check_edges, check_mapping, check_name, chosen_parts
 from vemcvx.meshes.checks.plane import checked
+from vemcvx.meshes.checks.space import checked_in_space
 from vemcvx.meshes.interfaces import Interface, on_boundary, outside
 from vemcvx.meshes.polygons import geometry, topology
 from vemcvx.outline import Outline, in_a_line
@@ -42,7 +45,36 @@ class Mesh(ABC):
     ARRAYS: ClassVar[tuple[str, ...]]
     """Names of the arrays that make it."""
     PARTS: ClassVar[str]
-    """Name of the parts that make its boundary."""
+    """Name of the parts that make its boundary, and of one of them."""
+    A_PART: ClassVar[str]
+
+    @classmethod
+    def unchecked(cls, *arrays: Floats | Ints, box: Box | None = None) -> Self:
+        """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
+        mesh = object.__new__(cls)
+        mesh._fill(*arrays, _box=box)
+        return mesh
+
+    def _fill(self, *arrays: Floats | Ints, **others: object) -> None:
+        fields = {
+            **{name: read_only(array) for name, array in zip(self.ARRAYS, arrays, strict=True)},
+            "cell_data": MappingProxyType({}),
+            "interfaces": MappingProxyType({}),
+            "node_map": None,
+            "_named": {},
+            "_box": None,
+            **others,
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def _finish(
+        self, boundaries: Mapping[str, Any] | None, cell_data: Mapping[str, ArrayLike] | None, notes: list[str]
+    ) -> None:
+        for note in notes:
+            warnings.warn(note, MeshWarning, stacklevel=3)
+        object.__setattr__(self, "_named", self._checked_parts(boundaries, self.node_map))
+        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
 
     @property
     @abstractmethod
@@ -63,6 +95,15 @@ class Mesh(ABC):
     @abstractmethod
     def _outlines(self) -> tuple[Ints, Ints]:
         """Offsets and vertices of the parts of the boundary."""
+
+    @property
+    @abstractmethod
+    def _choice(self) -> tuple[Ints, Floats]:
+        """The parts of the boundary that no interface has, and their middles (m, dim)."""
+
+    @abstractmethod
+    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
+        """Offsets and vertices of parts that a user names; MeshError if these are none."""
 
     @property
     def n_nodes(self) -> int:
@@ -97,14 +138,37 @@ class Mesh(ABC):
                 named[name] = read_only(self._boundary[(off <= tolerance) & (longest != axis)])
         return named
 
-    @property
-    @abstractmethod
-    def _choice(self) -> tuple[Ints, Floats]:
-        """The parts of the boundary that no interface has, and their middles (m, dim)."""
-
-    @abstractmethod
     def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        """Named parts of the boundary, or MeshError; `node_map` if their nodes have been numbered anew since."""
+        """Named parts in the order of the boundary, or MeshError; `node_map` if nodes have been numbered anew since."""
+        number = np.arange(self.n_nodes) if node_map is None else node_map
+        named = {}
+        for name, given in check_mapping(boundaries, "boundaries", self.PARTS).items():
+            name = name if name == WHOLE else check_name(name)
+            parts, called = self._parts(name, given, number)
+            strange = np.flatnonzero(parts < 0)
+            if len(strange):
+                raise MeshError(
+                    f"boundary {name!r}: {called[strange[0]]} is not {self.A_PART} of the boundary "
+                    f"({len(strange)} of {len(parts)} are not). Name only {self.PARTS} that belong to "
+                    "exactly one cell."
+                )
+            chosen = np.unique(parts)
+            if name != WHOLE:
+                named[name] = read_only(self._boundary[chosen])
+            elif len(chosen) < len(self._boundary):
+                raise MeshError(
+                    f"the name {WHOLE!r} is taken: it always means the whole boundary, and here it is given to "
+                    f"{len(chosen)} of its {len(self._boundary)} parts. Choose another name, or leave it out."
+                )
+        return named
+
+    def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
+        """Which parts of the boundary have the given vertices, -1 for none, and how to call them; nodes renumbered."""
+        offsets, vertices = self._rows(name, given, len(number))
+        known = (vertices >= 0) & (vertices < len(number))
+        own = np.where(known, number[np.where(known, vertices, 0)], -1)
+        called = [f"({', '.join(map(str, row.tolist()))})" for row in np.split(vertices, offsets[1:-1])]
+        return topology.matching_rows(*self._outlines, offsets, own), called
 
     def with_boundary(self, name: str, predicate: Callable[[Floats], Bools]) -> Self:
         """Return this mesh with one more named part of its boundary.
@@ -149,21 +213,8 @@ class Mesh(ABC):
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
-        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
+        added = check_cell_data({name: values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
-
-    def _fill(self, *arrays: Floats | Ints, **others: object) -> None:
-        fields = {
-            **{name: read_only(array) for name, array in zip(self.ARRAYS, arrays, strict=True)},
-            "cell_data": MappingProxyType({}),
-            "interfaces": MappingProxyType({}),
-            "node_map": None,
-            "_named": {},
-            "_box": None,
-            **others,
-        }
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
 
     def _replace(self, **fields: object) -> Self:
         """Return a mesh that shares everything, also what is already computed, but the given fields."""
@@ -215,7 +266,7 @@ class Tessellation(Mesh):
     _box: Box | None
 
     ARRAYS = ("points", "offsets", "vertices")
-    PARTS = "edges"
+    PARTS, A_PART = "edges", "an edge"
 
     def __init__(
         self,
@@ -227,20 +278,10 @@ class Tessellation(Mesh):
         interfaces: Mapping[str, Interface] | None = None,
     ):
         points, offsets, vertices, given, node_map, notes = checked(points, cells, interfaces)
-        for note in notes:
-            warnings.warn(note, MeshWarning, stacklevel=2)
         self._fill(points, offsets, vertices, node_map=node_map)
-        object.__setattr__(self, "_named", self._checked_parts(boundaries, node_map))
+        self._finish(boundaries, cell_data, notes)
         matched = on_boundary(given, self._boundary, self.n_nodes, node_map)
         object.__setattr__(self, "interfaces", MappingProxyType(matched))
-        object.__setattr__(self, "cell_data", MappingProxyType(check_cell_data(cell_data, self.n_cells)))
-
-    @classmethod
-    def unchecked(cls, points: Floats, offsets: Ints, vertices: Ints, box: Box | None = None) -> Self:
-        """Return a mesh of arrays known to be valid, without copy or check; its sides are named if ``box`` is given."""
-        mesh = object.__new__(cls)
-        mesh._fill(points, offsets, vertices, _box=box)
-        return mesh
 
     @property
     def n_cells(self) -> int:
@@ -296,5 +337,143 @@ class Tessellation(Mesh):
         edges = self._boundary[outside(self.interfaces, self._boundary, self.n_nodes)]
         return edges, 0.5 * (self.points[edges[:, 0]] + self.points[edges[:, 1]])
 
-    def _checked_parts(self, boundaries: Mapping[str, Any] | None, node_map: Ints | None = None) -> dict[str, Ints]:
-        return check_boundaries(boundaries, self._boundary, self.n_nodes, node_map)
+    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
+        edges = check_edges(name, given, n_nodes)
+        return 2 * np.arange(len(edges) + 1), edges.ravel()
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class SpaceTessellation(Mesh):
+    """Points, faces and polyhedral cells, checked: the data of a :class:`vemcvx.PolyhedralMesh`."""
+
+    face_offsets: Ints
+    face_vertices: Ints
+    cell_offsets: Ints
+    cell_faces: Ints
+    face_cells: Ints
+    _box: Box | None
+
+    ARRAYS = ("points", "face_offsets", "face_vertices", "cell_offsets", "cell_faces", "face_cells")
+    PARTS, A_PART = "faces", "a face"
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        cells: Sequence[Sequence[ArrayLike]] | NDArray[np.integer] | polyhedra.Listed,
+        *,
+        boundaries: Mapping[str, ArrayLike | Sequence[ArrayLike]] | None = None,
+        cell_data: Mapping[str, ArrayLike] | None = None,
+    ):
+        points, faces, node_map, notes = checked_in_space(points, cells)
+        self._fill(points, *faces, node_map=node_map)
+        self._finish(boundaries, cell_data, notes)
+
+    @cached_property
+    def cells(self) -> tuple[tuple[Ints, ...], ...]:
+        """Faces of each cell, outwards: the vertex numbers of each, as `PolyhedralMesh` takes them."""
+        forwards = [self.face_vertices[start:end] for start, end in pairwise(self.face_offsets.tolist())]
+        listed = [
+            forwards[face] if sign > 0.0 else read_only(forwards[face][::-1])
+            for face, sign in zip(self.cell_faces.tolist(), self.face_signs.tolist(), strict=True)
+        ]
+        return tuple(tuple(listed[start:end]) for start, end in pairwise(self.cell_offsets.tolist()))
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.cell_offsets) - 1
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces, inner ones counted once."""
+        return len(self.face_offsets) - 1
+
+    @property
+    def faces(self) -> polyhedra.Faces:
+        """The topology: the faces of cells, and the vertices of faces."""
+        return polyhedra.Faces(
+            self.face_offsets, self.face_vertices, self.cell_offsets, self.cell_faces, self.face_cells
+        )
+
+    @cached_property
+    def _face_shapes(self) -> polyhedra.FaceShapes:
+        found = polyhedra.face_shapes(self.points, self.face_offsets, self.face_vertices)
+        return polyhedra.FaceShapes(*map(read_only, found))
+
+    @property
+    def face_areas(self) -> Floats:
+        """Area of each face, (n_faces,)."""
+        return self._face_shapes.areas
+
+    @property
+    def face_normals(self) -> Floats:
+        """Unit normal of each face, out of its first cell, (n_faces, 3)."""
+        return self._face_shapes.normals
+
+    @property
+    def face_centroids(self) -> Floats:
+        """Centroid of each face, (n_faces, 3)."""
+        return self._face_shapes.centroids
+
+    @cached_property
+    def face_signs(self) -> Floats:
+        """1 where the normal of a cell's face points out of the cell, -1 where into it; as ``cell_faces``."""
+        return read_only(polyhedra.signs_of(self.faces))
+
+    @cached_property
+    def _volumes_and_centroids(self) -> tuple[Floats, Floats]:
+        volumes, centroids = polyhedra.volumes_and_centroids(
+            self._face_shapes, self.cell_offsets, self.cell_faces, self.face_signs
+        )
+        return read_only(volumes), read_only(centroids)
+
+    @property
+    def volumes(self) -> Floats:
+        """Volume of each cell, (n_cells,)."""
+        return self._volumes_and_centroids[0]
+
+    @property
+    def centroids(self) -> Floats:
+        """Centroid of each cell, (n_cells, 3)."""
+        return self._volumes_and_centroids[1]
+
+    @cached_property
+    def cell_nodes(self) -> tuple[Ints, Ints]:
+        """Offsets (n_cells + 1,), and the nodes of each cell between them, once each and ascending."""
+        offsets, nodes = polyhedra.nodes_of_cells(self.faces, self.n_nodes)
+        return read_only(offsets), read_only(nodes)
+
+    @cached_property
+    def diameters(self) -> Floats:
+        """Largest distance of two vertices of each cell, (n_cells,)."""
+        return read_only(geometry.diameters(self.points, *self.cell_nodes))
+
+    @cached_property
+    def _boundary(self) -> Ints:
+        return read_only(np.flatnonzero(self.face_cells[:, 1] < 0))
+
+    @property
+    def _outlines(self) -> tuple[Ints, Ints]:
+        return topology.rows_in_order(self.face_offsets, self.face_vertices, self._boundary)
+
+    @property
+    def _choice(self) -> tuple[Ints, Floats]:
+        return self._boundary, self.face_centroids[self._boundary]
+
+    def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
+        faces = plain(given)
+        if faces is None or faces.ndim != 1 or faces.dtype.kind not in "iu" or not len(faces):
+            return super()._parts(name, given, number)
+        place = np.minimum(np.searchsorted(self._boundary, faces), len(self._boundary) - 1)
+        return np.where(self._boundary[place] == faces, place, -1), [f"face {face}" for face in faces.tolist()]
+
+    def _rows(self, name: str, given: Any, n_nodes: int) -> tuple[Ints, Ints]:
+        wanted = f"boundary {name!r}: faces must be numbers (m,) or rows of the numbers of their vertices, at least one"
+        try:
+            rows = [plain(row) for row in given]
+        except Exception:  # of whatever a user hands in
+            raise MeshError(f"{wanted}; got {brief(given)}.") from None
+        if not rows or any(row is None or row.ndim != 1 or row.dtype.kind not in "iu" or not len(row) for row in rows):
+            raise MeshError(f"{wanted}; got {brief(given)}.")
+        flat = [row.astype(np.int64) for row in rows if row is not None]
+        return topology.offsets_of(np.array([len(row) for row in flat])), np.concatenate(flat)

@@ -1,20 +1,15 @@
 """A mesh of the plane checked: from what a user hands in to arrays of cells that tile a domain, or to a MeshError.
 
 Faults are told in the order in which they can be: numbers, places of nodes, single cells, how cells fit together.
-Mended, with a note for a warning, are clockwise cells (turned) and nodes that no cell uses (dropped).
-
-Let every cell be a simple counter-clockwise polygon, and every edge be used at most once in each direction. How often a
-point is covered is then the winding number about it of the boundary (the edges used once). So the cells tile a domain
-if and only if no two boundary edges meet but in common nodes, and no cell holds the middle of a boundary edge of
-another: no pair of inner edges needs a look. Bodies side by side are checked by the same two searches.
+Clockwise cells are turned and nodes that no cell uses dropped, each with a note for a warning. Shapely decides whether
+a polygon is simple, and whether polygons are a coverage: none overlap, and where two meet they have the same vertices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,80 +21,79 @@ from vemcvx.meshes.interfaces import Interface, check_interfaces, pairs_of, plac
 from vemcvx.meshes.polygons.geometry import (
     TOLERANCE,
     areas_and_centroids,
-    beside,
-    clearances,
     close_pairs,
-    crossing,
+    cross,
     diameters,
-    holding,
     outlines,
-    overlapping_boxes,
     rounding,
 )
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
     offsets_of,
-    rows_in_order,
     shared_edges,
     turned,
 )
 
-# A slit below this part of the edges beside it is a mistake (single precision, printed digits), not a geometry.
+# Slits below this part of the lowest cell are mistakes (single precision, printed digits), not a geometry.
 NARROW = 1e-6
-# Between bodies, which may have been drawn apart by programs of six digits or less, one below this part.
-NARROW_BETWEEN_BODIES = 1e-3
 
 
 def checked(
-    points: ArrayLike, cells: Sequence[ArrayLike] | NDArray[np.integer], interfaces: Mapping[str, Interface] | None
+    points: ArrayLike, cells: Any, interfaces: Mapping[str, Interface] | None
 ) -> tuple[Floats, Ints, Ints, dict[str, Interface], Ints | None, list[str]]:
-    """Valid arrays made of a user's points and cells (see `PolygonMesh`), or MeshError; only interfaces double nodes.
+    """Return valid arrays made of a user's points and cells (see `PolygonMesh`), or raise MeshError.
 
-    Points, offsets, vertices, interfaces as given, the map of nodes, and notes on what was mended.
+    Points, offsets, vertices, interfaces as given, the map of nodes, and notes on what was mended. Only at interfaces
+    may two nodes be in one place.
     """
     points = check_points(points)
     offsets, vertices = _flattened(cells)
     if len(offsets) < 2:
         raise MeshError("a mesh needs at least one cell; got none.")
     check_polygons(offsets, vertices, len(points), lambda cell: f"cell {cell}")
-    notes = []
-    used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
     interfaces = check_interfaces(interfaces, len(points))
     place = places_of(pairs_of(interfaces), points)
-    check_coincident(points, np.unique(place[used]))
-    polygons = outlines(points, offsets, vertices)
-    backwards = check_cells(points, offsets, vertices, polygons) < 0.0
+    check_coincident(points, np.unique(place[vertices]))
+    polygons = outlines(points[place], offsets, vertices)
+    areas = check_cells(points[place], offsets, vertices, polygons)
+    notes, backwards = [], areas < 0.0
     if backwards.any():
         vertices = turned(offsets, vertices, backwards)
         notes.append(
             f"{backwards.sum()} of {len(backwards)} cells were listed clockwise (the first is cell "
             f"{np.flatnonzero(backwards)[0]}) and have been turned."
         )
-    _check_tiling(points, offsets, place[vertices], polygons)
-    node_map = None
-    if len(used) < len(points):
-        node_map, note = dropped(used, len(points))
-        notes.append(note)
-        points, vertices = points[used], node_map[vertices]
-    return points, offsets, vertices, interfaces, node_map, notes
+    boundary = _check_sharing(offsets, place[vertices], len(points))
+    ends, cells_of_ends = directed_edges(offsets, place[vertices])[boundary], cell_of_corner(offsets)[boundary]
+    width = NARROW * lowest(np.abs(areas), diameters(points, offsets, vertices))
+    misfit = misfit_of(points, ends, cells_of_ends, polygons, width=width)
+    if misfit:
+        _check_hanging(points, ends, cells_of_ends)
+        raise MeshError(_in_words(misfit, width))
+    points, vertices, node_map, more = dropped(points, vertices)
+    return points, offsets, vertices, interfaces, node_map, notes + more
 
 
-def dropped(used: Ints, n_nodes: int) -> tuple[Ints, str]:
-    """New numbers of nodes of which some are used, -1 for the others, and a note on these."""
-    node_map = np.full(n_nodes, -1)
+def dropped(points: Floats, vertices: Ints) -> tuple[Floats, Ints, Ints | None, list[str]]:
+    """Points and vertices without nodes that no cell uses, the new numbers of all (-1 if dropped), and a note."""
+    used = np.unique(vertices)
+    if len(used) == len(points):
+        return points, vertices, None, []
+    node_map = np.full(len(points), -1)
     node_map[used] = np.arange(len(used))
-    return node_map, (
-        f"{n_nodes - len(used)} of {n_nodes} nodes belong to no cell (the first is node "
+    note = (
+        f"{len(points) - len(used)} of {len(points)} nodes belong to no cell (the first is node "
         f"{np.flatnonzero(node_map < 0)[0]}) and have been dropped; mesh.node_map gives the new numbers."
     )
+    return points[used], node_map[vertices], node_map, [note]
 
 
 # Numbers.
 
 
 def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
-    """A copy of the points as finite floats (n_nodes, dimension), or MeshError."""
+    """Return a copy of the points as finite floats (n_nodes, dimension), or raise MeshError."""
     given = plain(points)
     shape = f"(n_nodes, {dimension})"
     if given is None or given.dtype.kind not in "biuf":
@@ -122,11 +116,7 @@ def check_points(points: ArrayLike, dimension: int = 2) -> Floats:
     return array
 
 
-def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, Ints]:
-    if isinstance(cells, np.ndarray) and cells.dtype.kind in "iu":
-        if cells.ndim != 2:
-            raise MeshError(f"cells as one array must have the shape (n_cells, k); got {cells.shape}.")
-        return np.arange(len(cells) + 1) * cells.shape[1], cells.astype(np.int64).ravel()
+def _flattened(cells: Any) -> tuple[Ints, Ints]:
     wanted = f"cells must be a sequence of sequences of node numbers; got {type(cells).__name__}."
 
     def fault(number: int, row: NDArray[Any] | None) -> str:
@@ -142,7 +132,7 @@ def _flattened(cells: Sequence[ArrayLike] | NDArray[np.integer]) -> tuple[Ints, 
 
 
 def laid_flat(rows: list[Any], fault: Callable[[int, NDArray[Any] | None], str]) -> tuple[Ints, Ints]:
-    """Offsets and entries of rows of whole numbers, or MeshError.
+    """Return offsets and entries of rows of whole numbers, or raise MeshError.
 
     `fault` tells what is wrong with a row by its number, and the array that it makes, None if it makes none.
     """
@@ -163,7 +153,7 @@ def _all_at_once(rows: list[Any]) -> Ints | None:
     if kinds == {np.ndarray}:
         whole = {row.ndim for row in rows} == {1} and {row.dtype.kind for row in rows} <= {"i", "u"}
         return np.concatenate(rows, dtype=np.int64, casting="unsafe") if whole else None
-    if not kinds <= {list, tuple, np.ndarray}:
+    if not kinds <= {list, tuple}:
         return None
     try:
         entries = list(chain.from_iterable(rows))
@@ -223,98 +213,15 @@ def check_coincident(points: Floats, used: Ints) -> None:
         )
 
 
-# Edges that meet where they must not.
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """A place where edges meet as they must not.
-
-    Attributes
-    ----------
-    kind : {"crossing", "touching", "gap"}
-        Edges cross; a node lies on an edge; it lies hardly beside one.
-    edge, other : int
-        Numbers of the edges: the other one crosses the edge, or has the node.
-    node : int
-        The node on or beside the edge, else -1.
-    distance : float
-        Width of a gap.
-    """
-
-    kind: str
-    edge: int
-    other: int
-    node: int = -1
-    distance: float = 0.0
-
-
-def misfit_of(
-    points: Floats, ends: Ints, shortest: Floats | None = None, *, bodies: Ints | None = None, cells: Ints | None = None
-) -> Misfit | None:
-    """Find the first place where edges meet but in common nodes.
-
-    Parameters
-    ----------
-    points : (n_nodes, 2) array
-    ends : (m, 2) array of int
-        The edges, what they bound on their left.
-    shortest : (n_nodes,) array, optional
-        The shortest edge at each node, if gaps are looked for as well.
-    bodies, cells : (m,) array of int, optional
-        The body of each edge: gaps between bodies may be wider. The cell of each edge: only edges of one are compared.
-    """
-    corners = points[ends]
-    lengths = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
-    widest = 0.0 if shortest is None else NARROW if bodies is None else NARROW_BETWEEN_BODIES
-    margin = (widest * lengths + TOLERANCE * np.abs(corners).max(axis=(1, 2)))[:, None]
-    low, high = corners.min(axis=1) - margin, corners.max(axis=1) + margin
-    one, other = overlapping_boxes(low, high, low, high)
-    compared = one != other if cells is None else (one != other) & (cells[one] == cells[other])
-    one, other = one[compared], other[compared]
-    bad = np.flatnonzero(crossing(points, ends[one], ends[other]))
-    if len(bad):
-        return Misfit("crossing", int(one[bad[0]]), int(other[bad[0]]))
-    node = ends[other].T.ravel()
-    one, other = np.tile(one, 2), np.tile(other, 2)
-    apart = (ends[one] != node[:, None]).all(axis=1)
-    one, other, node = one[apart], other[apart], node[apart]
-    start, end = points[ends[one, 0]], points[ends[one, 1]]
-    distance, side = beside(points[node], start, end)
-    bad = np.flatnonzero(distance <= rounding(points[node], start, end))
-    if len(bad):
-        # A spike also makes edges farther on touch: it comes first.
-        k = bad[np.argmax((ends[one[bad], :, None] == ends[other[bad], None]).any(axis=(1, 2)))]
-        return Misfit("touching", int(one[k]), int(other[k]), int(node[k]))
-    if shortest is None:
-        return None
-    narrow = NARROW if bodies is None else np.where(bodies[one] == bodies[other], NARROW, NARROW_BETWEEN_BODIES)
-    bad = np.flatnonzero((side < 0.0) & (distance <= narrow * np.minimum(shortest[node], lengths[one])))
-    if not len(bad):
-        return None
-    k = bad[0]
-    return Misfit("gap", int(one[k]), int(other[k]), int(node[k]), float(distance[k]))
-
-
-def shortest_edges(points: Floats, ends: Ints) -> Floats:
-    """The shortest of the edges (m, 2) at each node, (n_nodes,)."""
-    shortest = np.full(len(points), np.inf)
-    lengths = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
-    np.minimum.at(shortest, ends.ravel(), np.repeat(lengths, 2))
-    return shortest
-
-
 # Single cells.
 
 
 def check_cells(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> Floats:
-    """Signed areas (n_cells,), or MeshError at the first cell that is not a simple polygon with an area."""
+    """Return signed areas (n_cells,), or raise MeshError at the first cell that is no simple polygon with an area."""
+    check_simple(points, offsets, vertices, polygons, lambda cell: f"cell {cell}")
     areas, sizes = areas_and_centroids(points, offsets, vertices)[0], diameters(points, offsets, vertices)
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
     flat = np.flatnonzero(np.abs(areas) <= TOLERANCE * largest * sizes)
-    found = fault_of(points, offsets, vertices, polygons)
-    if found and (found[0].kind == "crossing" or not len(flat)):
-        raise MeshError(f"cell {found[1]}{fault_in_words(found[0], *found[2:])}")
     if len(flat):
         cell = flat[0]
         raise MeshError(
@@ -324,70 +231,67 @@ def check_cells(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray
     return areas
 
 
-Fault = tuple[Misfit, int, Ints, Ints]
+def check_simple(
+    points: Floats,
+    offsets: Ints,
+    vertices: Ints,
+    polygons: NDArray[Any],
+    named: Callable[[int], str],
+    nodes: Ints | None = None,
+) -> None:
+    """Raise MeshError at the first polygon whose outline meets itself up to rounding; `nodes` are called so."""
+    import shapely
 
-
-def fault_of(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> Fault | None:
-    """Find where the first polygon that is not simple meets itself, its number, and the nodes of the two edges."""
     largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
-    suspects = np.flatnonzero(clearances(polygons) <= TOLERANCE * largest)
-    rows = rows_in_order(offsets, vertices, suspects)
-    ends, cells = directed_edges(*rows), cell_of_corner(rows[0])
-    misfit = misfit_of(points, ends, cells=cells) if len(suspects) else None
-    if misfit is None:
-        return None
-    return misfit, int(suspects[cells[misfit.edge]]), ends[misfit.edge], ends[misfit.other]
+    # The distance by which a vertex can move before the outline meets itself.
+    clearance = np.where(shapely.is_valid(polygons), np.inf, 0.0)
+    several = np.diff(offsets) > 3
+    clearance[several] = np.minimum(clearance[several], shapely.minimum_clearance(polygons[several]))
+    for number in np.flatnonzero(clearance <= TOLERANCE * largest).tolist():
+        row = vertices[offsets[number] : offsets[number + 1]]
+        fault = _fault(points[row], (row if nodes is None else nodes[row]).tolist(), TOLERANCE * largest[number])
+        if fault:
+            raise MeshError(named(number) + fault)
 
 
-def fault_in_words(misfit: Misfit, edge: Ints, other: Ints) -> str:
-    """The fault of a polygon in words that follow its name."""
-    if misfit.kind == "crossing":
+def _fault(x: Floats, name: list[int], tolerance: float) -> str:
+    """Where the outline x (n, 2) with nodes of the given names meets itself, in words; "" if it lies on one line."""
+    import shapely
+
+    after = np.roll(np.arange(len(x)), -1)
+    edges = shapely.linestrings(np.stack([x, x[after]], axis=1))
+
+    def edge(k: int) -> str:
+        return brief_row((name[k], name[after[k]]))
+
+    one, other = shapely.STRtree(edges).query(edges, predicate="crosses")
+    if len(one):
         return (
-            f" crosses itself: its edges {brief_row(edge)} and {brief_row(other)} intersect. List its vertices in "
-            "order around it."
+            f" crosses itself: its edges {edge(one[0])} and {edge(other[0])} intersect. List its vertices in order "
+            "around it."
         )
-    tip = np.intersect1d(edge, other)
-    if len(tip):
-        return (
-            f" has a spike: at node {tip[0]} its outline turns back on itself (node {misfit.node} lies on the edge "
-            f"{brief_row(edge)}). Remove the node at the tip from the cell."
-        )
-    return (
-        f" touches itself: its node {misfit.node} lies on its edge {brief_row(edge)}. Split the cell there, or move "
-        "the node."
-    )
+    arms = x - x[0]
+    if abs(cross(arms, arms[after]).sum()) <= tolerance * np.ptp(x, axis=0).max():
+        return ""
+    found = shapely.STRtree(shapely.points(x)).query(edges, predicate="dwithin", distance=tolerance)
+    touching = [(k, node) for k, node in found.T.tolist() if node not in (k, after[k])]
+    for k, node in touching:  # a spike also makes edges farther on touch: it comes first
+        if k == after[node] or node == after[after[k]]:
+            tip = k if k == after[node] else after[k]
+            return (
+                f" has a spike: at node {name[tip]} its outline turns back on itself (node {name[node]} lies on the "
+                f"edge {edge(k)}). Remove the node at the tip from the cell."
+            )
+    k, node = touching[0]
+    return f" touches itself: its node {name[node]} lies on its edge {edge(k)}. Split the cell there, or move the node."
 
 
 # How cells fit together.
 
 
-def _check_tiling(points: Floats, offsets: Ints, vertices: Ints, polygons: NDArray[Any]) -> None:
-    """Raise MeshError if the counter-clockwise cells overlap, or leave slits or one-sided hanging nodes."""
-    ends, cells = directed_edges(offsets, vertices), cell_of_corner(offsets)
-    boundary = _check_sharing(offsets, vertices, ends, cells, len(points))
-    if not len(boundary):
-        raise MeshError("the cells have no boundary: they overlap.")
-    shortest, ends, cells = shortest_edges(points, ends), ends[boundary], cells[boundary]
-    misfit = misfit_of(points, ends, shortest)
-    if misfit:
-        raise MeshError(_sentence(misfit, ends, cells))
-    covered = covering(points, ends, cells, polygons)
-    if covered:
-        raise MeshError(
-            f"cell {cells[covered[0]]} overlaps another cell: beside its edge {brief_row(ends[covered[0]])} the plane "
-            f"is covered more than once, by cell {covered[1]}. Remove or correct one of the cells."
-        )
-
-
-def covering(points: Floats, ends: Ints, cells: Ints, polygons: NDArray[Any]) -> tuple[int, int] | None:
-    """The first of some edges of cells whose middle another cell holds, and that cell."""
-    edge, cell = holding(polygons, points[ends].mean(axis=1))
-    bad = np.flatnonzero(cell != cells[edge])
-    return (int(edge[bad[0]]), int(cell[bad[0]])) if len(bad) else None
-
-
-def _check_sharing(offsets: Ints, vertices: Ints, ends: Ints, cells: Ints, n_nodes: int) -> Ints:
+def _check_sharing(offsets: Ints, vertices: Ints, n_nodes: int) -> Ints:
     """Corners on the boundary; MeshError if an edge belongs to three cells, or to two on the same side."""
+    ends, cells = directed_edges(offsets, vertices), cell_of_corner(offsets)
     shared = shared_edges(offsets, vertices, n_nodes)
     crowded = np.flatnonzero(shared.counts > 2)
     if len(crowded):
@@ -398,34 +302,94 @@ def _check_sharing(offsets: Ints, vertices: Ints, ends: Ints, cells: Ints, n_nod
             f"{', '.join(map(str, cells[corners[:6]]))}. At most two cells can share an edge; remove or correct the "
             "others."
         )
-    first = shared.first[shared.counts == 2]
-    one, other = shared.corners[first], shared.corners[first + 1]
+    one, other = shared.twice
     bad = np.flatnonzero(ends[one, 0] == ends[other, 0])
     if len(bad):
         raise MeshError(
             f"cells {cells[one[bad[0]]]} and {cells[other[bad[0]]]} overlap: both lie on the same side of their edge "
             f"{brief_row(ends[one[bad[0]]])}. Remove or correct one of them."
         )
+    if not len(shared.alone):
+        raise MeshError("the cells have no boundary: they overlap.")
     return shared.alone
 
 
-def _sentence(misfit: Misfit, ends: Ints, cells: Ints) -> str:
-    """A misfit of edges of the given cells in words."""
-    edge, cell, node = brief_row(ends[misfit.edge]), cells[misfit.edge], misfit.node
-    if misfit.kind == "crossing":
-        (i, one), (j, other) = sorted((int(cells[k]), brief_row(ends[k])) for k in (misfit.edge, misfit.other))
-        return (
-            f"cells {i} and {j} overlap: the edge {one} of the one crosses the edge {other} of the other. Correct the "
-            "vertices of one of them."
+def lowest(areas: Floats, sizes: Floats) -> float:
+    """The least area of a cell over its diameter: slits are narrow by its measure, however flat all cells are."""
+    return float((areas / sizes).min())
+
+
+class Misfit(NamedTuple):
+    """Two cells that are no coverage."""
+
+    cells: tuple[int, int]
+    overlap: bool
+    """else they are apart by a distance that is not zero and below the width of slits"""
+    at: Floats
+    """(2,) a point of the overlap or beside the slit"""
+    distance: float
+
+
+def misfit_of(
+    points: Floats, ends: Ints, cells: Ints, polygons: NDArray[Any], *, width: float, body: Ints | None = None
+) -> Misfit | None:
+    """Return the first two cells, of different bodies if these are given, that overlap or leave a slit.
+
+    How often counter-clockwise cells that fit along inner edges cover a point is the winding number about it of the
+    boundary, whose edges (m, 2) of cells (m,) are `ends`. So none overlap if those on the boundary do not, and none
+    holds the middle of an edge of another.
+    """
+    import shapely
+
+    holding = shapely.STRtree(polygons).query(shapely.points(points[ends].mean(axis=1)), predicate="within")[1]
+    outer = np.unique(np.append(cells, holding))
+    edges = shapely.coverage_invalid_edges(polygons[outer], gap_width=width)
+    bad = np.flatnonzero(~shapely.is_empty(edges))
+    one, other = shapely.STRtree(polygons[outer]).query(polygons[outer[bad]], predicate="dwithin", distance=width)
+    one = bad[one]
+    pairs = one != other if body is None else body[outer[one]] != body[outer[other]]
+    edges, one, other = (edges[one[pairs]], edges[other[pairs]]), outer[one[pairs]], outer[other[pairs]]
+    common = shapely.intersection(polygons[one], polygons[other])
+    over = np.flatnonzero(shapely.area(common) > 0.0)
+    if len(over):
+        k = over[0]
+        at = shapely.get_coordinates(shapely.point_on_surface(common[k]))[0]
+        return Misfit((int(one[k]), int(other[k])), True, at, 0.0)
+    apart = shapely.distance(*edges)
+    near = np.flatnonzero(apart <= width)
+    if not len(near):
+        return None
+    k = near[np.argmax(apart[near])]  # cells of one side meet, those across the slit are apart
+    at = shapely.get_coordinates(shapely.shortest_line(edges[0][k], edges[1][k]))[0]
+    return Misfit((int(one[k]), int(other[k])), False, at, float(apart[k]))
+
+
+def _check_hanging(points: Floats, ends: Ints, cells: Ints) -> None:
+    """Raise MeshError where a node lies on an edge (m, 2) of the boundary of a cell (m,), but is no vertex of it."""
+    import shapely
+
+    nodes = np.unique(ends)
+    edge, node = shapely.STRtree(shapely.points(points[nodes])).query(
+        shapely.linestrings(points[ends]),
+        predicate="dwithin",
+        distance=TOLERANCE * np.abs(points[ends]).max(axis=(1, 2)),
+    )
+    inner = np.flatnonzero((ends[edge] != nodes[node][:, None]).all(axis=1))
+    if len(inner):
+        (a, b), node = ends[edge[inner[0]]], nodes[node[inner[0]]]
+        cell = cells[edge[inner[0]]]
+        raise MeshError(
+            f"node {node} lies on the edge {brief_row((a, b))} of cell {cell} without being one of its vertices. A "
+            f"hanging node must be a vertex of the cells on both sides: insert {node} between {a} and {b} in cell "
+            f"{cell}."
         )
-    if misfit.kind == "touching":
-        a, b = ends[misfit.edge]
-        return (
-            f"node {node} lies on the edge {edge} of cell {cell} without being one of its vertices. A hanging node "
-            f"must be a vertex of the cells on both sides: insert {node} between {a} and {b} in cell {cell}."
-        )
+
+
+def _in_words(misfit: Misfit, width: float) -> str:
+    (one, other), at = sorted(misfit.cells), f"({misfit.at[0]:.6g}, {misfit.at[1]:.6g})"
+    if misfit.overlap:
+        return f"cells {one} and {other} overlap near {at}. Remove or correct the vertices of one of them."
     return (
-        f"there is a gap of {misfit.distance:.3g} between node {node} and the edge {edge} of cell {cell}, less than "
-        f"{NARROW:g} of the edges there. Move the node onto the edge and make it a vertex of that cell, or open the "
-        "gap."
+        f"there is a gap narrower than {width:.3g} between cells {one} and {other} near {at}, {NARROW:g} of the lowest "
+        "cell. Give both the same nodes there, or open the gap."
     )

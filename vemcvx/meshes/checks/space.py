@@ -1,68 +1,84 @@
-"""A mesh of space checked: from points and cells to polyhedra that tile a domain, or to a MeshError.
+"""A mesh of space checked: from points and cells to polyhedra that fit together, or to a MeshError.
 
 Faults are told in the order in which they can be: numbers, places of nodes, single faces, single cells, how cells fit
-together. Mended, with a note for a warning, are faces that do not run outwards (turned) and nodes that no cell uses
-(dropped).
+together. Faces that do not run outwards are turned and nodes that no cell uses dropped, each with a note for a warning.
 
-Let all cells be closed surfaces with an inside, and every face that of one cell, or of two on its two sides. How often
-a place is covered is then the winding number about it of the boundary; so the cells tile a domain if no two faces of
-the boundary meet but in common nodes and edges, and the boundary winds once about the inside of each of its pieces. Two
-faces that meet elsewhere have a vertex of the one on the other, or an edge of the one that runs across the other in its
-plane or pierces it: these three are looked for. Cells that meet themselves inside the body are not.
+Each edge of a cell is in exactly two of its faces, which run it in opposite directions if their normals point to the
+same side of the cell. Where they do not, the faces to be turned are read off the components of a graph of twice as many
+nodes, one a face as it is and one a face turned: links join what runs along together. A cell whose face is linked to
+itself turned has no inside.
+
+Two cells meet in whole faces of both: no two faces of the boundary may lie on one another. Cells that pierce each other
+are not looked for; they are found if their volumes add up to more than that of the convex hull of all.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.checks.faces import Flat, SharedFaces, check_face_lists, check_faces, faces_to_turn, shared_faces
-from vemcvx.meshes.checks.plane import NARROW, brief_row, check_coincident, check_points, dropped, shortest_edges
-from vemcvx.meshes.polygons.geometry import (
-    TOLERANCE,
-    diameters,
-    distances,
-    inner_points,
-    overlapping_boxes,
-    run_through,
+from vemcvx.meshes.checks.plane import (
+    NARROW,
+    brief_row,
+    check_coincident,
+    check_points,
+    check_polygons,
+    check_simple,
+    dropped,
+    laid_flat,
 )
+from vemcvx.meshes.polygons.geometry import TOLERANCE, diameters, outlines, overlapping_boxes
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
     edge_keys,
-    neighbours,
+    offsets_of,
     rows_in_order,
-    shared_edges,
+    same_rows,
     smallest_linked,
-    spans,
     turned,
 )
-from vemcvx.meshes.polyhedra import Faces, FaceShapes, angles_seen, joined_faces, nodes_of_cells, volumes_and_centroids
+from vemcvx.meshes.polyhedra import (
+    Faces,
+    FaceShapes,
+    Listed,
+    face_shapes,
+    joined_faces,
+    nodes_of_cells,
+    volumes_and_centroids,
+)
+
+# Of the diameter of a face: coordinates in single precision, or printed with seven digits, are nearer to its plane.
+PLANE = 1e-6
 
 
 def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints | None, list[str]]:
     """Points and faces made of a user's points and cells, or MeshError; the map of nodes, notes on what was mended."""
     points = check_points(points, 3)
     offsets, vertices, cell_offsets = check_face_lists(cells, len(points))
-    used = np.flatnonzero(np.bincount(vertices, minlength=len(points)))
-    check_coincident(points, used)
+    check_coincident(points, np.unique(vertices))
     owner = cell_of_corner(cell_offsets)
-    shared = shared_faces(offsets, vertices, owner)
-    outlines = rows_in_order(offsets, vertices, shared.first)
-    shapes = check_faces(points, *outlines, owner[shared.first])
+    shared = shared_faces(offsets, vertices, owner, len(points))
+    shapes = check_faces(points, *rows_in_order(offsets, vertices, shared.first), owner[shared.first])
     turn = faces_to_turn(offsets, vertices, cell_offsets, len(points))
     volumes = volumes_and_centroids(shapes, cell_offsets, shared.number, np.where(shared.along ^ turn, 1.0, -1.0))[0]
     turn ^= (volumes < 0.0)[owner]
-    faces = _joined(offsets, vertices, cell_offsets, shared=shared, turn=turn)
-    _check_volumes(points, faces, volumes)
-    turned_faces = turn[shared.first]
-    shapes = shapes._replace(normals=np.where(turned_faces[:, None], -shapes.normals, shapes.normals))
-    _check_tiling(points, faces, shapes)
+    first, outwards = shared.first[shared.number], shared.along ^ turn
+    bad = np.flatnonzero((first != np.arange(len(owner))) & (outwards == outwards[first]))
+    if len(bad):
+        k = bad[0]
+        raise MeshError(
+            f"cells {owner[first[k]]} and {owner[k]} overlap: both lie on the same side of their face "
+            f"{_row(offsets, vertices, k)}. Remove or correct one of them."
+        )
+    faces = joined_faces(offsets, turned(offsets, vertices, turn), cell_offsets)
+    shapes = shapes._replace(normals=np.where(turn[shared.first, None], -shapes.normals, shapes.normals))
+    check_volumes(points, faces, np.abs(volumes), shapes)
     notes = []
     if turn.any():
         mended = np.unique(owner[turn])
@@ -70,168 +86,289 @@ def checked_in_space(points: ArrayLike, cells: Any) -> tuple[Floats, Faces, Ints
             f"{len(mended)} of {len(volumes)} cells had faces that did not run outwards, counter-clockwise seen from "
             f"outside (the first is cell {mended[0]}); they have been turned."
         )
-    node_map = None
-    if len(used) < len(points):
-        node_map, note = dropped(used, len(points))
-        notes.append(note)
-        points, faces = points[used], faces._replace(face_vertices=node_map[faces.face_vertices])
-    return points, faces, node_map, notes
+    points, vertices, node_map, more = dropped(points, faces.face_vertices)
+    return points, faces._replace(face_vertices=vertices), node_map, notes + more
 
 
-def _joined(offsets: Ints, vertices: Ints, cell_offsets: Ints, *, shared: SharedFaces, turn: Bools) -> Faces:
-    """Listed faces, turned and joined; MeshError if both cells of one lie on the same side of it."""
-    owner = cell_of_corner(cell_offsets)
-    first = shared.first[shared.number]
-    outwards = shared.along ^ turn
-    bad = np.flatnonzero((first != np.arange(len(owner))) & (outwards == outwards[first]))
-    if len(bad):
-        k = bad[0]
-        row = brief_row(vertices[offsets[k] : offsets[k + 1]])
+# Lists of faces.
+
+
+BY_VERTICES = (
+    "Tetrahedra, hexahedra, wedges and pyramids given by their vertices come in by "
+    'vx.meshes.convert(meshio.Mesh(points, {"tetra": cells})).'
+)
+
+
+def check_face_lists(cells: Any, n_nodes: int) -> Listed:
+    """The faces that cells list, or MeshError.
+
+    Every cell has at least four faces, every face at least three different nodes that exist.
+    """
+    listed = cells if isinstance(cells, Listed) else _flattened(cells)
+    if len(listed.cell_offsets) < 2:
+        raise MeshError("a mesh needs at least one cell; got none.")
+    few = np.flatnonzero(np.diff(listed.cell_offsets) < 4)
+    if len(few):
+        count = np.diff(listed.cell_offsets)[few[0]]
+        raise MeshError(f"cell {few[0]} has {count} faces; a polyhedron has at least 4.")
+    check_polygons(listed.offsets, listed.vertices, n_nodes, lambda face: _face(face, listed.cell_offsets))
+    return listed
+
+
+def _face(number: int, cell_offsets: Ints) -> str:
+    cell = int(np.searchsorted(cell_offsets, number, side="right")) - 1
+    return f"cell {cell}: its face {number - cell_offsets[cell]}"
+
+
+def _flattened(cells: Any) -> Listed:
+    try:
+        listed = [list(cell) for cell in cells]
+    except Exception:  # of whatever a user hands in
         raise MeshError(
-            f"cells {owner[first[k]]} and {owner[k]} overlap: both lie on the same side of their face {row}. Remove or "
-            "correct one of them."
+            "cells must be a sequence of cells, each a sequence of faces, each a sequence of node numbers; got "
+            f"{type(cells).__name__}. {BY_VERTICES}"
+        ) from None
+    cell_offsets = offsets_of(np.array([len(cell) for cell in listed], dtype=np.int64))
+
+    def fault(number: int, row: NDArray[Any] | None) -> str:
+        found = type(faces[number]).__name__ if row is None else f"{row.dtype} of shape {row.shape}"
+        return f"{_face(number, cell_offsets)} must be a list of node numbers; got {found}. {BY_VERTICES}"
+
+    faces = list(chain.from_iterable(listed))
+    return Listed(*laid_flat(faces, fault), cell_offsets)
+
+
+def faces_to_turn(offsets: Ints, vertices: Ints, cell_offsets: Ints, n_nodes: int) -> Bools:
+    """A mask (m,) of listed faces to turn so that those of a cell are oriented alike, or MeshError.
+
+    The first face of each cell stays as it is; whether all then point outwards or inwards, volumes tell.
+    """
+    owner = cell_of_corner(cell_offsets)
+    listing = cell_of_corner(offsets)
+    ends = directed_edges(offsets, vertices)
+    corners = _pairs(ends, owner[listing], n_nodes)
+    pairs = listing[corners]
+    connected = smallest_linked(pairs, len(owner))
+    first = np.repeat(cell_offsets[:-1], np.diff(cell_offsets))
+    apart = np.flatnonzero(connected != first)
+    if len(apart):
+        raise MeshError(
+            f"cell {owner[apart[0]]} falls into several closed surfaces; a cell has one. Make each a cell of its own, "
+            "or split a cell with a cavity in two."
         )
-    return joined_faces(offsets, turned(offsets, vertices, turn), cell_offsets)
+    along = ends[corners[:, 0], 0] == ends[corners[:, 1], 0]
+    if not along.any():
+        return np.zeros(len(owner), dtype=bool)
+    count = len(owner)
+    one, other = pairs.T
+    backwards = other + count * along
+    links = np.concatenate(
+        [np.column_stack([one, backwards]), np.column_stack([one + count, (backwards + count) % (2 * count)])]
+    )
+    label = smallest_linked(links, 2 * count)
+    endless = np.flatnonzero(label[:count] == label[count:])
+    if len(endless):
+        raise MeshError(
+            f"cell {owner[endless[0]]} has no inside: its faces close like those of a Klein bottle. Correct its faces."
+        )
+    flips: Bools = label[:count] != label[first]
+    return flips
 
 
-def _check_volumes(points: Floats, faces: Faces, volumes: Floats) -> None:
+def _pairs(ends: Ints, cells: Ints, n_nodes: int) -> Ints:
+    """The two corners (m, 2) of each cell that start an edge of it; MeshError if there are more or fewer."""
+    edges, number = np.unique(edge_keys(ends, n_nodes), return_inverse=True)
+    keys = cells * len(edges) + number
+    order = np.argsort(keys, kind="stable")
+    _, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
+    wrong = np.flatnonzero(counts != 2)
+    if len(wrong):
+        k = wrong[np.argmin(cells[order[starts[wrong]]])]
+        corner = order[starts[k]]
+        a, b = sorted(ends[corner].tolist())
+        if counts[k] == 1:
+            raise MeshError(
+                f"cell {cells[corner]} is not closed: its edge ({a}, {b}) belongs to one of its faces only. List all "
+                "its faces; where a neighbour's edge is cut in two by a node, so must be this one."
+            )
+        raise MeshError(
+            f"cell {cells[corner]} touches itself: its edge ({a}, {b}) belongs to {counts[k]} of its faces, wanted are "
+            "two. Split the cell there, or remove the face that is listed twice."
+        )
+    return order.reshape(-1, 2)
+
+
+class SharedFaces(NamedTuple):
+    """Faces that cells list, joined."""
+
+    first: Ints
+    """(n_faces,) the listing that names each face first"""
+    number: Ints
+    """(n_listed,) the face that each listing is"""
+    along: Bools
+    """(n_listed,) whether it runs as the first listing of its face"""
+
+
+def shared_faces(offsets: Ints, vertices: Ints, owner: Ints, n_nodes: int) -> SharedFaces:
+    """Join the faces that cells list (see `SharedFaces`); MeshError if one has three cells, or two outlines."""
+    first, number = same_rows(offsets, vertices)
+    counts = np.bincount(number)
+    order = np.argsort(number, kind="stable")
+    starts = np.cumsum(counts) - counts
+    crowded = np.flatnonzero(counts > 2)
+    if len(crowded):
+        face = crowded[0]
+        cells = owner[order[starts[face] : starts[face] + counts[face]]]
+        raise MeshError(
+            f"the face {_row(offsets, vertices, first[face])} belongs to {counts[face]} cells: "
+            f"{', '.join(map(str, cells[:6]))}. At most two cells can share a face; remove or correct the others."
+        )
+    one, other = order[starts[counts == 2]], order[starts[counts == 2] + 1]
+    twice = np.flatnonzero(owner[one] == owner[other])
+    if len(twice):
+        k = one[twice[0]]
+        raise MeshError(
+            f"cell {owner[k]} lists its face {_row(offsets, vertices, k)} twice; every face must appear once."
+        )
+    along = np.ones(len(owner), dtype=bool)
+    if not len(one):
+        return SharedFaces(first, number, along)
+
+    def edges(listed: Ints, backwards: bool = False) -> tuple[Ints, Ints]:
+        """Where each face begins, and its directed edges as numbers, ascending in each face."""
+        rows, nodes = rows_in_order(offsets, vertices, listed)
+        keys = directed_edges(rows, nodes) @ np.array([1, n_nodes] if backwards else [n_nodes, 1])
+        return rows[:-1], keys[np.lexsort((keys, cell_of_corner(rows)))]
+
+    begin, mine = edges(one)
+    same = np.logical_and.reduceat(mine == edges(other)[1], begin)
+    mirrored = np.logical_and.reduceat(mine == edges(other, backwards=True)[1], begin)
+    differs = np.flatnonzero(~same & ~mirrored)
+    if len(differs):
+        k = differs[0]
+        raise MeshError(
+            f"cells {owner[one[k]]} and {owner[other[k]]} list the vertices of a face in different orders, "
+            f"{_row(offsets, vertices, one[k])} and {_row(offsets, vertices, other[k])}. Run around it both times, in "
+            "either direction."
+        )
+    along[other] = same
+    return SharedFaces(first, number, along)
+
+
+def _row(offsets: Ints, vertices: Ints, listing: int) -> str:
+    return brief_row(vertices[offsets[listing] : offsets[listing + 1]])
+
+
+# Shapes of faces, volumes of cells, and how these fit together.
+
+
+def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> FaceShapes:
+    """Shapes of faces of the cells (n_faces,), or MeshError at the first that is no plane simple polygon."""
+    shapes = face_shapes(points, offsets, vertices)
+    sizes = diameters(points, offsets, vertices)
+    face = cell_of_corner(offsets)
+    largest = np.maximum.reduceat(np.abs(points[vertices]).max(axis=1), offsets[:-1])
+
+    def named(number: int) -> str:
+        return f"cell {cells[number]}: its face {_row(offsets, vertices, number)}"
+
+    flat = np.flatnonzero(shapes.areas <= TOLERANCE * largest * sizes)
+    if len(flat):
+        raise MeshError(
+            f"{named(flat[0])} has no area (area {shapes.areas[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}): its "
+            "vertices lie on one line, or its outline crosses itself. Remove it or correct its vertices."
+        )
+    places = _seen(points[vertices], face, shapes)
+    height = np.abs(places[:, 2])
+    bent = np.flatnonzero(height > (PLANE * sizes + TOLERANCE * largest)[face])
+    if len(bent):
+        worst = bent[np.argmax(height[bent] / sizes[face[bent]])]
+        raise MeshError(
+            f"{named(face[worst])} is not plane: node {vertices[worst]} lies {height[worst]:.3g} off its plane, and "
+            f"{PLANE:g} of the face's diameter {sizes[face[worst]]:.3g} is allowed. Split the face into triangles, the "
+            "same ones in both cells that have it, or move the node."
+        )
+    several = np.flatnonzero(np.diff(offsets) > 3)
+    if len(several):
+        rows, corners = rows_in_order(offsets, np.arange(len(vertices)), several)
+        polygons = outlines(places[:, :2], rows, corners)
+        check_simple(places[:, :2], rows, corners, polygons, lambda k: named(several[k]), vertices)
+    return shapes
+
+
+def _seen(places: Floats, faces: Ints, shapes: FaceShapes) -> Floats:
+    """Coordinates (m, 3) of places (m, 3) about the centroid of a face each: along two axes in it, and above it."""
+    normals = shapes.normals[faces]
+    across = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = np.cross(normals, across)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    axes = np.stack([first, np.cross(normals, first), normals], axis=1)
+    coordinates: Floats = np.einsum("mai,mi->ma", axes, places - shapes.centroids[faces])
+    return coordinates
+
+
+def check_volumes(points: Floats, faces: Faces, volumes: Floats, shapes: FaceShapes) -> None:
+    """MeshError if a cell has no volume, or cells overlap or meet in parts of faces."""
     offsets, nodes = nodes_of_cells(faces, len(points))
     sizes = diameters(points, offsets, nodes)
     largest = np.maximum.reduceat(np.abs(points[nodes]).max(axis=1), offsets[:-1])
-    flat = np.flatnonzero(np.abs(volumes) <= TOLERANCE * largest * sizes**2)
+    flat = np.flatnonzero(volumes <= TOLERANCE * largest * sizes**2)
     if len(flat):
         raise MeshError(
             f"cell {flat[0]} has no volume (volume {volumes[flat[0]]:.3g}, diameter {sizes[flat[0]]:.3g}). Remove it "
             "or correct its faces."
         )
+    _check_outer_faces(points, faces, shapes, NARROW * float((volumes / sizes**2).min()))
+    hull = _volume_of_hull(points[np.unique(nodes)])
+    if volumes.sum() > (1.0 + NARROW) * hull:
+        raise MeshError(
+            f"cells overlap: their volumes add up to {volumes.sum():.6g}, and the convex hull of all has {hull:.6g}. "
+            "Remove or correct some of them."
+        )
 
 
-def _check_tiling(points: Floats, faces: Faces, shapes: FaceShapes) -> None:
-    """MeshError if cells, whose faces are plane and fit by pairs, meet each other elsewhere."""
-    boundary = np.flatnonzero(faces.face_cells[:, 1] < 0)
-    if not len(boundary):
-        raise MeshError("the cells have no boundary: they overlap.")
-    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, boundary)
-    own = FaceShapes(*(values[boundary] for values in shapes))
-    shell = _Shell(
-        points=points,
-        offsets=offsets,
-        vertices=vertices,
-        cells=faces.face_cells[boundary, 0],
-        flat=Flat.of(points, offsets, vertices, own),
-        widths=np.sqrt(own.areas),
-        shortest=shortest_edges(points, directed_edges(faces.face_offsets, faces.face_vertices)),
-    )
-    shell.check_nodes()
-    shell.check_edges()
-    shell.check_winding()
+def _volume_of_hull(points: Floats) -> float:
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return float(ConvexHull(points).volume)
+    except QhullError:  # as flat as rounding
+        return np.inf
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Shell:
-    """The faces of the boundary, with their cells, their widths, and the shortest edge at each node."""
+def _check_outer_faces(points: Floats, faces: Faces, shapes: FaceShapes, width: float) -> None:
+    """MeshError where two faces of the boundary lie on one another, or hardly apart."""
+    import shapely
 
-    points: Floats
-    offsets: Ints
-    vertices: Ints
-    cells: Ints
-    flat: Flat
-    widths: Floats
-    shortest: Floats
+    outer = np.flatnonzero(faces.face_cells[:, 1] < 0)
+    offsets, vertices = rows_in_order(faces.face_offsets, faces.face_vertices, outer)
+    shapes = FaceShapes(*(values[outer] for values in shapes))
+    corners = points[vertices]
+    low, high = (f.reduceat(corners, offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
+    slack = width + TOLERANCE * np.abs(corners).max()
+    one, other = overlapping_boxes(low - slack, high + slack, low, high)
+    tilt = np.linalg.norm(np.cross(shapes.normals[one], shapes.normals[other]), axis=1)
+    apart = np.abs(np.einsum("ij,ij->i", shapes.normals[one], shapes.centroids[other] - shapes.centroids[one]))
+    near = (one < other) & (apart + tilt * np.sqrt(shapes.areas[other]) <= slack)
+    one, other, apart = one[near], other[near], apart[near]
+    if not len(one):
+        return
 
-    def _near(self, places: Floats) -> tuple[Ints, Ints]:
-        """Pairs of boxes about places (m, k, 3) and faces that meet."""
-        corners = self.points[self.vertices]
-        low, high = (f.reduceat(corners, self.offsets[:-1], axis=0) for f in (np.minimum, np.maximum))
-        margin = (NARROW * self.widths + TOLERANCE * np.abs(corners).max())[:, None]
-        return overlapping_boxes(places.min(axis=1), places.max(axis=1), low - margin, high + margin)
+    def in_plane(listed: Ints) -> NDArray[Any]:
+        rows, nodes = rows_in_order(offsets, vertices, listed)
+        return outlines(_seen(points[nodes], one[cell_of_corner(rows)], shapes)[:, :2], rows, np.arange(len(nodes)))
 
-    def _are_vertices(self, nodes: Ints, faces: Ints) -> Bools:
-        keys = cell_of_corner(self.offsets) * len(self.points) + self.vertices
-        return np.isin(faces * len(self.points) + nodes, keys)
-
-    def _named(self, face: int) -> str:
-        row = self.vertices[self.offsets[face] : self.offsets[face + 1]]
-        return f"the face {brief_row(row)} of cell {self.cells[face]}"
-
-    def check_nodes(self) -> None:
-        """MeshError where a node lies on a face, or hardly beside it."""
-        nodes = np.unique(self.vertices)
-        number, face = self._near(self.points[nodes][:, None])
-        node = nodes[number]
-        free = ~self._are_vertices(node, face)
-        node, face = node[free], face[free]
-        seen = self.flat.seen(self.points[node], face)
-        distance = np.hypot(distances(self.flat.polygons[face], seen[:, :2]), seen[:, 2])
-        slack = TOLERANCE * np.abs(self.points[node]).max(axis=1)
-        bad = np.flatnonzero(distance <= slack + NARROW * np.minimum(self.shortest[node], self.widths[face]))
-        if len(bad):
-            k = bad[0]
-            where = f"{distance[k]:.3g} beside" if distance[k] > slack[k] else "on"
-            raise MeshError(
-                f"node {node[k]} lies {where} {self._named(face[k])} without being one of its vertices. Two cells must "
-                f"meet in whole faces of both: cut that face of cell {self.cells[face[k]]} into the faces of its "
-                "neighbours, and make a node on an edge a vertex of every face that has the edge."
-            )
-
-    def check_edges(self) -> None:
-        """MeshError where an edge runs across a face in its plane, or pierces it."""
-        ends, owner = directed_edges(self.offsets, self.vertices), cell_of_corner(self.offsets)
-        _, first, edge = np.unique(edge_keys(ends, len(self.points)), return_index=True, return_inverse=True)
-        number, face = self._near(self.points[ends[first]])
-        corner = first[number]
-        own = np.isin(face * len(first) + number, owner * len(first) + edge)
-        common = self._are_vertices(ends[corner, 0], face).astype(np.int64) + self._are_vertices(ends[corner, 1], face)
-        # An edge with one end in common that runs across meets another edge of the face, which runs across its own.
-        apart = (common == 0) | ((common == 2) & ~own)
-        corner, face = corner[apart], face[apart]
-        a, b = (self.flat.seen(self.points[ends[corner, k]], face) for k in (0, 1))
-        size = TOLERANCE * np.abs(self.points[ends[corner]]).max(axis=(1, 2))
-        slack = size + NARROW * np.minimum(self.shortest[ends[corner]].min(axis=1), self.widths[face])
-        along = np.flatnonzero((np.abs(a[:, 2]) <= slack) & (np.abs(b[:, 2]) <= slack))
-        along = along[run_through(self.flat.polygons[face[along]], np.stack([a, b], axis=1)[along, :, :2])]
-        if len(along):
-            k = along[0]
-            raise MeshError(
-                f"the edge {brief_row(ends[corner[k]])} of cell {self.cells[owner[corner[k]]]} runs across "
-                f"{self._named(face[k])}. Two cells must meet in whole faces of both: cut that face along the edge in "
-                f"cell {self.cells[face[k]]}; if the cells overlap, correct the vertices."
-            )
-        through = np.flatnonzero((np.minimum(a[:, 2], b[:, 2]) < -size) & (np.maximum(a[:, 2], b[:, 2]) > size))
-        a, b, corner, face = a[through], b[through], corner[through], face[through]
-        part = (a[:, 2] / (a[:, 2] - b[:, 2]))[:, None]
-        inside = np.flatnonzero(distances(self.flat.polygons[face], (a + part * (b - a))[:, :2]) == 0.0)
-        if len(inside):
-            cell, other = self.cells[owner[corner[inside[0]]]], self.cells[face[inside[0]]]
-            both = f"cells {cell} and {other} overlap" if cell != other else f"cell {cell} crosses itself"
-            raise MeshError(
-                f"{both}: the edge {brief_row(ends[corner[inside[0]]])} of cell {cell} pierces "
-                f"{self._named(face[inside[0]])}. Correct the vertices."
-            )
-
-    def check_winding(self) -> None:
-        """MeshError unless the boundary winds once about the inside of each of its pieces."""
-        probes = np.unique(self._pieces())
-        if len(probes) == 1:
-            return  # one piece, with the volume of the cells inside
-        inner = inner_points(self.flat.polygons[probes])
-        places = self.flat.origins[probes] + np.einsum("pa,pai->pi", inner, self.flat.axes[probes, :2])
-        # The fan of triangles of each face.
-        counts = np.diff(self.offsets)
-        corner = spans(self.offsets[:-1] + 1, counts - 2)
-        owner = np.repeat(np.arange(len(counts)), counts - 2)
-        triangles = self.points[self.vertices[np.stack([self.offsets[owner], corner, corner + 1], axis=1)]]
-        for probe, place in zip(probes, places, strict=True):
-            # Just behind a face the sphere is half full of it; all others fill the other half, or the body is double.
-            angle = angles_seen(triangles[owner != probe] - place).sum()
-            if abs(angle - 2.0 * np.pi) > 1.0:
-                row = self.vertices[self.offsets[probe] : self.offsets[probe + 1]]
-                raise MeshError(
-                    f"cell {self.cells[probe]} overlaps another cell: behind its face {brief_row(row)} space is "
-                    "covered more than once. Remove or correct one of the cells."
-                )
-
-    def _pieces(self) -> Ints:
-        """Of each face the smallest number of a face that it is linked to over edges that two faces have."""
-        shared = shared_edges(self.offsets, self.vertices, len(self.points))
-        return smallest_linked(neighbours(self.offsets, shared), len(self.cells))
+    common = shapely.area(shapely.intersection(in_plane(one), in_plane(other)))
+    over = np.flatnonzero(common > NARROW * np.minimum(shapes.areas[one], shapes.areas[other]))
+    if len(over):
+        k = over[0]
+        first, second = (
+            f"the face {_row(offsets, vertices, face)} of cell {faces.face_cells[outer[face], 0]}"
+            for face in (one[k], other[k])
+        )
+        how = f"{apart[k]:.3g} beside" if apart[k] > 1e-3 * slack else "on"
+        raise MeshError(
+            f"{first} and {second} lie {how} one another. Two cells must meet in whole faces of both: cut the "
+            "larger face into the faces of its neighbours, and make a node on an edge a vertex of every face that has "
+            "the edge; if the cells overlap, correct the vertices."
+        )

@@ -55,7 +55,7 @@ def squares(
     rectangle = check_box(box)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
 def square_grid(nx: int, ny: int, box: Box) -> tuple[Floats, Ints]:
@@ -74,7 +74,7 @@ def padded_mesh(points: Floats, present: Bools, rows: Ints, box: Box) -> Polygon
     number = np.where(present, np.cumsum(present) - 1, -1)
     vertices = np.where(rows >= 0, number[rows], -1)
     offsets = offsets_of((vertices >= 0).sum(axis=1))
-    return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box)
+    return PolygonMesh.unchecked(points[present], offsets, vertices[vertices >= 0], box=box)
 
 
 # Squares cut in two by the diagonal from the lower left; halving n nests the meshes.
@@ -98,14 +98,13 @@ def triangles(
     nx, ny = cell_counts(n, rectangle, size, each=2)
     points, corners = square_grid(nx, ny, rectangle)
     vertices = corners[:, [0, 1, 2, 0, 2, 3]].ravel()
-    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, vertices.size + 1, 3), vertices, box=rectangle)
 
 
 # Hexagons in staggered rows, cut off straight at the box.
 #
-# Rows of cells are parted by zigzag lines of nodes half a cell apart. Regular hexagons of width a have rows
-# a sqrt(3)/2 apart and zigzags of height 1/3 of that; the counts are rounded so that rows and columns fill the box,
-# which stretches them a little.
+# Rows of cells are parted by zigzag lines of nodes half a cell apart. Regular hexagons of width a have rows a sqrt(3)/2
+# apart and zigzags of height 1/3 of that; the counts are rounded so that rows and columns fill the box.
 
 
 # Width of a regular hexagon of area 1, so that hexagons are as many as squares: a^2 sqrt(3)/2 = 1.
@@ -129,33 +128,22 @@ def hexagons(
     """
     rectangle = check_box(box)
     columns, rows = cell_counts(n, rectangle, size, stretch=WIDTH)
-    lines, half_cells = np.arange(rows + 1)[:, None], np.arange(2 * columns + 1)
+    x, y = rectangle.ticks(2 * columns, rows)
+    line, half = np.indices((rows + 1, 2 * columns + 1))
     # Row k has its upright edges where k + i is even; there the line below it is high and the line above it low.
-    high = (lines + half_cells) % 2 == 0
-    flat = (lines == 0) | (lines == rows)
-    present = np.where(lines == 0, high, np.where(lines == rows, ~high, True))
-    present = present | (flat & ((half_cells == 0) | (half_cells == 2 * columns)))
-    points = _zigzag_points(columns, rows, np.where(flat, 0.0, np.where(high, 1.0, -1.0)), rectangle)
-    cells = np.concatenate([_row_of_cells(columns, row) for row in range(rows)])
-    return padded_mesh(points, present.ravel(), cells, rectangle)
-
-
-def _zigzag_points(columns: int, rows: int, zigzag: Floats, box: Box) -> Floats:
-    x, y = box.ticks(2 * columns, rows)
-    height = np.repeat(y, 2 * columns + 1) + zigzag.ravel() * (box.lengths[1] / rows / 6.0)
-    return np.column_stack([np.tile(x, rows + 1), height])
-
-
-def _row_of_cells(columns: int, row: int) -> Ints:
-    """Candidates for the vertices of a row of cells: three on the line below, three on the line above."""
-    last = 2 * columns
-    middles = np.arange(1, last, 2) if row % 2 == 0 else np.arange(0, last + 1, 2)
-    across = middles[:, None] + np.array([-1, 0, 1])
-    across[(across < 0) | (across > last)] = -1
-    outside = across < 0
-    below = np.where(outside, -1, across + row * (last + 1))
-    above = np.where(outside, -1, across + (row + 1) * (last + 1))
-    return np.concatenate([below, above[:, ::-1]], axis=1)
+    high = (line + half) % 2 == 0
+    flat = (line == 0) | (line == rows)
+    ends = flat & ((half == 0) | (half == 2 * columns))
+    present = np.where(line == 0, high, np.where(line == rows, ~high, True)) | ends
+    zigzag = np.where(flat, 0.0, np.where(high, 1.0, -1.0)) * (rectangle.lengths[1] / rows / 6.0)
+    points = np.column_stack([x[half.ravel()], y[line.ravel()] + zigzag.ravel()])
+    # Between upright edges: three candidates for vertices on the line below, three on the line above.
+    row, middle = np.nonzero(~high[:-1])
+    across = middle[:, None] + np.array([-1, 0, 1])
+    below, above = (across + (2 * columns + 1) * (row + k)[:, None] for k in (0, 1))
+    cells = np.hstack([below, above[:, ::-1]])
+    outside = (across < 0) | (across > 2 * columns)
+    return padded_mesh(points, present.ravel(), np.where(np.hstack([outside, outside[:, ::-1]]), -1, cells), rectangle)
 
 
 # Squares whose inner nodes are moved at random: quadrilaterals of every shape, some of them not convex.
@@ -190,7 +178,7 @@ def distorted(
     random = np.random.default_rng(check_whole("seed", seed, 0))
     inner = points.reshape(ny + 1, nx + 1, 2)[1:-1, 1:-1]
     inner += random.uniform(-0.5 * amount, 0.5 * amount, inner.shape) * np.divide(rectangle.lengths, (nx, ny))
-    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), rectangle)
+    return PolygonMesh.unchecked(points, np.arange(0, corners.size + 1, 4), corners.ravel(), box=rectangle)
 
 
 # Squares of which some are cut in four: their neighbours get a vertex in the middle of a straight edge.
@@ -230,28 +218,16 @@ def hanging(
     cut = np.zeros(nx * ny, dtype=bool)
     cut[random.permutation(nx * ny)[: round(fraction * nx * ny)]] = True
     points, _ = square_grid(2 * nx, 2 * ny, rectangle)
-    blocks = _blocks(nx, ny)
-    whole = np.flatnonzero(~cut)
-    rows = np.full((4 * nx * ny, 8), -1)
-    rows[4 * whole] = blocks[whole][:, AROUND]
-    rows.reshape(-1, 4, 8)[cut, :, :4] = blocks[cut][:, QUARTERS]
-    rows = rows[rows[:, 0] >= 0]
-    return padded_mesh(points, _present(cut, blocks, len(points)), rows, rectangle)
-
-
-def _blocks(nx: int, ny: int) -> Ints:
-    """Nodes (nx ny, 9) of the fine grid that belong to each large cell."""
     line = 2 * nx + 1
     first = (2 * np.arange(ny)[:, None] * line + 2 * np.arange(nx)).ravel()
-    return first[:, None] + (np.arange(3)[:, None] * line + np.arange(3)).ravel()
-
-
-def _present(cut: Bools, blocks: Ints, n_points: int) -> Bools:
-    """A mask of the fine grid's nodes in use: corners of large cells, and all of a cell that is cut."""
-    present = np.zeros(n_points, dtype=bool)
+    blocks = first[:, None] + (np.arange(3)[:, None] * line + np.arange(3)).ravel()
+    rows = np.full((nx * ny, 4, 8), -1)
+    rows[~cut, 0] = blocks[~cut][:, AROUND]
+    rows[cut, :, :4] = blocks[cut][:, QUARTERS]
+    present = np.zeros(len(points), dtype=bool)
     present[blocks[:, [0, 2, 6, 8]]] = True
     present[blocks[cut]] = True
-    return present
+    return padded_mesh(points, present, rows[rows[:, :, 0] >= 0], rectangle)
 
 
 # Squares with zigzag edges: cells of up to twelve vertices, none of them convex, that lock into each other.
@@ -283,40 +259,28 @@ def nonconvex(
     zigzag = check_fraction("zigzag", zigzag, 1.0 / 3.0)
     nx, ny = cell_counts(n, rectangle, size)
     points, corners = square_grid(nx, ny, rectangle)
-    along = _thirds(points, nx, ny, zigzag, rectangle)
-    level, upright = (ny + 1) * nx, ny * (nx + 1)  # numbers of level and of upright edges, also those on the sides
-    inner = np.repeat(_inner(nx, ny), 2)
-    first = len(points) + 2 * np.arange(level + upright)
-    edges = first[:, None] + np.array([0, 1])
-    level_edges, upright_edges = edges[:level].reshape(ny + 1, nx, 2), edges[level:].reshape(ny, nx + 1, 2)
-    around = [
-        corners[:, :1],
-        level_edges[:-1].reshape(-1, 2),
-        corners[:, 1:2],
-        upright_edges[:, 1:].reshape(-1, 2),
-        corners[:, 2:3],
-        level_edges[1:, :, ::-1].reshape(-1, 2),
-        corners[:, 3:],
-        upright_edges[:, :-1, ::-1].reshape(-1, 2),
-    ]
-    present = np.concatenate([np.ones(len(points), dtype=bool), inner])
-    return padded_mesh(np.concatenate([points, along]), present, np.concatenate(around, axis=1), rectangle)
-
-
-def _thirds(points: Floats, nx: int, ny: int, zigzag: float, box: Box) -> Floats:
-    """Two nodes an edge, level edges first: off to the left at a third, off to the right at two thirds."""
-    grid = points.reshape(ny + 1, nx + 1, 2)
-    pitch = np.divide(box.lengths, (nx, ny))
+    # Two nodes an edge, level edges first: off to the left at a third, off to the right at two thirds.
+    grid, pitch = points.reshape(ny + 1, nx + 1, 2), np.divide(rectangle.lengths, (nx, ny))
     level = grid[:, :-1, None] + np.array([[1 / 3, zigzag], [2 / 3, -zigzag]]) * pitch
     upright = grid[:-1, :, None] + np.array([[-zigzag, 1 / 3], [zigzag, 2 / 3]]) * pitch
-    return np.concatenate([level.reshape(-1, 2), upright.reshape(-1, 2)])
-
-
-def _inner(nx: int, ny: int) -> Ints:
-    """A mask of the edges (level ones first) inside the box; the others stay straight."""
-    level, upright = np.ones((ny + 1, nx), dtype=bool), np.ones((ny, nx + 1), dtype=bool)
-    level[[0, -1]] = upright[:, [0, -1]] = False
-    return np.concatenate([level.ravel(), upright.ravel()])
+    number = len(points) + np.arange((level.size + upright.size) // 2)
+    levels, uprights = number[: level.size // 2].reshape(level.shape[:3]), number[level.size // 2 :]
+    uprights = uprights.reshape(upright.shape[:3])
+    around = [
+        corners[:, :1],
+        levels[:-1].reshape(-1, 2),
+        corners[:, 1:2],
+        uprights[:, 1:].reshape(-1, 2),
+        corners[:, 2:3],
+        levels[1:, :, ::-1].reshape(-1, 2),
+        corners[:, 3:],
+        uprights[:, :-1, ::-1].reshape(-1, 2),
+    ]
+    present = np.ones(len(points) + len(number), dtype=bool)
+    for straight in (levels[[0, -1]], uprights[:, [0, -1]]):  # those on the sides of the box
+        present[straight] = False
+    nodes = np.concatenate([points, level.reshape(-1, 2), upright.reshape(-1, 2)])
+    return padded_mesh(nodes, present, np.concatenate(around, axis=1), rectangle)
 
 
 # Squares in an L: a box without its upper right quarter, the usual body with a re-entrant corner.

@@ -1,15 +1,31 @@
-"""Centroidal Voronoi meshes of a box in the plane, without edges that are too short."""
+"""Centroidal Voronoi meshes of a box, in the plane without edges that are too short, and in space.
+
+Seeds near a side are mirrored in it, so that the side is itself made of sides of Voronoi cells and no cell needs
+cutting; Lloyd's iteration then moves every seed to the centroid of its cell. Both ideas, and the collapse of short
+edges at the end, follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip.
+Optim. 45, 2012, 309-328). In space short edges stay: to move a vertex, where four cells meet, would bend their faces.
+
+Lengths are in widths of a cell, the root of its mean area or volume, whatever the units of the box. Four seeds on a
+circle give two vertices a rounding error apart; at a straight side, where seeds meet their images, this is the rule.
+"""
 
 from __future__ import annotations
+
+import math
+from itertools import chain
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from vemcvx.arrays import Bools, Floats, Ints
+from vemcvx.errors import MeshError
 from vemcvx.meshes.box import (
     UNIT_BOX,
+    UNIT_CUBE,
     Corners,
     Count,
+    SpaceCorners,
+    SpaceCount,
     cell_counts,
     check_box,
     check_fraction,
@@ -18,7 +34,7 @@ from vemcvx.meshes.box import (
     placed,
 )
 from vemcvx.meshes.polygon_mesh import PolygonMesh
-from vemcvx.meshes.polygons.geometry import areas_and_centroids, close_pairs, cross, delaunay, nearest
+from vemcvx.meshes.polygons.geometry import areas_and_centroids, close_pairs, cross, nearest
 from vemcvx.meshes.polygons.topology import (
     cell_of_corner,
     directed_edges,
@@ -26,27 +42,191 @@ from vemcvx.meshes.polygons.topology import (
     next_vertex,
     offsets_of,
     smallest_linked,
+    turned,
 )
-
-# Vertices of a Voronoi mesh that (almost) coincide, made one.
-#
-# Four seeds on a circle give two Voronoi vertices a rounding error apart, or one short edge; at a straight side,
-# where seeds meet their mirror images, this is the rule. `merge_coincident` makes points out of vertices that differ
-# by round-off; `collapse_short_edges` shrinks the short edges that are left, as PolyMesher does.
-
+from vemcvx.meshes.polyhedra import Faces, face_shapes, signs_of, volumes_and_centroids
+from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
 
 # Circumcentres of nearly collinear triples carry 1e-12 of a cell; true edges below 1e-9 are as rare as 1e-9.
 ROUND_OFF = 1e-9
 
 
-def merge_coincident(points: Floats, offsets: Ints, vertices: Ints, size: Floats) -> tuple[Floats, Ints, Ints]:
-    """Put points near the sides of [0, size] on them and give points within round-off one number.
+def voronoi(
+    n: Count | None = None,
+    box: Corners = UNIT_BOX,
+    seed: int = 0,
+    *,
+    size: float | None = None,
+    cells: int | None = None,
+    relaxations: int = 50,
+    shortest: float = 0.02,
+) -> PolygonMesh:
+    """Mesh a box with rounded irregular polygons.
 
-    Lengths are in cell widths. Returns points, offsets, vertices; unused points are dropped.
+    Parameters
+    ----------
+    n, box, seed, size : as of `squares`
+        Which has as many cells.
+    cells : int, optional
+        Number of cells, instead of n or size.
+    relaxations : int
+        Lloyd iterations; 0 keeps the raw Voronoi cells of the random seeds.
+    shortest : float
+        Edges shorter than this part of the root of the mean cell area are collapsed; 0 keeps them all.
+
+    Returns
+    -------
+    PolygonMesh
+        Convex cells (up to the collapse).
+
+    Raises
+    ------
+    MeshError
+        As `squares`, or ``shortest`` not in [0, 0.1].
     """
-    for side in (np.zeros(2), size):
+    rectangle = check_box(box)
+    nx, ny = cell_counts(n, rectangle, size) if cells is None else (check_total(check_whole("cells", cells)), 1)
+    count = nx * ny
+    relaxations = check_whole("relaxations", relaxations, 0, 10_000)
+    shortest = check_fraction("shortest", shortest, 0.1, closed=True)
+    sides = np.array(rectangle.lengths) / (np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1]))
+    seeds = _seeds(seed, count, sides)
+    for _ in range(relaxations):
+        seeds = areas_and_centroids(*_polygons(seeds, sides))[1]
+    points, offsets, vertices = _polygons(seeds, sides)
+    for side in (np.zeros(2), sides):
         points = np.where(np.abs(points - side) < ROUND_OFF, side, points)
-    return _renumbered(points, offsets, smallest_linked(close_pairs(points, ROUND_OFF), len(points))[vertices])
+    place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
+    points, offsets, vertices, _ = _renumbered(points, offsets, place[vertices])
+    if shortest > 0.0:
+        points, offsets, vertices = collapse_short_edges(points, offsets, vertices, sides, shortest)
+    points, number = _by_rows(points)
+    points = placed(points, sides, np.array(rectangle.low), np.array(rectangle.high))
+    return PolygonMesh.unchecked(points, offsets, number[vertices], box=rectangle)
+
+
+def voronoi3(
+    n: SpaceCount | None = None,
+    box: SpaceCorners = UNIT_CUBE,
+    seed: int = 0,
+    *,
+    size: float | None = None,
+    cells: int | None = None,
+    relaxations: int = 5,
+) -> PolyhedralMesh:
+    """Mesh a box with irregular convex polyhedra of about 14 faces.
+
+    Parameters
+    ----------
+    n, box, seed, size : as of `cubes`
+        Which has as many cells.
+    cells : int, optional
+        Number of cells, instead of n or size.
+    relaxations : int
+        Lloyd iterations, each as long as the mesh itself takes; 0 keeps the raw Voronoi cells of the random seeds.
+
+    Returns
+    -------
+    PolyhedralMesh
+        Cells and nodes by layers and rows one cell high. Faces are plane to rounding, edges may be as short as chance
+        makes them.
+
+    Raises
+    ------
+    MeshError
+        As `cubes`.
+    """
+    whole = check_box(box, 3)
+    counts = cell_counts(n, whole, size) if cells is None else (check_total(check_whole("cells", cells)),)
+    count = math.prod(counts)
+    relaxations = check_whole("relaxations", relaxations, 0, 10_000)
+    lengths = np.array(whole.lengths)
+    sides = lengths * (count / np.prod(lengths / lengths.max())) ** (1.0 / 3.0) / lengths.max()
+    seeds = _seeds(seed, count, sides)
+    for _ in range(relaxations):
+        seeds = _volumes_and_centroids(*_polyhedra(seeds, sides))[1]
+    points, faces = _polyhedra(seeds, sides)
+    points, number = _by_rows(points)
+    faces = faces._replace(face_vertices=number[faces.face_vertices])
+    points = placed(points, sides, np.array(whole.low), np.array(whole.high))
+    return PolyhedralMesh.unchecked(points, *faces, box=whole)
+
+
+def _seeds(seed: int, count: int, size: Floats) -> Floats:
+    seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, len(size))) * size
+    return _by_rows(seeds)[0]
+
+
+def _by_rows(points: Floats) -> tuple[Floats, Ints]:
+    """Points by layers and rows one cell high, and where each went: near in memory, cells assemble a quarter faster."""
+    rows = np.lexsort((points[:, 0], *np.floor(points[:, 1:]).T))
+    number = np.empty_like(rows)
+    number[rows] = np.arange(len(rows))
+    return points[rows], number
+
+
+def _mirrored(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
+    """Seeds and their images in near sides of [0, size]: places, and of each the seed and the side, -1 for none."""
+    images, origin, wall = [seeds], [np.arange(len(seeds))], [np.full(len(seeds), -1)]
+    for side in range(2 * len(size)):
+        axis, place = side // 2, size[side // 2] * (side % 2)
+        near = np.flatnonzero(np.abs(seeds[:, axis] - place) < reach)
+        image = seeds[near]
+        image[:, axis] = 2.0 * place - image[:, axis]
+        images.append(image)
+        origin.append(near)
+        wall.append(np.full(len(near), side))
+    return np.concatenate(images), np.concatenate(origin), np.concatenate(wall)
+
+
+def _inside(points: Floats, size: Floats) -> bool:
+    """Return True if cells stay in the box: without enough images of seeds they leave it, or are open."""
+    return bool(np.max(np.abs(points - 0.5 * size) - 0.5 * size) < 1e-6)
+
+
+# Polygons.
+
+
+def _polygons(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
+    """Voronoi cells of the seeds in [0, size]: points, offsets, vertices; one point a Delaunay triangle.
+
+    The corners of a seed's cell are the circumcentres of its triangles, in the order of their directions from the seed.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    # A relaxed cell is about one unit wide; random ones can be wider, then all of this is done again. A handful of
+    # seeds may lie in one line with the first images, which is no triangulation.
+    reach = 3.0 if len(seeds) > 50 else np.inf
+    while True:
+        sites = _mirrored(seeds, size, reach)[0]
+        try:
+            triangles = Delaunay(sites).simplices.astype(np.int64)
+        except QhullError as error:
+            raise MeshError(f"{len(sites)} points have no triangulation: they are all but on one line.") from error
+        triangles = triangles[(triangles < len(seeds)).any(axis=1)]
+        centres = _circumcentres(sites[triangles])
+        site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
+        inner = site < len(seeds)
+        site, centre = site[inner], centre[inner]
+        direction = centres[centre] - sites[site]
+        order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
+        offsets, vertices = offsets_of(np.bincount(site, minlength=len(seeds))), centre[order]
+        points = np.clip(centres, 0.0, size)
+        filled = abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < 1e-6
+        if reach > size.max() or (_inside(centres, size) and filled):
+            return points, offsets, vertices
+        reach *= 2.0
+
+
+def _circumcentres(corners: Floats) -> Floats:
+    """Circumcentres of triangles (m, 3, 2) with sides b, c from corner a; J turns by a quarter, J (x, y) = (y, -x).
+
+    a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
+    """
+    b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
+    shift = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb])
+    return corners[:, 0] + shift / (2.0 * cross(b, c)[:, None])
 
 
 def collapse_short_edges(
@@ -73,15 +253,16 @@ def collapse_short_edges(
         moved[edges[bad]] = points[edges[bad]]
         number = np.arange(len(points))
         number[edges[~bad, 1]] = edges[~bad, 0]
-        points, offsets, vertices = _renumbered(moved, offsets, number[vertices])
+        points, offsets, vertices, _ = _renumbered(moved, offsets, number[vertices])
 
 
-def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints]:
-    """Drop vertices that repeat their successor, then points that no cell uses."""
-    keep = vertices != next_vertex(offsets, vertices)
-    counts = np.add.reduceat(keep.astype(np.int64), offsets[:-1])
-    used, vertices = np.unique(vertices[keep], return_inverse=True)
-    return points[used], offsets_of(counts), vertices
+def _renumbered(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Ints, Ints, Ints]:
+    """Drop vertices that repeat their successor, rows of less than three, unused points; also which rows are left."""
+    fresh = vertices != next_vertex(offsets, vertices)
+    counts = np.add.reduceat(fresh.astype(np.int64), offsets[:-1])
+    left = counts > 2
+    used, vertices = np.unique(vertices[fresh & np.repeat(left, np.diff(offsets))], return_inverse=True)
+    return points[used], offsets_of(counts[left]), vertices, np.flatnonzero(left)
 
 
 def _on_sides(points: Floats, size: Floats) -> Bools:
@@ -140,119 +321,50 @@ def _not_star_shaped(points: Floats, moved: Floats, offsets: Ints, vertices: Int
     return np.flatnonzero(np.minimum.reduceat(fan, offsets[:-1]) <= 0.0)
 
 
-# Centroidal Voronoi cells of random seeds, clipped at the box.
-#
-# Seeds near a side are mirrored in it, so that the side is itself a Voronoi edge and no cell needs cutting; Lloyd's
-# iteration then moves every seed to the centroid of its cell. Both ideas, and the collapse of short edges at the end,
-# follow PolyMesher (C. Talischi, G. H. Paulino, A. Pereira, I. F. M. Menezes, Struct. Multidiscip. Optim. 45, 2012,
-# 309-328). Cells are read off the Delaunay triangulation: the corners of a seed's cell are the circumcentres of its
-# triangles, in the order of their directions from the seed.
+# Polyhedra.
 
 
-def voronoi(
-    n: Count | None = None,
-    box: Corners = UNIT_BOX,
-    seed: int = 0,
-    *,
-    size: float | None = None,
-    cells: int | None = None,
-    relaxations: int = 50,
-    shortest: float = 0.02,
-) -> PolygonMesh:
-    """Mesh a box with rounded irregular polygons.
-
-    Parameters
-    ----------
-    n, box, seed, size : as of `squares`
-        Which has as many cells.
-    cells : int, optional
-        Number of cells, instead of n or size.
-    relaxations : int
-        Lloyd iterations; 0 keeps the raw Voronoi cells of the random seeds.
-    shortest : float
-        Edges shorter than this part of the root of the mean cell area are collapsed; 0 keeps them all.
-
-    Returns
-    -------
-    PolygonMesh
-        Convex cells (up to the collapse).
-
-    Raises
-    ------
-    MeshError
-        As `squares`, or ``shortest`` not in [0, 0.1].
-    """
-    rectangle = check_box(box)
-    nx, ny = cell_counts(n, rectangle, size) if cells is None else (check_total(check_whole("cells", cells)), 1)
-    count = nx * ny
-    relaxations = check_whole("relaxations", relaxations, 0, 10_000)
-    shortest = check_fraction("shortest", shortest, 0.1, closed=True)
-    # Lengths below are in roots of the mean cell area, whatever the units of the rectangle.
-    scale = np.sqrt(rectangle.lengths[0] / count) * np.sqrt(rectangle.lengths[1])
-    sides = np.array(rectangle.lengths) / scale
-    seeds = np.random.default_rng(check_whole("seed", seed, 0)).random((count, 2)) * sides
-    seeds = seeds[_by_rows(seeds)]
-    for _ in range(relaxations):
-        seeds = areas_and_centroids(*_cells_of(seeds, sides))[1]
-    points, offsets, vertices = merge_coincident(*_cells_of(seeds, sides), sides)
-    if shortest > 0.0:
-        points, offsets, vertices = collapse_short_edges(points, offsets, vertices, sides, shortest)
-    rows = _by_rows(points)
-    number = np.empty_like(rows)
-    number[rows] = np.arange(len(rows))
-    low, high = np.array(rectangle.low), np.array(rectangle.high)
-    return PolygonMesh.unchecked(placed(points[rows], sides, low, high), offsets, number[vertices], rectangle)
+def _volumes_and_centroids(points: Floats, faces: Faces) -> tuple[Floats, Floats]:
+    found = face_shapes(points, faces.face_offsets, faces.face_vertices)
+    return volumes_and_centroids(found, faces.cell_offsets, faces.cell_faces, signs_of(faces))
 
 
-def _by_rows(points: Floats) -> Ints:
-    """An order of points by rows one cell high: neighbours lie near in memory, and assembly is a quarter faster."""
-    return np.lexsort((points[:, 0], np.floor(points[:, 1])))
-
-
-def _cells_of(seeds: Floats, size: Floats) -> tuple[Floats, Ints, Ints]:
-    """Voronoi cells of the seeds in [0, size]: points, offsets, vertices; one point a Delaunay triangle."""
-    # A relaxed cell is about one unit wide; random ones can be wider, then all of this is done again. A handful of
-    # seeds may lie in one line with the first images, which is no triangulation.
-    reach = 3.0 if len(seeds) > 50 else np.inf
+def _polyhedra(seeds: Floats, size: Floats) -> tuple[Floats, Faces]:
+    """Voronoi cells of the seeds in [0, size]."""
+    reach = 2.0 if len(seeds) > 50 else np.inf
     while True:
-        points, offsets, vertices = _mirrored_cells(seeds, size, reach)
-        if reach > size.max() or _fill_the_box(points, offsets, vertices, size):
-            return np.clip(points, 0.0, size), offsets, vertices
+        points, faces = _mirrored_cells(seeds, size, reach)
+        filled = abs(_volumes_and_centroids(points, faces)[0].sum() - len(seeds)) < 1e-6
+        if reach > size.max() or (_inside(points, size) and filled):
+            return np.clip(points, 0.0, size), faces
         reach *= 2.0
 
 
-def _fill_the_box(points: Floats, offsets: Ints, vertices: Ints, size: Floats) -> bool:
-    """Return True if cells fill the box: without mirrored seeds near its sides they leave it, or are open."""
-    if np.max(np.abs(points - 0.5 * size) - 0.5 * size) > 1e-6:
-        return False
-    return bool(abs(areas_and_centroids(points, offsets, vertices)[0].sum() - size.prod()) < 1e-6)
+def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Faces]:
+    from scipy.spatial import Voronoi
 
-
-def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, Ints, Ints]:
-    images = [seeds]
-    for axis in (0, 1):
-        for place in (0.0, size[axis]):
-            image = seeds[np.abs(seeds[:, axis] - place) < reach]
-            image[:, axis] = 2.0 * place - image[:, axis]
-            images.append(image)
-    sites = np.concatenate(images)
-    triangles = delaunay(sites)
-    triangles = triangles[(triangles < len(seeds)).any(axis=1)]
-    centres = _circumcentres(sites[triangles])
-    site, centre = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
-    inner = site < len(seeds)
-    site, centre = site[inner], centre[inner]
-    direction = centres[centre] - sites[site]
-    order = np.lexsort((np.arctan2(direction[:, 1], direction[:, 0]), site))
-    return centres, offsets_of(np.bincount(site, minlength=len(seeds))), centre[order]
-
-
-def _circumcentres(corners: Floats) -> Floats:
-    """Circumcentres of triangles (m, 3, 2) with sides b, c from corner a; J turns by a quarter, J (x, y) = (y, -x).
-
-    a + [ |b|^2 J c - |c|^2 J b ] / (2 b x c)
-    """
-    b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
-    shift = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb])
-    return corners[:, 0] + shift / (2.0 * cross(b, c)[:, None])
+    sites, origin, walls = _mirrored(seeds, size, reach)
+    found, count = Voronoi(sites), len(seeds)
+    points, corners = found.vertices, found.ridge_vertices
+    first, second = np.sort(found.ridge_points, axis=1).astype(np.int64).T
+    # Faces inside, and those between a seed and its own image; others with images are rounding at the box's edges.
+    kept = np.flatnonzero((first < count) & ((second < count) | (origin[second] == first)))
+    kept = kept[np.lexsort((second[kept], first[kept]))]
+    offsets = offsets_of(np.array([len(corners[k]) for k in kept]))
+    vertices = np.fromiter(chain.from_iterable(corners[k] for k in kept), np.int64, offsets[-1])
+    first, second = first[kept], second[kept]
+    side = walls[second]
+    of_corner = np.repeat(side, np.diff(offsets))
+    for number in range(6):  # vertices of faces on a side of the box lie there to the bit
+        points[vertices[of_corner == number], number // 2] = size[number // 2] * (number % 2)
+    place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
+    points, offsets, vertices, left = _renumbered(points, offsets, place[vertices])
+    first, second, side = first[left], second[left], side[left]
+    outwards = np.einsum("ij,ij->i", face_shapes(points, offsets, vertices).normals, sites[second] - sites[first])
+    vertices = turned(offsets, vertices, outwards < 0.0)
+    face_cells = np.column_stack([first, np.where(side < 0, second, -1)])
+    number, owner = np.repeat(np.arange(len(face_cells)), 2), face_cells.ravel()
+    number, owner = number[owner >= 0], owner[owner >= 0]
+    order = np.argsort(owner, kind="stable")
+    cell_offsets = offsets_of(np.bincount(owner, minlength=count))
+    return points, Faces(offsets, vertices, cell_offsets, number[order], face_cells)

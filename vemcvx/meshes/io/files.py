@@ -22,8 +22,7 @@ from vemcvx.meshes.io.meshio_mesh import blocks_of, finished, mesh_of, meshio_me
 from vemcvx.meshes.io.readers import opened
 from vemcvx.meshes.io.solids import solid_blocks
 from vemcvx.meshes.io.vtu import write_polyhedra
-from vemcvx.meshes.space_tessellation import SpaceTessellation
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 ANY_POLYGON = (".vtu", ".vtk")
 NASTRAN = (".bdf", ".nas", ".fem")

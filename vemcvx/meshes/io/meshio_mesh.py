@@ -30,8 +30,7 @@ from vemcvx.meshes.io.blocks import (
 )
 from vemcvx.meshes.io.readers import check_data
 from vemcvx.meshes.io.solids import TYPES, blocks_of_vtk, space_mesh_of
-from vemcvx.meshes.space_tessellation import SpaceTessellation
-from vemcvx.meshes.tessellation import Tessellation, straight_sides
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation, straight_sides
 
 if TYPE_CHECKING:
     import meshio

@@ -29,8 +29,7 @@ from vemcvx.meshes.io.vtu import face_stream
 from vemcvx.meshes.polygons.geometry import polygon_centroids
 from vemcvx.meshes.polygons.topology import positions, rows_in_order
 from vemcvx.meshes.polyhedra import listed_faces
-from vemcvx.meshes.space_tessellation import SpaceTessellation
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 # Meshes of scikit-fem: cells of one kind, named facets, named sets of cells.
 

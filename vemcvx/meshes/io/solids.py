@@ -27,7 +27,7 @@ from vemcvx.meshes.io.blocks import (
 )
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, offsets_of, rows_in_order, spans, turned
 from vemcvx.meshes.polyhedra import FACES, Listed, face_shapes, listed_faces, volumes_and_centroids
-from vemcvx.meshes.space_tessellation import SpaceTessellation
+from vemcvx.meshes.tessellation import SpaceTessellation
 
 # Tetrahedra, hexahedra, wedges and pyramids told by their faces, and given by their vertices as other programs do.
 

@@ -23,8 +23,7 @@ from vemcvx.meshes.io.meshio_mesh import Arrays, meshio_mesh, translated, xml_na
 from vemcvx.meshes.io.solids import POLYHEDRON
 from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import Listed, listed_faces
-from vemcvx.meshes.space_tessellation import SpaceTessellation
-from vemcvx.meshes.tessellation import Tessellation
+from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 
 def write_cells(path: Path, mesh: Tessellation | SpaceTessellation, point_data: Arrays, cell_data: Arrays) -> None:

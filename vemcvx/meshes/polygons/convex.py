@@ -1,21 +1,11 @@
-"""Convex polygons: their intersections, and simple polygons cut into them.
-
-Of two convex polygons, one is cut by the line of every edge of the other in turn (I. E. Sutherland, G. W. Hodgman,
-Comm. ACM 17 (1974)). What comes out depends continuously on the vertices: edges that lie on one another up to
-round-off, the rule and not the exception where meshes are nested, cost an area of round-off and no more.
-
-A simple polygon is cut into convex pieces along diagonals (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218): ears
-are clipped, then every diagonal is taken out again whose absence leaves no right turn: at most four times as many
-pieces as the best. Ears may be flat (three corners in a line, as at the tips of a comb); the diagonal under the
-flattest comes first, which joins it to what lies below.
-"""
+"""Convex polygons: their intersections, kernels of polygons, and simple polygons cut into convex pieces."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.meshes.polygons.geometry import clip_ears, cross
+from vemcvx.arrays import Floats
+from vemcvx.meshes.polygons.geometry import clip_ears
 
 
 def clip(subject: Floats, window: Floats) -> Floats:
@@ -23,59 +13,53 @@ def clip(subject: Floats, window: Floats) -> Floats:
 
     The last vertex is repeated up to the common width w, also in what is given; a point where they do not meet.
     """
+    import shapely
+
     # Relative to a vertex of the window: differences of neighbouring coordinates are exact.
     origin = window[:, :1]
-    polygon, window = subject - origin, window - origin
-    rows = np.arange(len(polygon))
-    result = np.zeros_like(polygon)
-    for start in range(window.shape[1]):
-        from_, to = window[rows, start], window[rows, (start + 1) % window.shape[1]]
-        polygon, left = left_of(polygon, from_, to - from_)
-        rows, polygon = rows[left], polygon[left]
-    if polygon.shape[1] > result.shape[1]:
-        result = np.zeros((len(result), polygon.shape[1], 2))
-    result[rows] = np.pad(polygon, ((0, 0), (0, result.shape[1] - polygon.shape[1]), (0, 0)), mode="edge")
-    return result + origin
+    met = shapely.intersection(shapely.polygons(subject - origin), shapely.polygons(window - origin))
+    met = shapely.orient_polygons(np.where(shapely.area(met) > 0.0, met, shapely.Polygon()))
+    corners, polygon = shapely.get_coordinates(met, return_index=True)
+    counts = np.bincount(polygon, minlength=len(met))
+    slot = np.minimum(np.arange(max(counts.max(initial=2) - 1, 1)), np.maximum(counts - 2, 0)[:, None])
+    corners = np.concatenate([corners, np.zeros((1, 2))])
+    first = np.where(counts > 0, np.cumsum(counts) - counts, len(corners) - 1)
+    met_at: Floats = corners[first[:, None] + slot]
+    return met_at + origin
 
 
-def left_of(polygon: Floats, point: Floats, direction: Floats) -> tuple[Floats, Bools]:
-    """The parts of convex polygons (p, m, 2) left of lines through points (p, 2), and which of them have any.
+def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:
+    """Points (c, 2) that see all of a polygon each, and how far they are from the lines of the sides, (c,).
 
-    Where there is none, the last vertex of the polygon is repeated.
+    The corners (c, n, 2) are counter-clockwise, all within 1 of the origin. The point is the origin if it is .1 away
+    from all lines, else the centroid of the kernel, the part of the polygon that is left of every side; the origin
+    again where there is none. Distances are the least signed ones, negative outside.
     """
-    side = cross(direction[:, None], polygon - point[:, None])
-    if (side >= 0).all():
-        return polygon, np.ones(len(polygon), dtype=bool)
-    after, side_after = np.roll(polygon, -1, axis=1), np.roll(side, -1, axis=1)
-    stays = side >= 0
-    crosses = stays != (side_after >= 0)
-    part = np.divide(side, side - side_after, out=np.zeros_like(side), where=crosses)
-    met = polygon + part[..., None] * (after - polygon)
-    # In the order around the polygon: each vertex that stays, then the point where the edge that follows it crosses.
-    found = np.stack([stays, crosses], axis=2).reshape(len(polygon), -1)
-    places = np.stack([polygon, met], axis=2).reshape(len(polygon), -1, 2)
-    count = found.sum(axis=1)
-    width = max(int(count.max()), 1)
-    slot = np.minimum(np.cumsum(found, axis=1) - 1, width - 1)
-    row, column = np.nonzero(found)
-    cut = np.empty((len(polygon), width, 2))
-    last = places[np.arange(len(polygon)), _last(found)]
-    cut[:] = last[:, None]
-    cut[row, slot[row, column]] = places[row, column]
-    return cut, count > 0
+    import shapely
 
-
-def _last(found: Bools) -> Ints:
-    """The last true column of every row (the last column where there is none)."""
-    last: Ints = found.shape[1] - 1 - np.argmax(found[:, ::-1], axis=1)
-    return last
-
-
-Edge = tuple[int, int]
+    edge = np.roll(corners, -1, axis=1) - corners
+    forth = edge / np.hypot(edge[..., 0], edge[..., 1])[..., None]
+    left = np.stack([-forth[..., 1], forth[..., 0]], axis=-1)
+    points = np.zeros((len(corners), 2))
+    sought = np.flatnonzero(np.einsum("cia,cia->ci", -corners, left).min(axis=1) < 0.1)
+    kernel = shapely.polygons(corners[sought])
+    for side in range(corners.shape[1]):
+        start, u, v = (a[sought, side, None] for a in (corners, forth, left))
+        # All of the polygon that is left of the side is within 2 of the corner where it starts.
+        half = start + 2.0 * np.concatenate([-u, u, u + v, v - u], axis=1)
+        kernel = shapely.intersection(kernel, shapely.polygons(half))
+    seeing = shapely.area(kernel) > 0.0
+    points[sought[seeing]] = shapely.get_coordinates(shapely.centroid(kernel[seeing]))
+    return points, np.einsum("cia,cia->ci", points[:, None] - corners, left).min(axis=1)
 
 
 def convex_pieces(corners: Floats) -> list[list[int]]:
-    """The convex pieces of a polygon (n, 2), each by the numbers of its corners; all counter-clockwise."""
+    """The convex pieces of a polygon (n, 2), each by the numbers of its corners; all counter-clockwise.
+
+    Ears are clipped, then every diagonal is taken out again whose absence leaves no right turn: at most four times as
+    many pieces as the best (S. Hertel, K. Mehlhorn, FCT 1983, LNCS 158, 207-218). Ears may be flat (three corners in a
+    line, as at the tips of a comb); the diagonal under the flattest comes first, which joins it to what lies below.
+    """
     x = [complex(*corner) for corner in corners.tolist()]
     ears = clip_ears(corners[None])[0].tolist()
     pieces = dict(enumerate(ears))
@@ -92,7 +76,7 @@ def convex_pieces(corners: Floats) -> list[list[int]]:
     return list(pieces.values())
 
 
-def _edges(piece: list[int]) -> list[Edge]:
+def _edges(piece: list[int]) -> list[tuple[int, int]]:
     return list(zip(piece, piece[1:] + piece[:1], strict=True))
 
 
@@ -101,7 +85,7 @@ def _beginning_with(corner: int, piece: list[int]) -> list[int]:
     return piece[place:] + piece[:place]
 
 
-def _height(ear: list[int], edge: Edge, x: list[complex]) -> float:
+def _height(ear: list[int], edge: tuple[int, int], x: list[complex]) -> float:
     """Height of a triangle over its longest edge, in lengths of that edge; infinite over the others."""
     lengths = {(a, b): abs(x[b] - x[a]) for a, b in _edges(ear)}
     if lengths[edge] < max(lengths.values()):

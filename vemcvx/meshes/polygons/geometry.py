@@ -26,8 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vemcvx.arrays import Bools, Floats, Ints
-from vemcvx.errors import MeshError
+from vemcvx.arrays import Floats, Ints
 from vemcvx.meshes.polygons.topology import cell_of_corner, next_corner
 
 # Four units in the last place: the middle and the thirds of an edge, computed in any order, stay below two.
@@ -48,33 +47,6 @@ def rounding(*points: Floats) -> Floats:
     """Length below which a distance between the given points (m, 2) is rounding of their coordinates, (m,)."""
     largest: Floats = np.max([np.abs(point).max(axis=1) for point in points], axis=0)
     return TOLERANCE * largest
-
-
-def beside(point: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Distance (m,) of points from segments, and its sign: left of the segment positive."""
-    edge = end - start
-    length = np.hypot(edge[:, 0], edge[:, 1])
-    along = np.einsum("ij,ij->i", point - start, edge)
-    # Coordinates relative to the nearer end: the far end would bring in its own rounding.
-    near = np.where((along > 0.5 * length**2)[:, None], end, start)
-    away = point - near
-    signed = cross(edge, away) / length
-    inside = (along >= 0.0) & (along <= length**2)
-    return np.where(inside, np.abs(signed), np.hypot(away[:, 0], away[:, 1])), np.sign(signed)
-
-
-def crossing(points: Floats, first: Ints, second: Ints) -> Bools:
-    """Return True if edges (m, 2) and edges (m, 2), as node numbers, cross in inner points of both, beyond rounding."""
-    a, b, c, d = (points[nodes] for nodes in (first[:, 0], first[:, 1], second[:, 0], second[:, 1]))
-    slack = rounding(a, b, c, d)
-
-    def parted(start: Floats, end: Floats, one: Floats, other: Floats) -> Bools:
-        edge = end - start
-        margin = slack * np.hypot(edge[:, 0], edge[:, 1])
-        left, right = cross(edge, one - start), cross(edge, other - start)
-        return ((left > margin) & (right < -margin)) | ((left < -margin) & (right > margin))
-
-    return parted(a, b, c, d) & parted(c, d, a, b)
 
 
 def overlapping_boxes(low: Floats, high: Floats, tree_low: Floats, tree_high: Floats) -> tuple[Ints, Ints]:
@@ -99,34 +71,6 @@ def outlines(points: Floats, offsets: Ints, vertices: Ints) -> NDArray[Any]:
 
     rings = shapely.linearrings(points[vertices], indices=cell_of_corner(offsets))
     return np.asarray(shapely.polygons(rings))
-
-
-def clearances(polygons: NDArray[Any]) -> Floats:
-    """The distance (n,) by which a vertex of each polygon can move before the outline meets itself; 0 if it does."""
-    import shapely
-
-    return np.where(shapely.is_valid(polygons), shapely.minimum_clearance(polygons), 0.0)
-
-
-def distances(polygons: NDArray[Any], places: Floats) -> Floats:
-    """Distance (n,) of a place (n, 2) each from closed polygons (n,): 0 inside."""
-    import shapely
-
-    return np.asarray(shapely.distance(polygons, shapely.points(places)))
-
-
-def inner_points(polygons: NDArray[Any]) -> Floats:
-    """A point (n, 2) in the interior of each polygon."""
-    import shapely
-
-    return np.asarray(shapely.get_coordinates(shapely.point_on_surface(polygons)))
-
-
-def run_through(polygons: NDArray[Any], segments: Floats) -> Bools:
-    """Return True where a segment (n, 2, 2) has inner points in the interior of its polygon (n,)."""
-    import shapely
-
-    return np.asarray(shapely.relate_pattern(shapely.linestrings(segments), polygons, "T********"))
 
 
 def holding(polygons: NDArray[Any], places: Floats) -> tuple[Ints, Ints]:
@@ -196,27 +140,6 @@ def nearest(points: Floats, places: Floats) -> tuple[Floats, Ints]:
 
     distance, number = cKDTree(points).query(places)
     return np.asarray(distance, dtype=float), np.asarray(number, dtype=np.int64)
-
-
-def delaunay(points: Floats) -> Ints:
-    """Triangles (t, 3) of the Delaunay triangulation of points (n, 2), or MeshError if these are on one line."""
-    from scipy.spatial import Delaunay, QhullError
-
-    try:
-        return Delaunay(points).simplices.astype(np.int64)
-    except QhullError as error:
-        raise MeshError(f"{len(points)} points have no triangulation: they are all but on one line.") from error
-
-
-def voronoi_faces(sites: Floats) -> tuple[Floats, Ints, list[list[int]]]:
-    """Voronoi cells of sites (n, 3): corners (m, 3), and of each face the two sites (f, 2) and its corners in order.
-
-    A corner at infinity has the number -1.
-    """
-    from scipy.spatial import Voronoi
-
-    found = Voronoi(sites)
-    return found.vertices, found.ridge_points.astype(np.int64), found.ridge_vertices
 
 
 def areas_and_centroids(points: Floats, offsets: Ints, vertices: Ints) -> tuple[Floats, Floats]:

@@ -42,6 +42,30 @@ def turned(offsets: Ints, vertices: Ints, backwards: Bools) -> Ints:
     return np.where(np.repeat(backwards, np.diff(offsets)), vertices[mirrored], vertices)
 
 
+def same_rows(offsets: Ints, vertices: Ints) -> tuple[Ints, Ints]:
+    """Rows of the same entries, in any order, are one: the first of each, and which of these each row is."""
+    counts = np.diff(offsets)
+    leader = np.arange(len(counts))
+    for count in np.unique(counts):
+        listed = np.flatnonzero(counts == count)
+        rows = np.sort(vertices[offsets[listed, None] + np.arange(count)], axis=1)
+        order = np.lexsort(rows.T[::-1])
+        rows = rows[order]
+        starts = np.concatenate([[True], (rows[1:] != rows[:-1]).any(axis=1)])
+        leader[listed[order]] = listed[order[np.flatnonzero(starts)]][np.cumsum(starts) - 1]
+    first = np.unique(leader)
+    return first, np.searchsorted(first, leader)
+
+
+def matching_rows(offsets: Ints, flat: Ints, wanted_offsets: Ints, wanted: Ints) -> Ints:
+    """Number of the row that has the same entries as each wanted row, in any order; -1 where there is none."""
+    count = len(offsets) - 1
+    whole = np.concatenate([offsets, offsets[-1] + wanted_offsets[1:]])
+    first, number = same_rows(whole, np.concatenate([flat, wanted]))
+    found: Ints = first[number[count:]]
+    return np.where(found < count, found, -1)
+
+
 def first_in_row(flags: Bools, offsets: Ints) -> Ints:
     """Place of the first True in each row, counted from the beginning of the row; 0 if there is none."""
     place = np.arange(len(flags)) - np.repeat(offsets[:-1], np.diff(offsets))
@@ -115,6 +139,12 @@ class SharedEdges:
         """Corners whose edge belongs to one cell only, in the order of the cells."""
         return np.sort(self.corners[self.first[self.counts == 1]])
 
+    @property
+    def twice(self) -> tuple[Ints, Ints]:
+        """The corners that start each edge of two cells: in the one of lower number, and in the other."""
+        first = self.first[self.counts == 2]
+        return self.corners[first], self.corners[first + 1]
+
 
 def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
     """Sort the corners by undirected edge (see `SharedEdges`)."""
@@ -128,9 +158,7 @@ def shared_edges(offsets: Ints, vertices: Ints, n_nodes: int) -> SharedEdges:
 
 def neighbours(offsets: Ints, shared: SharedEdges) -> Ints:
     """Pairs of cells that share an edge, (m, 2), the smaller number first; a pair appears once an edge."""
-    first = shared.first[shared.counts == 2]
-    cells = cell_of_corner(offsets)
-    return np.column_stack([cells[shared.corners[first]], cells[shared.corners[first + 1]]])
+    return cell_of_corner(offsets)[np.column_stack(shared.twice)]
 
 
 def smallest_linked(pairs: Ints, count: int) -> Ints:

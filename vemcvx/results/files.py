@@ -48,7 +48,7 @@ from vemcvx.archives import Arrays, read_arrays
 from vemcvx.arrays import Floats, brief, quantities, sizes_of
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.io.vtu import write_cells
+from vemcvx.meshes.io.vtk import write_cells
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.contact import Contact

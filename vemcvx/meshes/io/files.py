@@ -76,7 +76,7 @@ def write(path: str | Path, mesh: AnyTessellation) -> None:
     with translated(str(path), failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
         draft = Path(folder) / path.name
         if suffix == ".vtu":
-            write_xml(draft, grid, {})
+            write_xml(draft, grid)
         elif suffix == ".vtk":
             write_legacy(draft, grid)
         else:

@@ -78,7 +78,12 @@ class Grid:
     def bounding(self) -> tuple[Bools, Bools]:
         """(k,) and (k,): the cells of the mesh, solids if there are some and else polygons; and what may bound them."""
         solids, polygons = np.isin(self.kinds, SOLIDS), np.isin(self.kinds, POLYGONS)
-        return (solids, polygons) if solids.any() else (polygons, self.kinds == "line")
+        return (solids, polygons) if self.solid else (polygons, self.kinds == "line")
+
+    @property
+    def solid(self) -> bool:
+        """True if there are solids."""
+        return bool(np.isin(self.kinds, SOLIDS).any())
 
     @property
     def marked(self) -> dict[str, NDArray[Any]]:
@@ -247,6 +252,17 @@ def by_vertices(mesh: SpaceTessellation) -> tuple[NDArray[np.str_], Ints, Ints]:
 # From a grid to a mesh.
 
 
+def take_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
+    """The same grid with the parts of the boundary among data of the whole file: edges, or in space rows of nodes."""
+    for name, values in ((name, np.asarray(x)) for name, x in fields.items() if name.startswith(MARK)):
+        if values.dtype.kind not in "iu" or (values.ndim != 2 if grid.solid else values.size % 2):
+            wanted = "faces, rows of node numbers" if grid.solid else "edges, pairs of node numbers"
+            raise MeshError(f"its datum {name!r} is no list of {wanted}.")
+        rows = values.astype(np.int64) if grid.solid else values.astype(np.int64).reshape(-1, 2)
+        grid.parts[name.removeprefix(MARK)] = offsets_of((rows >= 0).sum(axis=1)), rows[rows >= 0]
+    return grid
+
+
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     """Return the mesh of the solids that there are, or else of the polygons, and notes on what was left out.
 
@@ -265,7 +281,7 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     marks = {name.removeprefix(MARK): x != 0 for name, x in grid.data.items() if name.startswith(MARK)} | grid.sides
     marked = {name: np.flatnonzero(mark & outer) for name, mark in marks.items()}
     parts = {name: rows_in_order(grid.offsets, grid.vertices, rows) for name, rows in marked.items()} | grid.parts
-    if grid.kinds[cells[0]] in SOLIDS:
+    if grid.solid:
         return _with_parts(SpaceTessellation(grid.points, _solids(grid, cells), cell_data=data), parts)
     offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
     counts = np.unique(np.diff(offsets))
@@ -277,12 +293,11 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
 def _check(grid: Grid) -> None:
     kinds: set[str] = set(grid.kinds.tolist())
     inner, _ = grid.bounding
-    solid = bool(kinds & set(SOLIDS))
-    strange = sorted(kinds - {*POLYGONS, *PASSED_OVER, "line", *(SOLIDS if solid else ())})
+    strange = sorted(kinds - {*POLYGONS, *SOLIDS, *PASSED_OVER, "line"})
     if strange:
         wanted = (
             f"{', '.join(SOLIDS)} with straight edges and plane faces. Export elements of first order."
-            if solid
+            if grid.solid
             else "plane polygons with straight edges (triangles, quads, polygons) and lines. Export the plane surface "
             "alone, with elements of first order."
         )

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,12 +28,12 @@ from vemcvx.meshes.io.grid import (
     mesh_of,
     named,
     padded_parts,
+    take_parts,
     translated,
 )
-from vemcvx.meshes.io.vtk import TYPES, face_stream, marked_rows, vtk_grid
+from vemcvx.meshes.io.vtk import read_xml, write_xml
 from vemcvx.meshes.polygons.geometry import polygon_centroids
 from vemcvx.meshes.polygons.topology import offsets_of, positions
-from vemcvx.meshes.polyhedra import listed_faces
 from vemcvx.meshes.space_tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
@@ -67,12 +70,7 @@ def from_meshio(mesh: meshio.Mesh) -> Grid:
         np.concatenate([none, *(row.ravel() for row in rows)]),
         {name: _joined(name, list(map(np.asarray, parts)), sizes) for name, parts in mesh.cell_data.items()},
     )
-    _, outer = grid.bounding
-    solid = not (outer == (grid.kinds == "line")).all()
-    fields = {name: np.asarray(values) for name, values in mesh.field_data.items()}
-    for name in (name for name in fields if name.startswith(MARK)):
-        grid.parts[name.removeprefix(MARK)] = marked_rows(name, fields[name], solid)
-    _take_physical_groups(grid, {n: x for n, x in fields.items() if not n.startswith(MARK)}, 3 if solid else 2)
+    _take_physical_groups(take_parts(grid, mesh.field_data), mesh.field_data)
     starts = offsets_of(np.array(sizes, dtype=np.int64))
     for name, members in mesh.cell_sets.items():
         if not name.startswith("gmsh:"):
@@ -104,13 +102,14 @@ def _take_group(grid: Grid, name: str, chosen: NDArray[np.bool_]) -> None:
         grid.data[name] = chosen.astype(np.uint8)
 
 
-def _take_physical_groups(grid: Grid, names: Mapping[str, NDArray[Any]], dimension: int) -> None:
+def _take_physical_groups(grid: Grid, names: Mapping[str, Any]) -> None:
     """Physical groups of a Gmsh file: those of sides by name or number, those of cells by name."""
     tags = grid.data.get(PHYSICAL)
     grid.data.pop("gmsh:geometrical", None)
     if tags is None:
         return
     inner, outer = grid.bounding
+    dimension = 3 if grid.solid else 2
     called = {(int(value[1]), int(value[0])): name for name, value in names.items() if np.shape(value) == (2,)}
     for tag in np.unique(tags[outer]).tolist():
         if tag:  # 0 is no group
@@ -216,47 +215,30 @@ def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
 
 
 def from_pyvista(data: Any) -> Grid:
-    """Points and cells of UnstructuredGrid, PolyData or whatever else casts to a grid."""
+    """Points and cells of UnstructuredGrid, PolyData or whatever else casts to a grid, through a file of VTK's."""
     import pyvista
 
     if not data.n_cells:
         raise MeshError("it holds no cells.")
-    grid = data if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
-    cells = {
-        "types": np.asarray(grid.celltypes),
-        "offsets": np.asarray(pyvista.convert_array(grid.GetCells().GetOffsetsArray()))[1:],
-        "connectivity": np.asarray(grid.cell_connectivity),
-    }
-    if (cells["types"] == TYPES["polyhedron"]).any():
-        if not hasattr(grid, "GetPolyhedronFaces"):
-            raise MeshError("polyhedra are taken from PyVista with VTK 9.4 or newer; write a .vtu file and read that.")
-        for found, ends, entries in (
-            (grid.GetPolyhedronFaces(), "face_offsets", "face_connectivity"),
-            (grid.GetPolyhedronFaceLocations(), "polyhedron_offsets", "polyhedron_to_faces"),
-        ):
-            cells[ends] = np.asarray(pyvista.convert_array(found.GetOffsetsArray()))[1:]
-            cells[entries] = np.asarray(pyvista.convert_array(found.GetConnectivityArray()))
+    grid = data.copy() if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
     values, fields = ({name: np.array(x) for name, x in of.items()} for of in (grid.cell_data, data.field_data))
-    return vtk_grid(np.array(grid.points), cells, values, fields)
+    grid.clear_data()  # not all names of data survive a file of VTK's
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "grid.vtu"
+        grid.save(file)
+        made = read_xml(file.read_bytes(), "UnstructuredGrid")
+    return take_parts(replace(made, data=values), fields)
 
 
 def to_pyvista(mesh: AnyTessellation) -> Any:
     """UnstructuredGrid with the cells in their order."""
     import pyvista
 
-    grid = grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False)
-    if isinstance(mesh, SpaceTessellation):
-        stream, ends = face_stream(listed_faces(mesh.faces))
-        cells = np.insert(stream, ends - np.diff(ends, prepend=0), np.diff(ends, prepend=0))
-    else:
-        cells = np.insert(mesh.vertices, mesh.offsets[:-1], np.diff(mesh.offsets))
-    types = np.array([TYPES[kind] for kind in grid.kinds.tolist()], dtype=np.uint8)
-    made = pyvista.UnstructuredGrid(cells, types, np.pad(mesh.points, ((0, 0), (0, 3 - mesh.points.shape[1]))))
-    for name, values in grid.data.items():
-        made.cell_data[name] = values
-    for name, rows in padded_parts(mesh).items():
-        made.field_data[MARK + name] = rows
-    return made
+    fields = {MARK + name: rows for name, rows in padded_parts(mesh).items()}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "grid.vtu"
+        write_xml(file, grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False), fields=fields)
+        return pyvista.read(file)
 
 
 # Meshes of other libraries in memory: which library an object is of, and the way there and back.

@@ -16,6 +16,7 @@ import sys
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, Protocol
 from urllib.parse import quote, unquote
 from xml.etree import ElementTree
@@ -26,11 +27,12 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.archives import UNPACKED, most_unpacked
 from vemcvx.arrays import Bools, Floats, Ints
 from vemcvx.errors import MeshError
-from vemcvx.meshes.io.grid import MARK, AnyTessellation, Grid, Rows, grid_of, polygon_kinds, translated
+from vemcvx.meshes.io.grid import AnyTessellation, Grid, grid_of, polygon_kinds, take_parts, translated
 from vemcvx.meshes.polygons.topology import offsets_of, rows_in_order
 from vemcvx.meshes.polyhedra import Listed
 
 Arrays = Mapping[str, NDArray[Any]]
+EMPTY: Arrays = MappingProxyType({})
 
 KINDS = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "triangle_strip", 7: "polygon"}
 KINDS |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhedron"}
@@ -67,19 +69,7 @@ def vtk_grid(points: Floats, cells: Arrays, data: Arrays, fields: Arrays) -> Gri
         ]
     solid = kinds == "polyhedron"
     faces = _faces(arrays, solid) if solid.any() else None
-    named = {name: values for name, values in fields.items() if name.startswith(MARK)}
-    parts = {name.removeprefix(MARK): marked_rows(name, values, faces is not None) for name, values in named.items()}
-    return Grid(points, kinds, offsets, arrays["connectivity"], dict(data), parts=parts, faces=faces)
-
-
-def marked_rows(name: str, given: ArrayLike, solid: bool) -> Rows:
-    """The edges or faces that a datum lists: pairs of nodes, or in space rows of them, filled up with -1."""
-    values = np.asarray(given)
-    if values.dtype.kind not in "iu" or (values.ndim != 2 if solid else values.size % 2):
-        wanted = "faces, rows of node numbers" if solid else "edges, pairs of node numbers"
-        raise MeshError(f"its datum {name!r} is no list of {wanted}.")
-    rows = values.astype(np.int64) if values.ndim == 2 else values.astype(np.int64).reshape(-1, 2)
-    return offsets_of((rows >= 0).sum(axis=1)), rows[rows >= 0]
+    return take_parts(Grid(points, kinds, offsets, arrays["connectivity"], data=dict(data), faces=faces), fields)
 
 
 def _offsets(ends: Ints, room: int, what: str) -> Ints:
@@ -263,27 +253,32 @@ def _three(values: ArrayLike) -> NDArray[Any]:
     return np.pad(values, ((0, 0), (0, 1))) if values.ndim == 2 and values.shape[1] == 2 else values
 
 
-def write_xml(path: Path, grid: Grid, point_data: Arrays) -> None:
-    """Write a grid, its named sets of cells as data, and data on nodes as a VTU file."""
+def write_xml(path: Path, grid: Grid, point_data: Arrays = EMPTY, fields: Arrays = EMPTY) -> None:
+    """Write a grid, its named sets of cells as data, data on nodes and data of the whole file as a VTU file."""
     root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="1.0", header_type="UInt64")
     root.set("byte_order", "LittleEndian" if sys.byteorder == "little" else "BigEndian")
     root.set("compressor", "vtkZLibDataCompressor")
     sizes = {"NumberOfPoints": str(len(grid.points)), "NumberOfCells": str(len(grid.kinds))}
-    piece = ElementTree.SubElement(ElementTree.SubElement(root, "UnstructuredGrid"), "Piece", sizes)
-    sections: dict[str, Arrays] = {
-        "Points": {"Points": _three(grid.points)},
-        "Cells": _cells(grid),
-        "PointData": point_data,
-    }
-    for tag, arrays in {**sections, "CellData": grid.marked}.items():
-        section = ElementTree.SubElement(piece, tag)
-        for name, values in arrays.items():
-            kind = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
-            array = ElementTree.SubElement(section, "DataArray", type=kind, Name=name, format="binary")
-            if values.ndim > 1:
-                array.set("NumberOfComponents", str(values[0].size if len(values) else values.shape[1]))
-            array.text = _packed(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("=")).tobytes())
+    whole = ElementTree.SubElement(root, "UnstructuredGrid")
+    _section(whole, "FieldData", fields)
+    piece = ElementTree.SubElement(whole, "Piece", sizes)
+    _section(piece, "Points", {"Points": _three(grid.points)})
+    _section(piece, "Cells", _cells(grid))
+    _section(piece, "PointData", point_data)
+    _section(piece, "CellData", grid.marked)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def _section(parent: ElementTree.Element, tag: str, arrays: Arrays) -> None:
+    section = ElementTree.SubElement(parent, tag)
+    for name, values in arrays.items():
+        kind = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
+        array = ElementTree.SubElement(section, "DataArray", type=kind, Name=name, format="binary")
+        if tag == "FieldData":
+            array.set("NumberOfTuples", str(len(values)))
+        if values.ndim > 1:
+            array.set("NumberOfComponents", str(values[0].size if len(values) else values.shape[1]))
+        array.text = _packed(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("=")).tobytes())
 
 
 def _cells(grid: Grid) -> Arrays:

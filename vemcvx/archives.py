@@ -1,14 +1,19 @@
-"""NPZ archives from outside, read whole: refused where they unpack to far more than their size lets expect.
+"""Records as named arrays, and NPZ archives of these, read whole: what histories, checkpoints and programs are kept in.
 
-What zip says of a member's size is checked, because no reader goes on beyond it. Our own archives are not compressed;
-numbers compress up to some dozen times, zeros a thousand times.
+An archive from outside is refused where it unpacks to far more than its size lets expect. What zip says of a member's
+size is checked, because no reader goes on beyond it. Our own archives are not compressed; numbers compress up to some
+dozen times, zeros a thousand times.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
+import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
@@ -46,3 +51,39 @@ def read_arrays(path: Path) -> Arrays:
         if isinstance(array, bytes) or array.dtype.kind not in KINDS:
             raise ValueError(f"its member {name!r} is no array of numbers, truth values or words")
     return arrays
+
+
+def arrays_of(record: Any, without: str, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+    """The fields of a record but one, and of the records in it, each under its path; what is None is left out."""
+    for field in fields(record):
+        name, value = prefix + field.name, getattr(record, field.name)
+        if name == without or value is None:
+            continue
+        if is_dataclass(value):
+            yield from arrays_of(value, without, f"{name}.")
+        else:
+            yield name, np.asarray(value)
+
+
+def record_of(kind: type, arrays: Arrays, known: Mapping[str, Any], prefix: str = "") -> Any:
+    """The record of arrays under the paths of its fields; fields that are `known`, by their paths, go in as they are.
+
+    Raises
+    ------
+    KeyError
+        A field is missing that may not be None.
+    """
+    hints, values = get_type_hints(kind), {}
+    for field in fields(kind):
+        name, parts = prefix + field.name, (hints[field.name], *get_args(hints[field.name]))
+        inner = [part for part in parts if isinstance(part, type) and is_dataclass(part)]
+        there = name in arrays or any(path.startswith(f"{name}.") for path in arrays)
+        if name in known:
+            values[field.name] = known[name]
+        elif not there and NoneType in parts:
+            values[field.name] = None
+        elif inner:
+            values[field.name] = record_of(inner[0], arrays, known, f"{name}.")
+        else:
+            values[field.name] = arrays[name] if arrays[name].ndim else arrays[name].item()
+    return kind(**values)

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import meshio
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, PolygonMesh, read
-from vemcvx.meshes.io.vtu import write_cells
+from vemcvx.meshes.io.vtk import write_cells
 
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 
@@ -150,7 +151,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(meshio.Mesh, "write", full)
+    monkeypatch.setattr(ElementTree.ElementTree, "write", full)
     with pytest.raises(vx.MeshError, match=r"mesh.vtu cannot be written \(OSError: No space left on device\)"):
         vx.meshes.squares(3).write(tmp_path / "mesh.vtu")
     assert (tmp_path / "mesh.vtu").read_bytes() == before

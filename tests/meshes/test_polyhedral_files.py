@@ -12,7 +12,7 @@ import pytest
 from refined_cubes import refined_cubes
 
 import vemcvx as vx
-from vemcvx.meshes.io.vtu import write_cells
+from vemcvx.meshes.io.vtk import write_cells
 
 BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 CUBE = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
@@ -379,15 +379,15 @@ DAMAGES = [
 
 @pytest.mark.parametrize(("name", "damage", "message"), DAMAGES, ids=[f"{k}-{d[0]}" for k, d in enumerate(DAMAGES)])
 def test_damaged_faces(name, damage, message, tmp_path, monkeypatch):
-    from vemcvx.meshes.io import vtu
+    from vemcvx.meshes.io import vtk
 
-    arrays = vtu._cells
+    arrays = vtk._cells
 
-    def damaged(mesh, outer):
-        found = dict(arrays(mesh, outer))
+    def damaged(grid):
+        found = dict(arrays(grid))
         return found | {name: damage(found[name])}
 
-    monkeypatch.setattr(vtu, "_cells", damaged)
+    monkeypatch.setattr(vtk, "_cells", damaged)
     path = tmp_path / "damaged.vtu"
     write_cells(path, vx.meshes.cubes(2), {}, {})
     with pytest.raises(vx.MeshError, match=rf"damaged.vtu.*({message})"):

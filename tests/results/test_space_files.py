@@ -10,7 +10,7 @@ import pytest
 
 import block_in_space as block
 import vemcvx as vx
-from vemcvx.meshes.io.solids import POLYHEDRON
+from vemcvx.meshes.io.vtk import TYPES
 from vemcvx.vem import equivalent
 
 FIELDS = {"displacement", "slip", "traction", "bound", "backward", "pressure", "sticking", "closed", "wear"}
@@ -72,7 +72,7 @@ def test_pyvista_opens_the_series(folder, history):
     energy = grid.cell_data["strain_energy"] @ history.mesh.volumes
     # The part of Pi u; what the stabilisation stores is not on cells.
     assert 0.5 * history.energy[-1] < energy < history.energy[-1]
-    assert set(grid.celltypes) == {POLYHEDRON}
+    assert set(grid.celltypes) == {TYPES["polyhedron"]}
     assert grid.compute_cell_sizes()["Volume"] == pytest.approx(history.mesh.volumes, rel=1e-6)
 
 

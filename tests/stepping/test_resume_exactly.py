@@ -18,11 +18,12 @@ from scenes import paper_scene
 from stopped import Stopped, stop_at
 
 import vemcvx as vx
+from vemcvx.archives import arrays_of, record_of
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.program.system import Damping, Motion, System
 from vemcvx.stepping import recorder
-from vemcvx.stepping.checkpoint import arrays_of, mark_of_data, record_of
+from vemcvx.stepping.checkpoint import mark_of_data
 from vemcvx.stepping.ledger import Ledger
 from vemcvx.stepping.state import State
 
@@ -89,7 +90,7 @@ def test_records_are_kept_by_their_fields():
     state = State(**dict(zip((field.name for field in dataclasses.fields(State)), values, strict=False)))
     told = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
     made = more(**told, inner=ledger, other=None)
-    found = record_of(more, dict(arrays_of(made)), known={"data": None})
+    found = record_of(more, dict(arrays_of(made, "data")), {"data": None})
     assert same(made, found)
 
 

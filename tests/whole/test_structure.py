@@ -44,7 +44,7 @@ APART = {"linear", "program", "exchange"}, {"meshes", "vem", "effects"}
 HEAVY = {
     "cvxpy": {"program/step_program.py", "solvers/conic.py"},
     "matplotlib": {"canvas.py"},
-    "meshio": {"meshes/io/files.py", "meshes/io/meshio_mesh.py"},
+    "meshio": {"meshes/io/files.py", "meshes/io/objects.py"},
     "skfem": {"meshes/io/objects.py"},
     "pyvista": {"meshes/io/objects.py", "plots/body.py"},
     "distributed": {"cost/workers.py"},

@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from scipy.io import mmwrite
 
 from vemcvx.archives import read_arrays
-from vemcvx.arrays import Floats, as_real_array, check_compressed, checked_matrix, finite, of_shape
+from vemcvx.arrays import Floats, Ints, as_real_array, check_compressed, checked_matrix, finite, of_shape
 from vemcvx.errors import ProgramError, VemcvxError
 from vemcvx.linear import Matrix
 from vemcvx.program.kernel import anchors
@@ -217,13 +217,25 @@ def read_matrix(path: Path, name: str) -> Matrix:
     if len(sizes) != (2 if form == "array" else 3) or not all(size.isdecimal() and len(size) < 19 for size in sizes):
         raise ProgramError(f"{name}: found the sizes {' '.join(sizes)[:60]!r}; wanted those of {form}s, whole numbers.")
     rows, columns, *entries = map(int, sizes)
+    skew = symmetry == "skew-symmetric"
     if symmetry != "general" and rows != columns:
         raise ProgramError(f"{name}: found a {symmetry} matrix of {rows} rows and {columns} columns; wanted as many.")
     if form == "array":
-        above = rows * (rows - 1) // 2
-        count = {"general": rows * columns, "symmetric": above + rows, "skew-symmetric": above}[symmetry]
-        return _dense(_numbers(name, said[1:], count, 1)[:, 0], rows, columns, symmetry)
-    return _sparse(name, _numbers(name, said[1:], entries[0], 2 if field == "pattern" else 3), rows, columns, symmetry)
+        # Column by column; of a symmetric matrix from the diagonal down, of a skew one from below it.
+        count = rows * columns if symmetry == "general" else rows * (rows + (-1 if skew else 1)) // 2
+        values = _numbers(name, said[1:], count, 1)[:, 0]
+        full = np.divmod(np.arange(count), max(rows, 1)) if symmetry == "general" else np.triu_indices(rows, skew)
+        return _mirrored(np.column_stack(full[::-1]), values, (rows, columns), symmetry).toarray()
+    table = _numbers(name, said[1:], entries[0], 2 if field == "pattern" else 3)
+    places, values = table[:, :2], np.append(table, np.ones((len(table), 1)), axis=1)[:, 2]
+    outside = ((places != np.floor(places)) | (places < 1) | (places > (rows, columns))).any(axis=1)
+    if outside.any():
+        i, j = places[outside][0]
+        raise ProgramError(f"{name}: found an entry at ({i:g}, {j:g}) of {rows} rows and {columns} columns.")
+    # A number in the header shall not take memory that the file does not: a million rows may all be empty.
+    if rows > max(2**20, len(table)):
+        raise ProgramError(f"{name}: found {rows} rows and {len(table)} entries; wanted no row without an entry.")
+    return _mirrored(places.astype(np.int64) - 1, values, (rows, columns), symmetry)
 
 
 def _numbers(name: str, lines: list[str], count: int, width: int) -> Floats:
@@ -242,29 +254,9 @@ def _numbers(name: str, lines: list[str], count: int, width: int) -> Floats:
     return numbers
 
 
-def _dense(values: Floats, rows: int, columns: int, symmetry: str) -> Floats:
-    """Column by column; of a symmetric matrix from the diagonal down, of a skew one from below it."""
-    if symmetry == "general":
-        return values.reshape(columns, rows).T.copy()
-    full = np.zeros((rows, rows))
-    j, i = np.triu_indices(rows, 1 if symmetry == "skew-symmetric" else 0)
-    full[j, i] = -values if symmetry == "skew-symmetric" else values
-    full[i, j] = values
-    return full
-
-
-def _sparse(name: str, entries: Floats, rows: int, columns: int, symmetry: str) -> sp.csr_matrix:
-    """By rows, columns and, but of patterns, values; of symmetric matrices one of each pair is listed."""
-    places, values = entries[:, :2], np.append(entries, np.ones((len(entries), 1)), axis=1)[:, 2]
-    outside = ((places != np.floor(places)) | (places < 1) | (places > (rows, columns))).any(axis=1)
-    if outside.any():
-        i, j = places[outside][0]
-        raise ProgramError(f"{name}: found an entry at ({i:g}, {j:g}) of {rows} rows and {columns} columns.")
-    # A number in the header shall not take memory that the file does not: a million rows may all be empty.
-    if rows > max(2**20, len(entries)):
-        raise ProgramError(f"{name}: found {rows} rows and {len(entries)} entries; wanted no row without an entry.")
-    at = places.astype(np.int64) - 1
+def _mirrored(at: Ints, values: Floats, shape: tuple[int, int], symmetry: str) -> sp.csr_matrix:
+    """The matrix of entries, of which a symmetric one lists one of each pair."""
     if symmetry != "general":
         apart, sign = at[:, 0] != at[:, 1], -1.0 if symmetry == "skew-symmetric" else 1.0
         at, values = np.concatenate([at, at[apart, ::-1]]), np.append(values, sign * values[apart])
-    return sp.csr_matrix((values, at.T), shape=(rows, columns))
+    return sp.csr_matrix((values, at.T), shape=shape)

@@ -245,19 +245,19 @@ def _qps_parts(entries: dict[str, list[list[str]]], kernel: int) -> Parts:
     names = [words[1] for words in entries["ROWS"]]
     n = sum(words[0] == "FR" for words in entries["BOUNDS"])
     m, r = (sum(name[0] == letter for name in names) for letter in "UZ")
-    rows, columns = {"U": m, "L": m, "Z": r}, {"d": n, "t": m, "p": r}
+    rows, columns = _Places({"U": m, "L": m, "Z": r}), _Places({"d": n, "t": m, "p": r})
     A, Q = sp.lil_matrix((2 * m + r, n + m + r)), sp.lil_matrix((n + m + r, n + m + r))
     cost, bounds = np.zeros(n + m + r), np.zeros(2 * m + r)
     for column, row, value in entries["COLUMNS"]:
-        j = _place(column, columns)
+        j = columns[column]
         if row == "cost":
             cost[j] = float(value)
         else:
-            A[_place(row, rows), j] = float(value)
+            A[rows[row], j] = float(value)
     for _, row, value in entries["RHS"]:
-        bounds[_place(row, rows)] = float(value)
+        bounds[rows[row]] = float(value)
     for one, two, value in entries["QUADOBJ"]:
-        i, j = _place(one, columns), _place(two, columns)
+        i, j = columns[one], columns[two]
         if not (max(i, j) < n or (i == j >= n + m)):
             raise ValueError(f"section QUADOBJ couples {one!r} and {two!r}; wanted two of d, or one p twice")
         Q[i, j] = Q[j, i] = float(value)
@@ -266,11 +266,12 @@ def _qps_parts(entries: dict[str, list[list[str]]], kernel: int) -> Parts:
     return parts | with_motions(sp.csr_matrix(Q[:n, :n]), kernel)
 
 
-def _place(name: str, sizes: dict[str, int]) -> int:
-    """The number of a row or column from 0, of those that there are of each letter, one kind after the other."""
-    letter, number = name[0], name[1:]
-    if not number.isdecimal() or len(number) > 18 or not 1 <= int(number) <= sizes.get(letter, 0):
-        there = ", ".join(f"{kind}1 to {kind}{size}" for kind, size in sizes.items() if size)
-        raise ValueError(f"found {name[:30]!r}; there are {there or 'none'}")
-    before = list(sizes.values())[: list(sizes).index(letter)]
-    return sum(before) + int(number) - 1
+class _Places(dict[str, int]):
+    """Names of rows or columns -> their numbers: so many of each letter, one kind after the other."""
+
+    def __init__(self, sizes: dict[str, int]):
+        super().__init__((name, number) for number, name in enumerate(_names(sizes)))
+        self.there = ", ".join(f"{kind}1 to {kind}{size}" for kind, size in sizes.items() if size) or "none"
+
+    def __missing__(self, name: str) -> int:
+        raise ValueError(f"found {name[:30]!r}; there are {self.there}")

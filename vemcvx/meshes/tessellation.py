@@ -163,7 +163,7 @@ class Mesh(ABC):
         return named
 
     def _parts(self, name: str, given: Any, number: Ints) -> tuple[Ints, list[str]]:
-        """Which parts of the boundary have the given vertices, -1 for none, and how to call them; nodes renumbered."""
+        """The parts of the boundary that a user names by vertices, -1 for none, and words for each."""
         offsets, vertices = self._rows(name, given, len(number))
         known = (vertices >= 0) & (vertices < len(number))
         own = np.where(known, number[np.where(known, vertices, 0)], -1)

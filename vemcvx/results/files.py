@@ -8,18 +8,14 @@
     probes.csv       displacements at points, where some were asked for
     history.npz      the arrays of the history, lossless; :func:`vemcvx.read_history` needs no other file
 
-In a VTU file, at nodes: displacement, and what contact has in time, zero elsewhere; sticking and closed, 1 or 0, are
-NaN elsewhere, so that what slips differs from what is not in contact. At an interface both sides have them, slip and
-traction of the second body with the other sign. On cells: stress (xx, yy, xy), principal_stresses, out_of_plane_stress
-(zz), von_mises and strain_energy, the density 1/2 eps : C eps, all of Pi u; stresses include what is there at zero
-strain. (A quantity that needs a zz which no material says is left out.) In space stress is (xx, yy, zz, xy, yz, xz),
-as VTK has it, and cells are polyhedra.
+A VTU file has at nodes the displacement and all of contact that changes in time, zero away from contact; sticking and
+closed, 1 or 0, are NaN there, so that what slips differs from what is not in contact. At an interface both sides have
+them, slip and traction of the second body with the other sign. On cells it has what `on_cells` of a history gives.
 
-All files are made in a folder of their own inside the target, and moved from there when the file ``complete`` says
-that none is missing. A process that dies before leaves an older history as it was. One that dies after leaves moves
-to be made, which whoever next reads or writes there makes first: the history is the old one or the new one. The
-archive, by which a folder is known as that of a history, goes first, and the summary last. Files of those names that
-are of no history stay as they are.
+All files are made in a folder inside the target and moved from there once the file ``complete`` says that none is
+missing: the archive first, by which a folder is known as that of a history, and the summary last. A process that dies
+before leaves the older history as it was; one that dies after leaves moves, which whoever next reads or writes there
+makes first. Files of those names that are of no history stay as they are.
 
 The archive holds what :func:`vemcvx.results.results.labelled` lists, the mesh with its boundaries and cell data, and as
 JSON in the array `about` what is no array.
@@ -44,17 +40,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.archives import Arrays, read_arrays
+from vemcvx.archives import Arrays, read_arrays, record_of
 from vemcvx.arrays import Floats, brief, quantities, sizes_of
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.io.vtu import write_cells
+from vemcvx.meshes.io.vtk import write_cells
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
-from vemcvx.results.contact import Contact
 from vemcvx.results.results import RECORDS, Results, labelled
 from vemcvx.results.tables import FILES, write_tables
-from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import component_names
 from vemcvx.version import __version__
 
@@ -73,10 +67,7 @@ def write_archive(history: Results, path: Path) -> None:
     mesh, run = history.mesh, vars(history.trajectory)
     about = {
         "format": FORMAT,
-        "effects": history.effects,
-        "inactive": history.inactive,
-        "errors": history.errors,
-        "seconds": history.seconds,
+        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds")},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
@@ -89,15 +80,6 @@ def write_archive(history: Results, path: Path) -> None:
         **{name: values for name, values, _ in labelled(history)},
     }
     np.savez(path, **arrays)
-
-
-def is_archive(path: Path) -> bool:
-    """True if that file is the archive of a history, of whatever version, as far as its list of contents says."""
-    try:
-        with zipfile.ZipFile(path) as file:
-            return "about.npy" in file.namelist()
-    except (OSError, ValueError, zipfile.BadZipFile):
-        return False
 
 
 def read_archive(path: Path) -> Results:
@@ -113,37 +95,27 @@ def read_archive(path: Path) -> Results:
     except Exception as error:  # damage shows as whatever numpy, zipfile or the parser of headers stumbles over
         raise HistoryError(f"{path}: cut short or damaged: {error}. Run the problem again.") from error
     try:
-        return _history(arrays, _about(arrays))
+        return _history(arrays)
     except Exception as error:  # what is written in it may be anything
         raise HistoryError(f"{path}: no history that this version reads: {error}. Run the problem again.") from error
 
 
-def _about(arrays: Arrays) -> dict[str, Any]:
+def _history(arrays: Arrays) -> Results:
     if "about" not in arrays:
         raise ValueError(f"it holds {', '.join(sorted(arrays)) or 'nothing'}")
     about: dict[str, Any] = json.loads(str(arrays["about"]))
     if about["format"] != FORMAT:
         raise ValueError(f"found the format {about['format']!r}, wanted {FORMAT!r}")
-    return about
-
-
-def _history(arrays: Arrays, about: dict[str, Any]) -> Results:
-    mesh = _mesh(arrays, about.get("bodies", {}))
+    mesh = _mesh(arrays, about["bodies"])
     dim = mesh.points.shape[1]
     components = len(component_names(dim))
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
-    _check_words(about)
-    return Results(
-        mesh=mesh,
-        scene=None,
-        effects=tuple(about["effects"]),
-        contact=Contact(**_under("contact.", arrays)),
-        trajectory=Trajectory(**_under("trajectory.", arrays), **about["trajectory"]),
-        seconds=about["seconds"],
-        inactive=tuple(about.get("inactive", ())),
-        errors=about.get("errors"),
-        **{name: arrays[name] for name in sizes_of(Results) if name in arrays},
-    )
+    known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
+    known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
+    known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
+    _check_words(about, known)
+    found: Results = record_of(Results, arrays, known)
+    return found
 
 
 def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
@@ -166,38 +138,38 @@ def _check_arrays(arrays: Arrays, sizes: dict[str, int]) -> None:
             raise ValueError(f"found {name} from {arrays[name].min()} to {arrays[name].max()} of {count}")
 
 
-def _check_words(about: dict[str, Any]) -> None:
-    """Raise ValueError unless what is no array is of its kind."""
-    run, lists = about["trajectory"], (about["effects"], about.get("inactive", []))
+def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
+    """Raise ValueError unless what is no array is of its kind, and stands for no array."""
+    run, lists = about["trajectory"], (about["effects"], about["inactive"])
     kinds: list[tuple[Any, Any]] = [
         *((one, list) for one in lists),
         *((word, str) for one in lists for word in one),
         *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
-        *((run["solver"], str), (run.get("linear", ""), str), (run["seconds"], dict)),
-        *((run.get("accuracy"), (float, type(None))), (about.get("errors"), (dict, type(None)))),
+        *((run["solver"], str), (run["linear"], str), (run["seconds"], dict)),
+        *((run["accuracy"], (float, type(None))), (about["errors"], (dict, type(None)))),
     ]
-    if not all(isinstance(value, kind) for value, kind in kinds):
+    if not all(isinstance(value, kind) for value, kind in kinds) or any(
+        known[n] is not None for n in SHAPES.keys() & known
+    ):
         raise ValueError("found words and numbers of other kinds beside the arrays")
 
 
 def _mesh(arrays: Arrays, bodies: dict[str, list[str]]) -> AnyMesh:
-    named = _under("boundary.", arrays)
+    def under(prefix: str) -> Arrays:
+        return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
+
+    named, data = under("boundary."), under("cell_data.")
     # Every mesh makes this one itself.
     named.pop("boundary")
     matched = {
         name: Interface((one, other), named.pop(name), arrays[f"partners.{name}"])
         for name, (one, other) in bodies.items()
     }
-    data = _under("cell_data.", arrays)
     if "mesh.face_cells" in arrays:
         faces = Faces(*(arrays[f"mesh.{name}"] for name in Faces._fields))
         return PolyhedralMesh(arrays["mesh.points"], listed_faces(faces), boundaries=named, cell_data=data)
     cells = np.split(arrays["mesh.vertices"], arrays["mesh.offsets"][1:-1])
     return PolygonMesh(arrays["mesh.points"], cells, boundaries=named, cell_data=data, interfaces=matched)
-
-
-def _under(prefix: str, arrays: Arrays) -> dict[str, Any]:
-    return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
 
 @dataclass(frozen=True)
@@ -223,7 +195,9 @@ def _told(path: Path) -> dict[str, Any]:
 def listed_tables(path: Path) -> set[str]:
     """Names of the CSV files that the summary `path` lists, if it is there and ours."""
     listed = _told(path).get("tables")
-    return {name for name in FILES.values() if isinstance(listed, list) and name in listed}
+    return (
+        set(FILES.values()) & {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
+    )
 
 
 def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
@@ -373,9 +347,7 @@ def _write_series(history: Results, path: Path) -> None:
     digits = max(4, len(str(history.steps)))
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
-        write_cells(
-            path.with_name(name), history.mesh, _at_nodes(history, row), history.on_cells(int(history.stored[row]))
-        )
+        write_cells(path.with_name(name), history.mesh, _at_nodes(history, row), history.on_cells(int(step)))
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
@@ -406,13 +378,22 @@ def check_replaceable(folder: Path, names: Set[str] = frozenset({ARCHIVE, SERIES
     """Raise HistoryError where a file of one of these names is there that is not of a history."""
     told = bool(_told(folder / SUMMARY))
     ours = {SUMMARY} | listed_tables(folder / SUMMARY) if told else set()
-    if told or is_archive(folder / ARCHIVE):
+    if told or _is_archive(folder / ARCHIVE):
         ours |= {ARCHIVE, SERIES} | _listed_steps(folder / SERIES)
     for name in sorted(names - ours):
         if os.path.lexists(folder / name):
             raise HistoryError(
                 f"{folder / name}: not of a history, so it is not replaced. Choose another folder, or move it away."
             )
+
+
+def _is_archive(path: Path) -> bool:
+    """True if that file is the archive of a history, of whatever version, as far as its list of contents says."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            return "about.npy" in file.namelist()
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False
 
 
 def writable_folder(folder: str | Path) -> Path:
@@ -443,15 +424,12 @@ def read_results(folder: str | Path) -> Results:
             scratch.remove()
         if (where / WRITING / COMPLETE).is_file() and (where / WRITING / DRAFTS / ARCHIVE).is_file():
             return read_archive(where / WRITING / DRAFTS / ARCHIVE)
-    if not os.path.isfile(where / ARCHIVE):
-        raise HistoryError(f"{where}: {_what_is(where)}; a history is a folder with {ARCHIVE} in it.")
-    return read_archive(where / ARCHIVE)
-
-
-def _what_is(folder: Path) -> str:
-    if os.path.isdir(folder):
+    if os.path.isfile(where / ARCHIVE):
+        return read_archive(where / ARCHIVE)
+    found = "found a file, not a folder" if os.path.exists(where) else "there is no such folder"
+    if os.path.isdir(where):
         try:
-            return f"found {', '.join(sorted(os.listdir(folder))[:5]) or 'nothing'}"
+            found = f"found {', '.join(sorted(os.listdir(where))[:5]) or 'nothing'}"
         except OSError as error:
-            return f"found a folder that cannot be read ({error})"
-    return "found a file, not a folder" if os.path.exists(folder) else "there is no such folder"
+            found = f"found a folder that cannot be read ({error})"
+    raise HistoryError(f"{where}: {found}; a history is a folder with {ARCHIVE} in it.")

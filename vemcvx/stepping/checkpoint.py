@@ -1,25 +1,24 @@
 """Checkpoints: the state of an interrupted run, field by field, and marks of the data it was made from.
 
-The state is one record, gone through by its fields, so that none can be forgotten; what drives the system is evaluated
-anew. Two marks tell whether a run may go on where another stopped: of all that is fixed in time, the system gone
-through by its fields, too; and one for every instant of the data there, which is compared for the steps already made
-(those to come use the data as they are).
+A checkpoint has every field of the state but the data of the system at that instant, which are evaluated anew. Marks
+tell whether a run may go on where another stopped: marks of all that is fixed in time, the system among it, field by
+field; and a mark of the data at every instant, compared for the steps already made (steps to come use the data as they
+are).
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from types import MappingProxyType
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from vemcvx.archives import Arrays
+from vemcvx.archives import Arrays, arrays_of, record_of
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.program.operators import DraggedTerms, Norms
@@ -29,7 +28,7 @@ from vemcvx.version import __version__
 
 DRIVE = "data"
 """The one field of a state that is not kept."""
-ABSENT, SEAL = "absent", "seal"
+SEAL = "seal"
 
 
 def fixed_marks(run: PreparedRun, times: Floats, kept: Ints, initial: ArrayLike | str | None) -> Arrays:
@@ -139,25 +138,13 @@ def check_same_data(system: System, times: Floats, marks: Ints) -> None:
 def to_arrays(n: int, state: State, marks: Arrays, sums: dict[str, int]) -> Arrays:
     """The state after step `n`, field by field, beside the marks of the run and the check sums of its rows."""
     own = {"numbers": np.array([n, state.t]), "marks": np.array([*marks.values()]), "sums": np.array([*sums.values()])}
-    arrays = {**own, **dict(arrays_of(state))}
+    arrays = {**own, **dict(arrays_of(state, DRIVE))}
     return {**arrays, SEAL: _seal(arrays)}
 
 
 def _seal(arrays: Arrays) -> Ints:
     """A mark of all arrays of a checkpoint."""
     return _mark([part for name in sorted(arrays) if name != SEAL for part in (name, arrays[name])])
-
-
-def arrays_of(record: Any, prefix: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
-    """The fields of a record and of those in it, each under its path."""
-    for field in fields(record):
-        name, value = prefix + field.name, getattr(record, field.name)
-        if is_dataclass(value) and name != DRIVE:
-            yield from arrays_of(value, f"{name}.")
-        elif value is None:
-            yield f"{ABSENT}.{name}", np.zeros(0)
-        elif name != DRIVE:
-            yield name, np.asarray(value)
 
 
 def from_arrays(run: PreparedRun, times: Floats, arrays: Arrays) -> tuple[int, State]:
@@ -170,24 +157,6 @@ def from_arrays(run: PreparedRun, times: Floats, arrays: Arrays) -> tuple[int, S
     for t in times[: n + 1]:
         driven = run.driven(float(t))
     try:
-        return n, record_of(State, arrays, known={DRIVE: driven})
+        return n, record_of(State, arrays, {DRIVE: driven})
     except KeyError as error:
         raise HistoryError(f"checkpoint: of another version, no {error}. Remove the folder and run again.") from error
-
-
-def record_of(kind: type, arrays: Arrays, prefix: str = "", known: Mapping[str, Any] = MappingProxyType({})) -> Any:
-    """A record from what :func:`arrays_of` made of it; fields that are known go in as they are."""
-    hints, values = get_type_hints(kind), dict(known)
-    for field in fields(kind):
-        name = prefix + field.name
-        parts = hints[field.name], *get_args(hints[field.name])
-        inner = [part for part in parts if isinstance(part, type) and is_dataclass(part)]
-        if name in known:
-            continue
-        if f"{ABSENT}.{name}" in arrays:
-            values[field.name] = None
-        elif inner:
-            values[field.name] = record_of(inner[0], arrays, f"{name}.")
-        else:
-            values[field.name] = arrays[name] if arrays[name].ndim else arrays[name].item()
-    return kind(**values)

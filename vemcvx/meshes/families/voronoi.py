@@ -355,8 +355,8 @@ def _mirrored_cells(seeds: Floats, size: Floats, reach: float) -> tuple[Floats, 
     first, second = first[kept], second[kept]
     side = walls[second]
     of_corner = np.repeat(side, np.diff(offsets))
-    for number in range(6):  # vertices of faces on a side of the box lie there to the bit
-        points[vertices[of_corner == number], number // 2] = size[number // 2] * (number % 2)
+    for wall in range(6):  # vertices of faces on a side of the box lie there to the bit
+        points[vertices[of_corner == wall], wall // 2] = size[wall // 2] * (wall % 2)
     place = smallest_linked(close_pairs(points, ROUND_OFF), len(points))
     points, offsets, vertices, left = _renumbered(points, offsets, place[vertices])
     first, second, side = first[left], second[left], side[left]

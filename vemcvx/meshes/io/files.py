@@ -1,80 +1,110 @@
-"""Mesh files, through meshio: a closed list of formats, each tried with files that went wrong.
+"""Mesh files: a closed list of formats, each tried with files that went wrong.
 
 VTU and legacy VTK hold every polygonal mesh, VTU every polyhedral one. Gmsh's MSH holds triangles and quadrilaterals,
 tetrahedra, hexahedra, wedges and pyramids with their physical groups; Abaqus' and Nastran's files hold such cells
-alone. What another program has, meshio converts.
+alone. These are read and written by meshio, which believes what a file claims: counts and numbers that would hang it,
+or fill the memory, are refused before.
 """
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import tempfile
 import warnings
-from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import WHOLE
-from vemcvx.meshes.io.blocks import PHYSICAL, Blocks, add_boundaries, cell_blocks
-from vemcvx.meshes.io.meshio_mesh import blocks_of, finished, mesh_of, meshio_mesh, named, translated
-from vemcvx.meshes.io.readers import opened
-from vemcvx.meshes.io.solids import solid_blocks
-from vemcvx.meshes.io.vtu import write_polyhedra
+from vemcvx.meshes.io.grid import PHYSICAL, AnyTessellation, Grid, finished, grid_of, mesh_of, named, translated
+from vemcvx.meshes.io.objects import from_meshio, to_meshio
+from vemcvx.meshes.io.vtk import read_legacy, read_xml, write_legacy, write_xml
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
 
 ANY_POLYGON = (".vtu", ".vtk")
 NASTRAN = (".bdf", ".nas", ".fem")
-FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".vtp": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
-FORMATS |= dict.fromkeys(NASTRAN, "nastran")
-READ_ONLY = (".vtp",)
+# Version 4 of Gmsh's format wants a geometry.
+THROUGH_MESHIO = {
+    ".msh": ("gmsh", "gmsh22"),
+    ".inp": ("abaqus", "abaqus"),
+    **dict.fromkeys(NASTRAN, ("nastran", "nastran")),
+}
+"""What meshio calls the format of a file that it reads, and that it writes."""
 WORDS = "Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) and Nastran (.bdf, .nas, .fem)"
 UNSPEAKABLE = '"\\\r\n'
 """Characters that Gmsh's names cannot have."""
 
 
-def load(path: str | Path) -> Tessellation | SpaceTessellation:
+def load(path: str | Path) -> AnyTessellation:
     """The mesh in a file: see :func:`vemcvx.meshes.read`."""
     path = _path(path)
     return finished(str(path), lambda: _read(path))
 
 
-def write(path: str | Path, mesh: Tessellation | SpaceTessellation) -> None:
+def _read(path: Path) -> tuple[AnyTessellation, list[str]]:
+    # Unlike pathlib's, these know no names that are too long.
+    if not os.path.isfile(path):
+        folder = os.path.isdir(path)
+        raise MeshError(f"{path} is a folder; name a file." if folder else f"{path}: there is no such file.")
+    suffix = _suffix(path)
+    with translated(str(path), "cannot be read as a mesh"):
+        if suffix in (".vtu", ".vtp"):
+            grid = read_xml(path.read_bytes(), "UnstructuredGrid" if suffix == ".vtu" else "PolyData")
+        else:
+            grid = read_legacy(path.read_bytes()) if suffix == ".vtk" else _read_by_meshio(path, suffix)
+    with named(str(path)):
+        return mesh_of(grid)
+
+
+def write(path: str | Path, mesh: AnyTessellation) -> None:
     """Write a mesh with its named boundaries and cell data (see `write` of meshes)."""
     path = _path(path)
     suffix = _check_target(path)
     with named(str(path)):
-        if isinstance(mesh, SpaceTessellation) and suffix == ".vtu":
-            _save(path, lambda draft: write_polyhedra(draft, mesh, {}, mesh.cell_data, sides=True))
-            return
-        if suffix == ".msh":
-            _check_names(mesh)
-        if isinstance(mesh, Tessellation):
-            blocks = _plane_blocks(suffix, mesh)
+        _check_holds(suffix, mesh)
+        sides = suffix in (*ANY_POLYGON, ".msh")
+        grid = grid_of(mesh, mesh.cell_data, polyhedra=suffix == ".vtu", sides=sides)
+    failure = "cannot be written" if suffix in ANY_POLYGON else "cannot be written; .vtu and .vtk hold every mesh"
+    with translated(str(path), failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        draft = Path(folder) / path.name
+        if suffix == ".vtu":
+            write_xml(draft, grid)
+        elif suffix == ".vtk":
+            write_legacy(draft, grid)
         else:
-            blocks = solid_blocks(mesh, in_order=suffix not in ANY_POLYGON, sides=suffix in (*ANY_POLYGON, ".msh"))
-    # Version 4 wants a geometry.
-    file_format = "gmsh22" if suffix == ".msh" else FORMATS[suffix]
-    _save(path, lambda draft: meshio_mesh(mesh.points, blocks, suffix).write(draft, file_format=file_format))
-    lost = _lost(mesh, suffix)
-    if lost:
-        all_of_it = ".vtu" if isinstance(mesh, SpaceTessellation) else " and ".join(ANY_POLYGON)
-        warnings.warn(f"{path}: {suffix} files do not keep {lost}; {all_of_it} files do.", MeshWarning, stacklevel=3)
+            made = to_meshio(grid, in_order=True, groups=suffix == ".msh")
+            made.cell_data = made.cell_data if suffix == ".msh" else {}
+            made.write(draft, file_format=THROUGH_MESHIO[suffix][1])
+        os.replace(draft, path)
+    if suffix not in ANY_POLYGON:
+        names = set(mesh.cell_data) - {PHYSICAL} if suffix == ".msh" else {*mesh.cell_data, *mesh.boundaries}
+        rounded = ["all digits of the points"] if suffix in NASTRAN else []
+        if lost := ", ".join([*rounded, *map(repr, sorted(names - {WHOLE}))]):
+            others = ".vtu" if isinstance(mesh, SpaceTessellation) else " and ".join(ANY_POLYGON)
+            warnings.warn(f"{path}: {suffix} files do not keep {lost}; {others} files do.", MeshWarning, stacklevel=3)
 
 
-def _plane_blocks(suffix: str, mesh: Tessellation) -> Blocks:
-    if suffix not in ANY_POLYGON and np.diff(mesh.offsets).max() > 4:
+def _check_holds(suffix: str, mesh: AnyTessellation) -> None:
+    """MeshError where files of a format would lose cells, interfaces or names."""
+    wrong = [name for name in mesh.boundaries if suffix == ".msh" and set(name) & set(UNSPEAKABLE)]
+    if wrong:
+        raise MeshError(f".msh files have no names with quotes, backslashes or ends of lines, as {wrong[0]!r} has.")
+    if suffix in ANY_POLYGON or not isinstance(mesh, Tessellation):
+        return
+    instead = f"Write {' or '.join(ANY_POLYGON)}."
+    if np.diff(mesh.offsets).max() > 4:
         raise MeshError(
-            f"{suffix} files do not keep polygons of more than four vertices, and this mesh has "
-            f"some. Write {' or '.join(ANY_POLYGON)}."
+            f"{suffix} files do not keep polygons of more than four vertices, and this mesh has some. {instead}"
         )
-    if suffix not in ANY_POLYGON and mesh.interfaces:
-        raise MeshError(f"{suffix} files do not keep interfaces of bodies. Write {' or '.join(ANY_POLYGON)}.")
-    blocks = cell_blocks(mesh, mesh.cell_data, in_order=suffix not in ANY_POLYGON)
-    if suffix in (*ANY_POLYGON, ".msh"):
-        add_boundaries(blocks, mesh)
-    return blocks
+    if mesh.interfaces:
+        raise MeshError(f"{suffix} files do not keep interfaces of bodies. {instead}")
 
 
 def _path(path: str | Path) -> Path:
@@ -87,7 +117,7 @@ def _path(path: str | Path) -> Path:
 def _suffix(path: Path) -> str:
     """The suffix, one of those known, or MeshError."""
     suffix = path.suffix.lower()
-    if suffix not in FORMATS:
+    if suffix not in (*ANY_POLYGON, ".vtp", *THROUGH_MESHIO):
         raise MeshError(
             f"{path}: the suffix {path.suffix!r} is none of the mesh formats here: {WORDS}. Convert the file: "
             f"meshio convert {path.name} {path.stem}.vtu"
@@ -97,7 +127,7 @@ def _suffix(path: Path) -> str:
 
 def _check_target(path: Path) -> str:
     suffix = _suffix(path)
-    if suffix in READ_ONLY:
+    if suffix == ".vtp":
         raise MeshError(f"{path}: {suffix} files are read, not written; {' and '.join(ANY_POLYGON)} hold every mesh.")
     if not os.path.isdir(path.parent):
         raise MeshError(f"{path}: there is no folder {path.parent}; create it first.")
@@ -106,45 +136,113 @@ def _check_target(path: Path) -> str:
     return suffix
 
 
-def _check_names(mesh: Tessellation | SpaceTessellation) -> None:
-    wrong = [name for name in mesh.boundaries if any(character in UNSPEAKABLE for character in name)]
-    if wrong:
-        raise MeshError(f".msh files have no names with quotes, backslashes or ends of lines, as {wrong[0]!r} has.")
+# Files that meshio reads, checked before it has them in its hands.
 
 
-def _save(path: Path, put: Callable[[Path], None]) -> None:
-    """Write a file in one go."""
-    known = path.suffix.lower() in ANY_POLYGON
-    failure = "cannot be written" if known else "cannot be written; .vtu and .vtk hold every mesh"
-    with translated(str(path), failure), tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        draft = Path(folder) / path.name
-        put(draft)
-        os.replace(draft, path)
+FORMAT = re.compile(rb"\$MeshFormat\s+(\S+)\s+1\s")  # of binary files of Gmsh, and their version
+SECTION = re.compile(rb"^\$(Nodes|Elements|NodeData|ElementData|ElementNodeData)[ \t\r]*\n", re.MULTILINE)
+LARGEST = 10**8
+"""Numbers of Gmsh's nodes are below this: meshio makes an array of as many entries, which then are a gigabyte."""
+LONG = re.compile(rb"(?<![\d.eE+-])\d{9,}(?![\d.eE])")
+NODES_OF_TYPE = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 15: 1}
+"""Of Gmsh's types of elements, those of first order."""
+GENERATED = re.compile(
+    rb"^\*[NE]L?SET[^\n]*GENERATE[^\n]*\n\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})",
+    re.MULTILINE | re.IGNORECASE,
+)
 
 
-def _lost(mesh: Tessellation | SpaceTessellation, suffix: str) -> str:
-    """The parts of a mesh that a format cannot hold."""
-    if suffix in ANY_POLYGON:
-        return ""
-    names = set(mesh.cell_data) - {PHYSICAL} if suffix == ".msh" else set(mesh.cell_data) | set(mesh.boundaries)
-    rounded = ["all digits of the points"] if suffix in NASTRAN else []
-    return ", ".join([*rounded, *map(repr, sorted(names - {WHOLE}))])
+class _Impatient(io.FileIO):
+    """A file that objects to being read on and on at its end, as meshio's reader of Nastran's files does."""
+
+    misses = 0
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int:
+        count = super().readinto(buffer)
+        self.misses = 0 if count else self.misses + 1
+        # At the end of a sound file readers ask once or twice.
+        if self.misses > 100:
+            raise EOFError("the file ends too early")
+        return count
 
 
-def _read(path: Path) -> tuple[Tessellation | SpaceTessellation, list[str]]:
+def _read_by_meshio(path: Path, suffix: str) -> Grid:
     import meshio
 
-    # Unlike pathlib's, these know no names that are too long.
-    if not os.path.isfile(path):
-        folder = os.path.isdir(path)
-        raise MeshError(f"{path} is a folder; name a file." if folder else f"{path}: there is no such file.")
-    suffix = _suffix(path)
-    with translated(str(path), "cannot be read as a mesh"):
-        with opened(path, FORMATS[suffix]) as source:
-            file = meshio.read(source, file_format=FORMATS[suffix])
-        blocks = blocks_of(file, suffix)
-    with named(str(path)):
-        mesh, notes = mesh_of(file.points, blocks)
-    if suffix == ".vtk" and not blocks.data and b"\nCELL_DATA " in path.read_bytes():
-        notes.append("cell data are left out; of polygons they are read from .vtk files of version 5.1 only.")
-    return mesh, notes
+    name = THROUGH_MESHIO[suffix][0]
+    if suffix in NASTRAN:
+        with io.TextIOWrapper(io.BufferedReader(_Impatient(path)), encoding="utf-8") as text:
+            return from_meshio(meshio.read(text, file_format=name))
+    data = path.read_bytes()
+    if suffix == ".msh":
+        _check_gmsh(data)
+    for found in GENERATED.finditer(data) if suffix == ".inp" else ():
+        first, last, step = map(int, found.groups())
+        _check_room("a set of it has", (last - first) // step if step else 0, "members", len(data))
+    return from_meshio(meshio.read(path, file_format=name))
+
+
+def _check_room(claim: str, count: int, what: str, most: int) -> None:
+    if count > most:
+        raise MeshError(f"{claim} {count} {what}; there is room for {most}.")
+
+
+def _check_gmsh(data: bytes) -> None:
+    """MeshError if a section claims more than the file has room for, or numbers nodes by more than eight digits."""
+    if not data[:100].lstrip().startswith(b"$"):
+        raise MeshError("it does not begin as Gmsh's files do, with $MeshFormat.")
+    binary = FORMAT.search(data[:10_000])
+    for head in SECTION.finditer(data):
+        name, at = head.group(1).decode(), head.end()
+        claim = f"its section ${name} claims"
+        if name.endswith("Data"):
+            # The counts of words and numbers before data, and that of the data.
+            lines, place = data[at:].splitlines(), 0
+            for kind in ("strings", "reals", "integers"):
+                count = _whole(lines[place : place + 1])
+                _check_room(claim, count, kind, len(lines))
+                if kind == "integers":
+                    _check_room(claim, _whole(lines[place + 3 : place + 4]), "entries", len(data))
+                place += count + 1
+        elif binary and binary[1].startswith(b"4"):
+            _check_blocks(name, data, at, newest=binary[1] != b"4.0")
+        else:
+            end = data.find(b"$End", at)
+            _check_room(claim, _whole(data[at:].split(b"\n", 1)[:1]), "entries", len(data))
+            long = None if binary else LONG.search(data, at, end if end >= 0 else len(data))
+            _check_number(name, int(long[0][:30]) if long else 0)
+
+
+def _check_blocks(name: str, data: bytes, at: int, *, newest: bool) -> None:
+    """Check the counts of entity blocks in a binary file of version 4."""
+    claim = f"its section ${name} claims"
+    blocks, count = np.frombuffer(data, "<u8", 2, at).tolist()
+    _check_room(claim, max(blocks, count), "entries", len(data))
+    at += 32 if newest else 16
+    for _ in range(blocks):
+        kind, count = (int.from_bytes(data[at + i : at + j], "little") for i, j in ((8, 12), (12, 20)))
+        _check_room(claim, count, "entries", len(data))
+        at += 20
+        if name == "Nodes":
+            step = 1 if newest else 7  # before 4.1 each number stands with its point
+            numbers = np.frombuffer(data, "<u8" if newest else "<i4", step * count, at)[::step]
+            _check_number(name, int(numbers.max(initial=0)))
+            at += count * (32 if newest else 28)
+        elif kind in NODES_OF_TYPE:
+            at += count * (1 + NODES_OF_TYPE[kind]) * (8 if newest else 4)
+        else:
+            raise MeshError(f"it holds elements of Gmsh's type {kind}; export elements of first order.")
+
+
+def _check_number(name: str, number: int) -> None:
+    if number >= LARGEST:
+        raise MeshError(
+            f"its section ${name} has the number {number}; nodes and elements have less than {LARGEST:,}: renumber "
+            "them."
+        )
+
+
+def _whole(line: list[bytes]) -> int:
+    """The number on a line, 0 if there is none: the reader then says what is wrong."""
+    word = line[0].strip() if line else b""
+    return int(word[:30]) if word.isdigit() else 0

@@ -1,37 +1,157 @@
-"""Meshes of scikit-fem, PyVista and meshio, taken and given."""
+"""Meshes of meshio, scikit-fem and PyVista, taken and given."""
 
 from __future__ import annotations
 
+import tempfile
 import warnings
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vemcvx.arrays import Floats, Ints, brief
+from vemcvx.arrays import Ints, brief
 from vemcvx.errors import MeshError, MeshWarning, VemcvxError
 from vemcvx.meshes.box import WHOLE, matching_faces
-from vemcvx.meshes.io.blocks import (
+from vemcvx.meshes.io.grid import (
+    CELL,
     MARK,
-    SOLIDS,
-    Blocks,
-    add_boundaries,
-    cell_blocks,
-    grouped,
-    marked_edges,
-    named_edges,
-    vtk_types,
+    NODES,
+    PHYSICAL,
+    AnyTessellation,
+    Grid,
+    by_vertices,
+    finished,
+    grid_of,
+    mesh_of,
+    named,
+    padded_parts,
+    take_parts,
+    translated,
 )
-from vemcvx.meshes.io.meshio_mesh import blocks_of, finished, mesh_of, meshio_mesh, named, translated
-from vemcvx.meshes.io.readers import check_data
-from vemcvx.meshes.io.solids import POLYHEDRON, PREFIX, blocks_of_vtk, by_vertices, padded, solid_blocks
-from vemcvx.meshes.io.vtu import face_stream
+from vemcvx.meshes.io.vtk import read_xml, write_xml
 from vemcvx.meshes.polygons.geometry import polygon_centroids
-from vemcvx.meshes.polygons.topology import positions, rows_in_order
-from vemcvx.meshes.polyhedra import listed_faces
-from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
+from vemcvx.meshes.polygons.topology import offsets_of, positions
+from vemcvx.meshes.tessellation import SpaceTessellation
 
-# Meshes of scikit-fem: cells of one kind, named facets, named sets of cells.
+if TYPE_CHECKING:
+    import meshio
+
+# meshio: cells in blocks of one kind and number of nodes; named sets of cells, or Gmsh's physical groups.
+
+
+def from_meshio(mesh: meshio.Mesh) -> Grid:
+    """Cells block by block, their data, and named groups.
+
+    Groups of what bounds cells (lines; surfaces, where there are solids) name parts of the boundary; groups of cells
+    become cell data, 1 in the group and 0 outside.
+
+    Raises
+    ------
+    MeshError
+        Data do not go with the cells.
+    """
+    known = [block.type in (*NODES, "polygon") for block in mesh.cells]
+    rows = [
+        np.asarray(block.data if fits else np.zeros((len(block.data), 1))).astype(np.int64)
+        for block, fits in zip(mesh.cells, known, strict=True)
+    ]
+    ragged = [block.type for block, row in zip(mesh.cells, rows, strict=True) if row.ndim != 2]
+    if ragged:
+        raise MeshError(f"its cells of the kind {ragged[0]!r} do not all have as many nodes as that takes.")
+    none = np.zeros(0, dtype=np.int64)
+    sizes = [len(row) for row in rows]
+    grid = Grid(
+        mesh.points,
+        np.repeat(np.array([block.type for block in mesh.cells], dtype=str), sizes),
+        offsets_of(np.concatenate([none, *(np.full(len(row), row.shape[1]) for row in rows)])),
+        np.concatenate([none, *(row.ravel() for row in rows)]),
+        {name: _joined(name, list(map(np.asarray, parts)), sizes) for name, parts in mesh.cell_data.items()},
+    )
+    _take_physical_groups(take_parts(grid, mesh.field_data), mesh.field_data)
+    starts = offsets_of(np.array(sizes, dtype=np.int64))
+    for name, members in mesh.cell_sets.items():
+        if not name.startswith("gmsh:"):
+            chosen = [
+                start + np.asarray(m, dtype=np.int64)
+                for start, m in zip(starts, members, strict=False)
+                if m is not None
+            ]
+            _take_group(grid, name, np.isin(np.arange(len(grid.kinds)), np.concatenate([none, *chosen])))
+    return grid
+
+
+def _joined(name: str, parts: list[NDArray[Any]], sizes: list[int]) -> NDArray[Any]:
+    """The datum of all blocks; MeshError where one is not of one row a cell, or of another shape."""
+    for values, size in zip(parts, sizes, strict=True):
+        if values.shape[:1] != (size,):
+            raise MeshError(f"its cell datum {name!r} has the shape {values.shape} on {size} cells.")
+    shapes = sorted({values.shape[1:] for values in parts})
+    if len(shapes) > 1:
+        raise MeshError(f"its cell datum {name!r} has values of different shapes: {', '.join(map(str, shapes))}.")
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _take_group(grid: Grid, name: str, chosen: NDArray[np.bool_]) -> None:
+    inner, outer = grid.bounding
+    if (chosen & outer).any():
+        grid.sides[name] = chosen
+    elif (chosen & inner).any():
+        grid.data[name] = chosen.astype(np.uint8)
+
+
+def _take_physical_groups(grid: Grid, names: Mapping[str, Any]) -> None:
+    """Physical groups of a Gmsh file: those of sides by name or number, those of cells by name."""
+    tags = grid.data.get(PHYSICAL)
+    grid.data.pop("gmsh:geometrical", None)
+    if tags is None:
+        return
+    inner, outer = grid.bounding
+    dimension = 3 if grid.solid else 2
+    called = {(int(value[1]), int(value[0])): name for name, value in names.items() if np.shape(value) == (2,)}
+    for tag in np.unique(tags[outer]).tolist():
+        if tag:  # 0 is no group
+            grid.sides[called.get((dimension - 1, tag), str(tag))] = outer & (tags == tag)
+    for (rank, tag), name in called.items():
+        if rank == dimension:
+            grid.data[name] = (tags == tag).astype(np.uint8)
+    if not tags[inner].any():
+        del grid.data[PHYSICAL]
+
+
+def to_meshio(grid: Grid, *, in_order: bool, groups: bool = False) -> meshio.Mesh:
+    """The meshio mesh of a grid, one block a kind and number of nodes, or ``in_order`` a new one whenever these change.
+
+    Where blocks permute cells, the datum `CELL` has the number of each. With `groups`, named sets of cells are Gmsh's
+    physical groups, and other data stay behind: meshio writes them into a Gmsh file in a way that it cannot read.
+    """
+    import meshio
+
+    counts = np.diff(grid.offsets)
+    _, first, kind = np.unique(np.char.add(grid.kinds, counts.astype(str)), return_index=True, return_inverse=True)
+    kind = np.argsort(np.argsort(first))[kind]  # in order of appearance
+    order = np.arange(len(kind)) if in_order else np.argsort(kind, kind="stable")
+    members = np.split(order, np.flatnonzero(np.diff(kind[order])) + 1)
+    data, names = grid.marked, {}
+    if groups:
+        names = {name: np.array([k, grid.points.shape[1] - 1]) for k, name in enumerate(grid.sides, start=1)}
+        tags = np.where(grid.bounding[0], grid.data.get(PHYSICAL, 0), 0)
+        for k, chosen in enumerate(grid.sides.values(), start=1):
+            tags = np.where(chosen, k, tags)
+        data = {PHYSICAL: tags, "gmsh:geometrical": tags}
+    elif (order != np.arange(len(order))).any():
+        data = {**data, CELL: np.arange(len(order))}
+    return meshio.Mesh(
+        np.pad(grid.points, ((0, 0), (0, 3 - grid.points.shape[1]))),
+        [(str(grid.kinds[m[0]]), grid.vertices[grid.offsets[m, None] + np.arange(counts[m[0]])]) for m in members],
+        cell_data={name: [values[m] for m in members] for name, values in data.items()},
+        field_data=names,
+    )
+
+
+# scikit-fem: cells of one kind, named facets, named sets of cells.
 
 
 PLANE = {"ElementTriP1": "triangle", "ElementQuad1": "quad"}
@@ -40,7 +160,7 @@ KINDS = {**PLANE, "ElementTetP1": "tetra", "ElementHex1": "hexahedron"}
 HEXAHEDRON = np.array([0, 3, 6, 2, 1, 5, 7, 4])
 
 
-def from_skfem(mesh: Any) -> tuple[Floats, Blocks]:
+def from_skfem(mesh: Any) -> Grid:
     """Points and cells; named facets are boundaries, subdomains cell data."""
     element = mesh.elem.__name__
     points, cells = np.asarray(mesh.doflocs).T, np.array(mesh.t, dtype=np.int64).T
@@ -49,115 +169,76 @@ def from_skfem(mesh: Any) -> tuple[Floats, Blocks]:
     if element in PLANE:  # either way around is usual: triangles, say, are sorted by the numbers of their vertices
         clockwise = polygon_centroids(points[cells])[0] < 0.0
         cells[clockwise, 1:] = cells[clockwise, :0:-1]
-    blocks = Blocks([(KINDS.get(element, element), cells)])
+    offsets = np.arange(len(cells) + 1) * cells.shape[1]
+    grid = Grid(points, np.full(len(cells), KINDS.get(element, element)), offsets, cells.ravel())
     for name, facets in (mesh.boundaries or {}).items():
-        blocks.edges[name] = np.asarray(mesh.facets, dtype=np.int64)[:, np.asarray(facets)].T
+        rows = np.asarray(mesh.facets, dtype=np.int64)[:, np.asarray(facets)].T
+        grid.parts[name] = np.arange(len(rows) + 1) * rows.shape[1], rows.ravel()
     for name, members in (mesh.subdomains or {}).items():
-        blocks.sets[name] = [np.isin(np.arange(len(cells)), members)]
-    return points, blocks
+        grid.data[name] = np.isin(np.arange(len(cells)), members).astype(np.uint8)
+    return grid
 
 
-def to_skfem(mesh: Tessellation | SpaceTessellation) -> tuple[Any, list[str]]:
+def to_skfem(mesh: AnyTessellation) -> tuple[Any, list[str]]:
     """MeshTri, MeshQuad, MeshTet or MeshHex, and the names of cell data that it does not keep."""
-    made = _solid(mesh) if isinstance(mesh, SpaceTessellation) else _plane(mesh)
+    import skfem
+
+    if isinstance(mesh, SpaceTessellation):
+        kinds, offsets, vertices = by_vertices(mesh)
+        made = {"tetra": skfem.MeshTet, "hexahedron": skfem.MeshHex}.get(kinds[0])
+        if len(np.unique(kinds)) > 1 or made is None:
+            raise MeshError("scikit-fem has meshes of tetrahedra or of hexahedra; here, there are other cells.")
+    else:
+        counts, offsets, vertices = np.unique(np.diff(mesh.offsets)).tolist(), mesh.offsets, mesh.vertices
+        made = {(3,): skfem.MeshTri, (4,): skfem.MeshQuad}.get(tuple(counts))
+        if made is None:
+            found = " or ".join(map(str, counts))
+            raise MeshError(
+                f"scikit-fem has meshes of triangles or of quadrilaterals; here, cells have {found} vertices."
+            )
+    cells = vertices.reshape(-1, offsets[1])
+    cells = cells[:, np.argsort(HEXAHEDRON)] if offsets[1] == 8 else cells
+    made = made(mesh.points.T.copy(), cells.T.copy())
     facets: Ints = made.facets.T.astype(np.int64)
-    named = {name: parts for name, parts in mesh.boundaries.items() if name != WHOLE}
+    parts = {name: part for name, part in mesh.boundaries.items() if name != WHOLE}
     if isinstance(mesh, SpaceTessellation):
         # The number of the boundary face that each facet is, -1 inside.
         faces = matching_faces(mesh.faces, np.arange(len(facets) + 1) * facets.shape[1], facets.ravel())
-        sides = {name: np.flatnonzero(np.isin(faces, chosen)) for name, chosen in named.items()}
+        sides = {name: np.flatnonzero(np.isin(faces, part)) for name, part in parts.items()}
     else:
-        sides = {name: positions(edges, facets, mesh.n_nodes) for name, edges in named.items()}
+        sides = {name: positions(part, facets, mesh.n_nodes) for name, part in parts.items()}
     sets = {name: np.flatnonzero(v) for name, v in mesh.cell_data.items() if v.ndim == 1 and np.isin(v, (0, 1)).all()}
     return made.with_boundaries(sides).with_subdomains(sets), sorted(set(mesh.cell_data) - set(sets))
 
 
-def _plane(mesh: Tessellation) -> Any:
-    import skfem
-
-    counts = np.unique(np.diff(mesh.offsets)).tolist()
-    if counts not in ([3], [4]):
-        found = " or ".join(map(str, counts))
-        raise MeshError(f"scikit-fem has meshes of triangles or of quadrilaterals; here, cells have {found} vertices.")
-    kind = skfem.MeshTri if counts == [3] else skfem.MeshQuad
-    return kind(mesh.points.T.copy(), mesh.vertices.reshape(-1, *counts).T.copy())
+# PyVista: unstructured grids, cells in their order; named boundaries are field data, rows of nodes.
 
 
-def _solid(mesh: SpaceTessellation) -> Any:
-    import skfem
-
-    types, offsets, vertices = by_vertices(mesh)
-    if len(np.unique(types)) > 1 or types[0] not in (10, 12):
-        raise MeshError("scikit-fem has meshes of tetrahedra or of hexahedra; here, there are other cells.")
-    cells = vertices.reshape(-1, offsets[1])
-    if types[0] == 10:
-        return skfem.MeshTet(mesh.points.T.copy(), cells.T.copy())
-    return skfem.MeshHex(mesh.points.T.copy(), cells[:, np.argsort(HEXAHEDRON)].T.copy())
-
-
-# Meshes of PyVista: unstructured grids, cells in their order; named boundaries are field data, rows of nodes.
-
-
-def from_pyvista(data: Any) -> tuple[Floats, Blocks]:
-    """Points and cells of UnstructuredGrid, PolyData or whatever else casts to a grid."""
+def from_pyvista(data: Any) -> Grid:
+    """Points and cells of UnstructuredGrid, PolyData or whatever else casts to a grid, through a file of VTK's."""
     import pyvista
 
     if not data.n_cells:
         raise MeshError("it holds no cells.")
-    grid = data if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
-    offsets = np.asarray(pyvista.convert_array(grid.GetCells().GetOffsetsArray()), dtype=np.int64)
-    vertices = np.asarray(grid.cell_connectivity, dtype=np.int64)
-    types = np.asarray(grid.celltypes, dtype=np.int64)
-    on_cells = {name: np.array(values) for name, values in grid.cell_data.items()}
-    if (types == POLYHEDRON).any():
-        arrays = {"types": types, "offsets": offsets[1:], "connectivity": vertices, **_face_arrays(grid)}
-        blocks = blocks_of_vtk({PREFIX + name: values for name, values in arrays.items()}, on_cells)
-    else:
-        blocks = grouped(types, offsets, vertices, data=on_cells)
-    check_data(blocks)
-    blocks.edges.update(marked_edges(data.field_data, solid=any(kind in SOLIDS for kind, _ in blocks.cells)))
-    return np.array(grid.points), blocks
+    grid = data.copy() if isinstance(data, pyvista.UnstructuredGrid) else data.cast_to_unstructured_grid()
+    values, fields = ({name: np.array(x) for name, x in of.items()} for of in (grid.cell_data, data.field_data))
+    grid.clear_data()  # not all names of data survive a file of VTK's
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "grid.vtu"
+        grid.save(file)
+        made = read_xml(file.read_bytes(), "UnstructuredGrid")
+    return take_parts(replace(made, data=values), fields)
 
 
-def _face_arrays(grid: Any) -> dict[str, Ints]:
-    """The faces of polyhedra, in the names that files give them."""
-    import pyvista
-
-    if not hasattr(grid, "GetPolyhedronFaces"):
-        raise MeshError("polyhedra are taken from PyVista with VTK 9.4 or newer; write a .vtu file and read that.")
-    arrays = {}
-    for cells, ends, entries in (
-        (grid.GetPolyhedronFaces(), "face_offsets", "face_connectivity"),
-        (grid.GetPolyhedronFaceLocations(), "polyhedron_offsets", "polyhedron_to_faces"),
-    ):
-        arrays[ends] = np.asarray(pyvista.convert_array(cells.GetOffsetsArray()), dtype=np.int64)[1:]
-        arrays[entries] = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), dtype=np.int64)
-    return arrays
-
-
-def to_pyvista(mesh: Tessellation | SpaceTessellation) -> Any:
+def to_pyvista(mesh: AnyTessellation) -> Any:
     """UnstructuredGrid with the cells in their order."""
     import pyvista
 
-    if isinstance(mesh, SpaceTessellation):
-        stream, ends = face_stream(listed_faces(mesh.faces))
-        cells = np.insert(stream, ends - np.diff(ends, prepend=0), np.diff(ends, prepend=0))
-        types = np.full(mesh.n_cells, POLYHEDRON)
-        named = {
-            name: padded(*rows_in_order(mesh.face_offsets, mesh.face_vertices, faces))
-            for name, faces in mesh.boundaries.items()
-            if name != WHOLE
-        }
-    else:
-        counts = np.diff(mesh.offsets)
-        cells, types, named = np.insert(mesh.vertices, mesh.offsets[:-1], counts), vtk_types(counts), named_edges(mesh)
-    points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.points.shape[1])))
-    grid = pyvista.UnstructuredGrid(cells, types.astype(np.uint8), points)
-    for name, values in mesh.cell_data.items():
-        grid.cell_data[name] = np.array(values)
-    for name, rows in named.items():
-        grid.field_data[MARK + name] = np.array(rows)
-    return grid
+    fields = {MARK + name: rows for name, rows in padded_parts(mesh).items()}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "grid.vtu"
+        write_xml(file, grid_of(mesh, mesh.cell_data, polyhedra=True, sides=False), fields=fields)
+        return pyvista.read(file)
 
 
 # Meshes of other libraries in memory: which library an object is of, and the way there and back.
@@ -167,7 +248,7 @@ CALLED = {"meshio": "meshio", "skfem": "scikit-fem", "pyvista": "PyVista"}
 MESHES = {("meshio", "Mesh"), ("skfem", "Mesh"), ("pyvista", "DataSet")}
 
 
-def from_object(other: Any) -> Tessellation | SpaceTessellation:
+def from_object(other: Any) -> AnyTessellation:
     """The mesh in an object: see :func:`vemcvx.meshes.convert`."""
     kinds = {(kind.__module__.partition(".")[0], kind.__name__) for kind in type(other).__mro__}
     if not kinds & MESHES:
@@ -178,50 +259,35 @@ def from_object(other: Any) -> Tessellation | SpaceTessellation:
         )
     library = (kinds & MESHES).pop()[0]
     subject = f"the mesh of {CALLED[library]}"
-    ways: dict[str, Callable[[Any], tuple[Floats, Blocks]]] = {"skfem": from_skfem, "pyvista": from_pyvista}
 
-    def made() -> tuple[Tessellation | SpaceTessellation, list[str]]:
+    def made() -> tuple[AnyTessellation, list[str]]:
         with translated(subject, "cannot be converted"):
-            points, blocks = ways.get(library, _from_meshio)(other)
+            grid = {"meshio": from_meshio, "skfem": from_skfem, "pyvista": from_pyvista}[library](other)
         with named(subject):
-            return mesh_of(points, blocks)
+            return mesh_of(grid)
 
     return finished(subject, made)
 
 
-def to_object(mesh: Tessellation | SpaceTessellation, library: str) -> Any:
+def to_object(mesh: AnyTessellation, library: str) -> Any:
     """A mesh as an object of a library: see `PolygonMesh.to`."""
     if not isinstance(library, str) or library not in CALLED:
         raise MeshError(f"a mesh goes to {', '.join(map(repr, CALLED))}; got {brief(library)}. To a file: write(path).")
     try:
         if library == "meshio":
-            return _to_meshio(mesh)
+            return to_meshio(grid_of(mesh, mesh.cell_data), in_order=False)
         if library == "pyvista":
             return to_pyvista(mesh)
         made, lost = to_skfem(mesh)
     except ImportError:
         package = {"skfem": "scikit-fem", "pyvista": "'vemcvx[view]'"}[library]
         raise VemcvxError(f"this needs {CALLED[library]}, which is not installed: pip install {package}") from None
+    notes = []
     if lost:
-        names = ", ".join(map(repr, lost))
-        warnings.warn(f"meshes of scikit-fem keep only sets of cells (0 or 1), not {names}.", MeshWarning, stacklevel=3)
+        notes.append(f"keep only sets of cells (0 or 1), not {', '.join(map(repr, lost))}.")
     if mesh.interfaces:
         names = ", ".join(map(repr, mesh.interfaces))
-        warnings.warn(
-            f"meshes of scikit-fem keep no interfaces: of {names} the edges of the first body stay, as boundaries.",
-            MeshWarning,
-            stacklevel=3,
-        )
+        notes.append(f"keep no interfaces: of {names} the edges of the first body stay, as boundaries.")
+    for note in notes:
+        warnings.warn(f"meshes of scikit-fem {note}", MeshWarning, stacklevel=3)
     return made
-
-
-def _from_meshio(mesh: Any) -> tuple[Floats, Blocks]:
-    return mesh.points, blocks_of(mesh)
-
-
-def _to_meshio(mesh: Tessellation | SpaceTessellation) -> Any:
-    if isinstance(mesh, SpaceTessellation):
-        return meshio_mesh(mesh.points, solid_blocks(mesh))
-    blocks = cell_blocks(mesh, mesh.cell_data)
-    add_boundaries(blocks, mesh)
-    return meshio_mesh(mesh.points, blocks)

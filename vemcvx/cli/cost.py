@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.cli.terminal import LEFT, progress_bar
-from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
+from vemcvx.cli.terminal import LEFT, listed, progress_bar
+from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
-from vemcvx.cost.table import REFUSED, answers, table, within_reach
+from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, plane_mesh
 from vemcvx.owned_files import Owned
@@ -56,30 +55,26 @@ def cost_of_accuracy(
     grid: Grid,
     out: Path | None,
     settings: tuple[str, ...],
-    *,
     workers: int,
     scheduler: str | None,
     fresh: bool,
 ) -> str:
-    """Sweep; what came out in words.
-
-    Raises
-    ------
-    VemcvxError
-        Something asked for does not exist, or there is no reference.
-    """
+    """Sweep, write the table and the picture, and return in words what came out."""
     if workers < 1:
         raise ProblemError(f"--workers: found {workers}; wanted at least one.")
     recipe = FromFile(str(problem.path.resolve()), settings)
     folder = out or Path("results") / f"cost_{problem.name}"
-    # What is wrong with the problem itself is an error here, and not in every point.
+    # A problem that cannot be posed is an error here, and not in every point.
     recipe(grid.coarsest)
-    _refuse_early(folder)
+    with Owned(folder) as own:
+        # A folder whose files could not be written is refused before the sweep begins.
+        for name in (TABLE, PICTURE, JOURNAL):
+            own.take(name)
     with progress_bar("starting", LEFT) as shown:
 
         def told(what: str, finished: int, total: int, left: float | None) -> None:
-            if shown is not None:
-                shown(what, finished, total, "" if left is None else f"about {_duration(left)} left")
+            words = "" if left is None else f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min"
+            shown(what, finished, total, f"about {words} left" if words else "")
 
         found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=told)
     lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
@@ -87,16 +82,8 @@ def cost_of_accuracy(
     return "\n".join([*lines, "", _written(found, grid, folder, problem)])
 
 
-def _refuse_early(folder: Path) -> None:
-    """Refuse a folder whose files could not be written before the sweep begins."""
-    with Owned(folder) as own:
-        for name in (TABLE, PICTURE, JOURNAL):
-            own.take(name)
-
-
 def grid_typed(
     problem: Problem,
-    *,
     families: str | None,
     ns: str | None,
     steps: str,
@@ -109,13 +96,20 @@ def grid_typed(
     # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
     if ns is None and targets is None:
         targets = USUAL_TARGETS
+    given = "one or more, with commas between"
+    known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
+    own: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
+    chosen = own if families is None else listed("--mesh", families, str, given)
+    for family in chosen if families is not None else ():
+        if family not in known:
+            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
     grid = Grid(
-        families=_families(problem, families),
-        ns=_whole("--n", USUAL_N if ns is None else ns),
-        steps=_whole("--steps", steps),
-        solvers=None if solvers is None else _split("--solver", solvers),
-        accuracies=None if accuracies is None else _shares("--accuracy", accuracies),
-        targets=() if targets is None else tuple(sorted(_shares("--target", targets), reverse=True)),
+        families=chosen,
+        ns=listed("--n", USUAL_N if ns is None else ns, _whole, WHOLE),
+        steps=listed("--steps", steps, _whole, WHOLE),
+        solvers=None if solvers is None else listed("--solver", solvers, str, given),
+        accuracies=None if accuracies is None else listed("--accuracy", accuracies, _share, SHARES),
+        targets=() if targets is None else tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)),
         adaptive=adaptive,
     )
     for solver in grid.solvers or ():
@@ -123,39 +117,20 @@ def grid_typed(
     return grid
 
 
-def _families(problem: Problem, typed: str | None) -> tuple[str | None, ...]:
-    if typed is None:
-        return (None,) if problem.family not in FAMILIES else USUAL
-    families = _split("--mesh", typed)
-    known = list(dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])]))
-    for family in families:
-        if family not in known:
-            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
-    return families
+WHOLE = "whole numbers from 1, such as 8,16,32"
+SHARES = "relative errors between 0 and 1, such as 0.05,0.01"
 
 
-def _split(option: str, typed: str) -> tuple[str, ...]:
-    parts = tuple(dict.fromkeys(part.strip() for part in typed.split(",") if part.strip()))
-    if not parts:
-        raise ProblemError(f"{option}: found {typed!r}; wanted one or more, with commas between.")
-    return parts
+def _whole(word: str) -> int:
+    if not (word.isdecimal() and int(word) > 0):
+        raise ValueError
+    return int(word)
 
 
-def _whole(option: str, typed: str) -> tuple[int, ...]:
-    parts = _split(option, typed)
-    if not all(part.isdecimal() and int(part) > 0 for part in parts):
-        raise ProblemError(f"{option}: found {typed!r}; wanted whole numbers from 1, such as 8,16,32.")
-    return tuple(int(part) for part in parts)
-
-
-def _shares(option: str, typed: str) -> tuple[float, ...]:
-    try:
-        shares = tuple(float(part) for part in _split(option, typed))
-    except ValueError:
-        shares = (math.nan,)
-    if not all(0 < share < 1 for share in shares):
-        raise ProblemError(f"{option}: found {typed!r}; wanted relative errors between 0 and 1, such as 0.05,0.01.")
-    return shares
+def _share(word: str) -> float:
+    if not 0 < float(word) < 1:
+        raise ValueError
+    return float(word)
 
 
 def _of_reference(found: Sweep) -> list[str]:
@@ -182,20 +157,17 @@ def _of_points(found: Sweep) -> list[str]:
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
     failed = [row for row in rows if not row.done]
-    lines += [f"            {row.status}: {row.settings}: {_clause(row)}" for row in failed]
+    for row in failed:
+        words = " ".join(row.message.split())
+        lines.append(
+            f"            {row.status}: {row.settings}: {words.split('; ')[0] if row.status == REFUSED else words}"
+        )
     warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
     lines += [f"warning     {words}" for words in warned]
     return lines
 
 
-def _clause(row: Row) -> str:
-    words = " ".join(row.message.split())
-    return words if row.status != REFUSED else words.split("; ")[0]
-
-
 def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
-    from vemcvx.cost.table import picture
-
     files = f"files       {folder}: {TABLE}, {JOURNAL}"
     with Owned(folder) as own:
         places = own.take(TABLE), own.take(PICTURE)
@@ -210,7 +182,3 @@ def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
         except VemcvxError as error:
             return f"{files}\npicture     none: {error}"
     return f"{files}, {PICTURE}"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

@@ -33,7 +33,7 @@ EXTRAS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One line: what was looked at, what was found, and whether vemcvx can work with that."""
+    """A line of the doctor: the subject, the finding in words, and whether vemcvx can work with that."""
 
     subject: str
     words: str
@@ -41,7 +41,7 @@ class Finding:
 
 
 def findings() -> Iterator[Finding]:
-    """Everything, one after the other."""
+    """The findings, each as soon as it is there: packages, solvers, linear solvers, and a closed form."""
     yield Finding("vemcvx", here())
     for name in NEEDED:
         found = version_of(name)

@@ -8,8 +8,7 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
@@ -23,17 +22,9 @@ from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.scene import Scene
 
-# A Python file of the user's: executed, with errors of its own making named by file and line.
-
 
 def executed(path: Path, kind: str) -> ModuleType:
-    """Execute a file; `kind` is what it is called in messages, as "problem file".
-
-    Raises
-    ------
-    ProblemError
-        There is no such file, it is no Python, or it fails.
-    """
+    """Execute a file; `kind` is its name in messages, such as "problem file"; ProblemError where it fails."""
     if not os.path.isfile(path):
         here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
         raise ProblemError(f"{path}: there is no such {kind}; here are {here or 'no Python files'}.")
@@ -41,10 +32,13 @@ def executed(path: Path, kind: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a {kind} is Python and ends in .py.")
     module, loader = importlib.util.module_from_spec(spec), spec.loader
-    with _neighbours(path):
-        # Dataclasses look their module up by name.
-        sys.modules[spec.name] = module
+    # Dataclasses look their module up by name, and a file may import those beside it, as `python FILE` does.
+    sys.modules[spec.name] = module
+    sys.path.insert(0, folder := str(path.resolve().parent))
+    try:
         own_errors(path, "executing it", lambda: loader.exec_module(module))
+    finally:
+        sys.path.remove(folder)
     return module
 
 
@@ -67,17 +61,6 @@ def literal(text: str) -> Any:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         return text
-
-
-@contextmanager
-def _neighbours(path: Path) -> Iterator[None]:
-    """Let a file import those beside it, as `python FILE` does."""
-    folder = str(path.resolve().parent)
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
 
 
 # A problem file: Python that defines `scene(**parameters)`, `mesh(n, family=...)` and `times(steps)`.
@@ -180,13 +163,7 @@ class Problem:
 
 
 def read_problem(file: str | Path) -> Problem:
-    """Execute a problem file: one that is here, or one that came with the package, by its name.
-
-    Raises
-    ------
-    ProblemError
-        There is no such file, it fails, or it lacks one of its three functions.
-    """
+    """Execute a problem file: one that is here, or one that came with the package, by its name."""
     path = problem_path(file)
     module = executed(path, "problem file")
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]

@@ -1,4 +1,4 @@
-"""vemcvx run and vemcvx export: a problem solved, written, drawn; its programs for other solvers."""
+"""`vemcvx run` and `vemcvx export`: a problem solved, written, drawn; its programs for other solvers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.progress import TimeRemainingColumn
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.solver_names import named_linear
-from vemcvx.cli.terminal import progress_bar
+from vemcvx.cli.terminal import listed, progress_bar
 from vemcvx.errors import ProblemError
 from vemcvx.estimate.adapt import adapt
 from vemcvx.exchange import FORMATS, encoded, put
@@ -21,7 +21,6 @@ from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import coordinates
 from vemcvx.owned_files import Owned
-from vemcvx.program import SolvedProgram
 from vemcvx.results.files import (
     ARCHIVE,
     SERIES,
@@ -37,24 +36,15 @@ from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import simulate
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder
 
-# `vemcvx run`: simulate a problem, write what is asked for, and say what came out.
-
-
 ROWS = "rows"
-"""Where, in the output folder, a run keeps what it has completed until the history is written."""
+"""The folder, in the output folder, in which a run keeps completed steps until the history is written."""
 
 
 def simulate_problem(problem: Problem, asked: RunOptions) -> str:
-    """Do it; the summary in words.
-
-    Raises
-    ------
-    VemcvxError
-        Something asked for does not exist, cannot be solved, certified or written.
-    """
+    """Simulate a problem, write what is asked for, and return the summary in words."""
     drawings = asked.drawings(problem)
     _refuse_early(asked, drawings)
-    # Held until the history is written: of two runs with one folder the second is refused.
+    # The folder is held until the history is written: of two runs with one folder the second is refused.
     with nullcontext() if asked.out is None else Folder(asked.out / ROWS, asked.resume) as rows:
         if asked.target is None:
             history, told = simulated(problem, asked, rows)
@@ -66,8 +56,17 @@ def simulate_problem(problem: Problem, asked: RunOptions) -> str:
         lines += _written(history, asked, Origin(problem.name, mesh, n))
         if rows is not None:
             rows.remove()
-    lines += _drawn(history, drawings) if asked.plot else []
-    return "\n".join(lines + (_reported(problem, asked, history) if asked.report else []))
+    if asked.plot:
+        from vemcvx.plots import write_plots
+        from vemcvx.plots.pictures import left_out
+
+        lines.append(f"pictures    {drawings}: {', '.join(path.name for path in write_plots(history, drawings))}")
+        lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
+    if asked.report:
+        from vemcvx.cli.report import write_report
+
+        lines.append(f"report      {write_report(problem, asked, history)}")
+    return "\n".join(lines)
 
 
 def _extremes(history: History) -> Iterator[str]:
@@ -78,19 +77,17 @@ def _extremes(history: History) -> Iterator[str]:
 
 
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:
-    """On the mesh and at the instants asked for."""
+    """The history on the mesh and at the instants asked for, and a line where it was resumed."""
     solver, made, store = asked.make_solver(), [], asked.store
-    scene, mesh = problem.scene(asked.settings), _mesh(problem, asked)
     with progress_bar("assembling", TimeRemainingColumn()) as shown:
 
         def advance(n: int, steps: int) -> None:
             made.append(n)
-            if shown is not None:
-                shown("marching", n, steps)
+            shown("marching", n, steps)
 
         history = simulate(
-            scene,
-            mesh,
+            problem.scene(asked.settings),
+            _mesh(problem, asked),
             problem.times(asked.steps),
             solver=solver,
             initial=problem.initial,
@@ -105,17 +102,11 @@ def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -
 
 
 def _adapted(problem: Problem, asked: RunOptions, target: float) -> tuple[History, list[str]]:
-    """On a mesh, and at instants, chosen for the accuracy asked; those asked for are where it begins."""
+    """The history on a mesh, and at instants, chosen for the target; those asked for are where the choice begins."""
     if asked.resume or asked.store != "all" or asked.linear is not None or not asked.condense:
         raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
-    found = adapt(
-        problem.scene(asked.settings),
-        _mesh(problem, asked),
-        problem.times(asked.steps),
-        target,
-        solver=asked.make_solver(),
-        initial=problem.initial,
-    )
+    scene, mesh, times = problem.scene(asked.settings), _mesh(problem, asked), problem.times(asked.steps)
+    found = adapt(scene, mesh, times, target, solver=asked.make_solver(), initial=problem.initial)
     return found.history, [found.summary()]
 
 
@@ -156,35 +147,18 @@ def _written(history: History, asked: RunOptions, origin: Origin) -> list[str]:
     return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}, {tables}"]
 
 
-def _drawn(history: History, folder: Path) -> list[str]:
-    from vemcvx.plots import write_plots
-    from vemcvx.plots.pictures import left_out
-
-    drawn = ", ".join(path.name for path in write_plots(history, folder))
-    return [
-        f"pictures    {folder}: {drawn}",
-        *(f"left out    {why}" for why in dict.fromkeys(left_out(history).values())),
-    ]
-
-
-def _reported(problem: Problem, asked: RunOptions, history: History) -> list[str]:
-    from vemcvx.cli.report import write_report
-
-    return [f"report      {write_report(problem, asked, history)}"]
-
-
-# `vemcvx export`: the convex programs of some steps as files, with words beside them.
-
-
 def export_programs(problem: Problem, asked: RunOptions, steps: str, form: str) -> str:
-    """Simulate, write the programs of the steps "3,17", and say in words what was written.
+    """Simulate, write the programs of the steps "3,17" with words beside them, and say what was written."""
 
-    Raises
-    ------
-    VemcvxError
-        Something asked for does not exist, or cannot be solved, certified or written.
-    """
-    numbers = _numbers(steps, asked.steps)
+    def number(word: str) -> int:
+        if not (word.isdecimal() and 1 <= int(word) <= asked.steps):
+            raise ValueError
+        return int(word)
+
+    such = (
+        f"numbers from 1 to {asked.steps} with commas between, such as 1,{asked.steps}; --of says how many steps the "
+    )
+    numbers = listed("--steps", steps, number, f"{such}run has")
     if form not in FORMATS:
         raise ProblemError(f"--format: there is no format {form!r}; there are {', '.join(FORMATS)}.")
     with Owned(asked.out or Path("results") / f"programs_{problem.name}") as folder:
@@ -193,25 +167,10 @@ def export_programs(problem: Problem, asked: RunOptions, steps: str, form: str) 
         lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
         for program in programs_of_steps(history, numbers, asked.condense):
             origin = {"problem": problem.name, "settings": list(asked.settings), **program.origin}
-            named = f"{problem.name}_{program.step}"
-            lines.append(_programs_written(replace(program, origin=origin), named, form, folder))
+            name = f"{problem.name}_{program.step}"
+            files = {f"{name}{end}": data for end, data in encoded(replace(program, origin=origin), form).items()}
+            put({file: data for file, data in files.items() if data or file in folder.names}, folder.take)
+            low, high = program.bounds
+            counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"
+            lines.append(f"{name}.{form}  {counts}; the optimum is between {low:.17g} and {high:.17g}")
     return "\n".join(lines)
-
-
-def _programs_written(program: SolvedProgram, name: str, form: str, folder: Owned) -> str:
-    files = {f"{name}{end}": data for end, data in encoded(program, form).items()}
-    put({file: data for file, data in files.items() if data or file in folder.names}, folder.take)
-    low, high = program.bounds
-    counts = f"{len(program.g)} unknowns, {len(program.w)} norm terms, {len(program.e)} limits"
-    return f"{name}.{form}  {counts}; the optimum is between {low:.17g} and {high:.17g}"
-
-
-def _numbers(typed: str, last: int) -> list[int]:
-    """Step numbers, in the order typed, each once."""
-    words = [word.strip() for word in typed.split(",")]
-    if not all(word.isdecimal() and 1 <= int(word) <= last for word in words):
-        raise ProblemError(
-            f"--steps: found {typed!r}; wanted numbers from 1 to {last} with commas between, such as 1,{last}; --of "
-            "says how many steps the run has."
-        )
-    return list(dict.fromkeys(int(word) for word in words))

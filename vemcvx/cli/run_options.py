@@ -18,7 +18,7 @@ from vemcvx.solvers import Solver
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """The options of the command."""
+    """The options of the command; `target` is a relative energy error, `probes` are points "x,y"."""
 
     family: str | None
     n: int
@@ -26,17 +26,15 @@ class RunOptions:
     solver: str
     accuracy: float | None
     out: Path | None
-    plot: bool
-    store: str | tuple[int, ...]
     condense: bool
     settings: tuple[str, ...]
-    resume: bool = False
-    linear: str | None = None
-    target: float | None = None
-    """relative energy error for which mesh and instants are to be chosen"""
-    probes: tuple[str, ...] = ()
-    """points "x,y" whose displacements are written"""
+    linear: str | None
+    plot: bool = False
     report: bool = False
+    store: str | tuple[int, ...] = "all"
+    resume: bool = False
+    target: float | None = None
+    probes: tuple[str, ...] = ()
 
     def make_solver(self) -> Solver:
         """The solver of that name, asked for that accuracy."""
@@ -60,20 +58,21 @@ class RunOptions:
     def command(self, problem: Problem) -> str:
         """The command that repeats the run."""
         family = self.family or problem.family
-        sized = [] if family is not None and is_file(family) else [("--n", str(self.n))]
         given = [
-            *([("--mesh", family)] if family is not None else []),
-            *sized,
-            ("--steps", str(self.steps)),
+            ("--mesh", family),
+            ("--n", None if family is not None and is_file(family) else self.n),
+            ("--steps", self.steps),
             ("--solver", self.solver),
             *(("--set", setting) for setting in self.settings),
             *(("--probe", probe) for probe in self.probes),
+            ("--accuracy", self.accuracy),
+            ("--linear", self.linear),
+            ("--target", self.target),
+            ("--out", self.out),
+            ("--store", None if self.store == "all" else self.store),
         ]
-        wanted = {"--accuracy": self.accuracy, "--linear": self.linear, "--target": self.target, "--out": self.out}
-        given += [(name, str(value)) for name, value in wanted.items() if value is not None]
-        given += [("--store", str(self.store))] if self.store != "all" else []
         flags = {"--no-condense": not self.condense, "--plot": self.plot, "--report": self.report}
-        words = [word for pair in given for word in pair] + [name for name, is_set in flags.items() if is_set]
-        # What came with the package goes by its name.
+        words = [str(word) for name, value in given if value is not None for word in (name, value)]
+        # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
-        return shlex.join(["vemcvx", "run", file, *words])
+        return shlex.join(["vemcvx", "run", file, *words, *(name for name, is_set in flags.items() if is_set)])

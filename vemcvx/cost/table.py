@@ -1,56 +1,57 @@
-"""A table of cost: its rows, and the picture of error against seconds."""
+"""The table of a sweep: its rows, the journal that keeps them, the Pareto front, advice, and the picture."""
 
 from __future__ import annotations
 
-import math
+import hashlib
+import json
+import os
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_origin, get_type_hints
+from dataclasses import asdict, astuple, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vemcvx.canvas import light_grid, new_figure
-from vemcvx.outline import csv_text
+from vemcvx.errors import HistoryError
+from vemcvx.outline import Table
 from vemcvx.plots.style import SERIES
+from vemcvx.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-
-# What became of the points: the table of a sweep, its Pareto front, and what to use for an accuracy.
-#
-# Columns of the table, one row a point:
-#
-#     family, n           meshes, and cells across the shortest side (of an adaptive run to begin with)
-#     target              relative energy error that an adaptive run aims at; empty for uniform ones
-#     solver, accuracy    and the certified relative energy error of a step that is asked of it
-#     steps               of backward Euler, made
-#     cells, unknowns     of the (last) mesh
-#     status              done; refused (no well-posed problem, or not certified); crashed (out of memory ...)
-#     error               true error: the largest over the instants looked at, in the energy norm, against the
-#                         reference, relative to its largest energy norm
-#     error_end           the same at the last instant
-#     estimated           the run's own estimate, vemcvx.error_budget: algebra + space + time; empty where none
-#     certificate         certified relative energy error of the steps, added up
-#     seconds             what the answer costs: assemble + prepare + solve + adapt
-#     assemble, prepare, solve    as in history.seconds (of an adaptive run: of its last pass)
-#     adapt               earlier passes, estimates and refinement of an adaptive run
-#     mesh                seconds that making the (first) mesh takes; not counted in `seconds`
-#     repeats             runs of which these seconds are the median one
-#     peak_mb             most memory (resident set) that a process of its own held, interpreter and libraries included
-#     wall                seconds of the whole point: start of a process, warming up, repeats, measuring
-#     at                  when it was done, seconds since 1970
-#     message             what was refused, or warned of
-#     key                 identifies the point, the problem and the reference
-#     front_seconds, front_unknowns    1 for runs that no run at no more cost equals, see :mod:`vemcvx.cost.table`
-
-
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
+"""Outcomes: there is an answer; no well-posed problem, or not certified; out of memory, or broken down."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One point and what came out; see :mod:`vemcvx.cost.table`. None where there is nothing to say."""
+    """One point and what came out; None stands for a value that does not exist.
+
+    Attributes
+    ----------
+    family, n : meshes, and cells across the shortest side (of an adaptive run to begin with)
+    target : relative energy error that an adaptive run aims at; None for uniform ones
+    solver, accuracy : and the certified relative energy error of a step that is asked of it
+    steps : steps of backward Euler, made
+    status : done, refused or crashed
+    key : identifies the point, the problem and the reference
+    cells, unknowns : of the (last) mesh
+    error : true error: the largest over the instants looked at, in the energy norm, against the reference, relative to
+        its largest energy norm; `error_end` is that at the last instant
+    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time
+    certificate : certified relative energy error of the steps, added up
+    seconds : what the answer costs: assemble + prepare + solve + adapt
+    assemble, prepare, solve : as in history.seconds (of an adaptive run: of its last pass)
+    adapt : earlier passes, estimates and refinement of an adaptive run
+    mesh : seconds that making the (first) mesh takes; not counted in `seconds`
+    repeats : runs of which these seconds are the median one
+    peak_mb : most memory (resident set) that a process of its own held, interpreter and libraries included
+    wall : seconds of the whole point: start of a process, warming up, repeats, measuring
+    at : when it was done, seconds since 1970
+    message : the refusal, or warnings
+    """
 
     family: str | None
     n: int
@@ -84,12 +85,6 @@ class Row:
         return self.status == DONE
 
     @property
-    def whole(self) -> bool:
-        """True if all columns of the row have values of their kinds."""
-        needed = self.done and None in (self.error, self.seconds, self.unknowns, self.steps)
-        return of_its_kinds(self) and self.status in (DONE, REFUSED, CRASHED) and not needed
-
-    @property
     def settings(self) -> str:
         """The settings in words."""
         where = "its own mesh" if self.family is None else self.family
@@ -99,36 +94,60 @@ class Row:
         return f"{where} n = {self.n}, {self.steps} steps, {how}"
 
 
-def of_its_kinds(record: Any) -> bool:
-    """Return True if every field of a record that was read has a value of its kind, and every number is finite."""
-    hints = get_type_hints(type(record))
-    return all(_of_kind(getattr(record, field.name), hints[field.name]) for field in fields(record))
+# Records on the disk: a line of JSON that ends with a digest of what stands before it. A record that was torn when its
+# process died, or was edited, is none.
 
 
-def _of_kind(value: object, kind: Any) -> bool:
-    if isinstance(value, tuple):
-        return get_origin(kind) is tuple and all(_of_kind(part, get_args(kind)[0]) for part in value)
-    kinds = get_args(kind) or (kind,)
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return math.isfinite(value) and (float in kinds or (int in kinds and isinstance(value, int)))
-    return type(value) in kinds
+SEAL = ', "seal": "'
+
+
+def sealed(record: Any) -> str:
+    """A dataclass as a line of JSON with a digest."""
+    words = json.dumps(asdict(record), allow_nan=False)[:-1]
+    return f'{words}{SEAL}{_digest(words)}"}}\n'
+
+
+def unsealed(line: str) -> dict[str, Any] | None:
+    """The fields of such a record, None where the digest is not that of the line."""
+    words, _, digest = line.rstrip("\n").rpartition(SEAL)
+    if digest != f'{_digest(words)}"}}':
+        return None
+    found: dict[str, Any] = json.loads(words + "}")
+    return found
+
+
+def _digest(words: str) -> str:
+    return hashlib.blake2b(f"{__version__} {words}".encode(), digest_size=16).hexdigest()
+
+
+def read_journal(path: Path) -> dict[str, Row]:
+    """The finished points by key, each as it was last written; crashed ones are left out, to be tried again."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+    rows = [Row(**record) for record in map(unsealed, lines) if record is not None]
+    return {key: row for key, row in {row.key: row for row in rows}.items() if row.status != CRASHED}
+
+
+def append(path: Path, row: Row) -> None:
+    """Write a row on a line of its own, down to the disk."""
+    line = sealed(row).encode()
+    try:
+        with path.open("ab+") as stream:
+            if stream.tell():
+                stream.seek(-1, os.SEEK_END)
+                line = line if stream.read(1) == b"\n" else b"\n" + line
+            stream.write(line)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise HistoryError(f"{path}: cannot write the journal: {error}. What it holds is kept.") from error
+
+
+# The Pareto front of cost and error, and what to use for an accuracy.
 
 
 def percent(share: float) -> str:
     """A share in per cent, in two digits."""
     return f"{100 * share:.2g} %"
-
-
-def _order(row: Row) -> tuple[object, ...]:
-    return (
-        row.target is not None,
-        row.family or "",
-        row.target or 0.0,
-        row.n,
-        row.steps or 0,
-        row.solver,
-        row.accuracy,
-    )
 
 
 class Answer(NamedTuple):
@@ -141,7 +160,7 @@ class Answer(NamedTuple):
 
 
 def answers(rows: Sequence[Row]) -> list[Answer]:
-    """The rows that have one."""
+    """The rows that have an answer."""
     return [
         Answer(row, row.error, row.seconds, row.unknowns)
         for row in rows
@@ -150,17 +169,23 @@ def answers(rows: Sequence[Row]) -> list[Answer]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """All rows as CSV, in the order of their settings."""
-    rows = sorted(rows, key=_order)
+    """All rows as CSV, in the order of their settings.
+
+    The last columns, front_seconds and front_unknowns, are 1 for runs that no run at no more cost equals.
+    """
+
+    def order(row: Row) -> tuple[object, ...]:
+        where = row.target is not None, row.family or "", row.target or 0.0, row.n, row.steps or 0
+        return *where, row.solver, row.accuracy
+
     found = answers(rows)
-    costs: dict[str, Sequence[float]] = {
-        "front_seconds": [one.seconds for one in found],
-        "front_unknowns": [one.unknowns for one in found],
-    }
     errors = [one.error for one in found]
-    fronts = {name: {found[k].row.key for k in front(cost, errors)} for name, cost in costs.items()}
-    heads = [*(field.name for field in fields(Row)), *fronts]
-    return csv_text(heads, ([*astuple(row), *(int(row.key in keys) for keys in fronts.values())] for row in rows))
+    costs: list[list[float]] = [[one.seconds for one in found], [one.unknowns for one in found]]
+    fronts = [{found[k].row.key for k in front(cost, errors)} for cost in costs]
+    heads = [*(field.name for field in fields(Row)), "front_seconds", "front_unknowns"]
+    return Table(
+        heads, [[*astuple(row), *(int(row.key in keys) for keys in fronts)] for row in sorted(rows, key=order)]
+    ).csv()
 
 
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
@@ -213,19 +238,7 @@ AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "") -> Figure:
     """Draw the rows that have an answer, of which there must be one.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-    levels : sequence of float
-        Errors to mark by lines.
-    resolved : float or None
-        Estimated error of the reference.
-    title : str
-
-    Raises
-    ------
-    VemcvxError
-        matplotlib is not installed.
+    Lines mark the errors of `levels`, and a band those below the estimated error of the reference, `resolved`.
     """
     figure = new_figure(10.0, 4.4)
     left, right = figure.subplots(1, 2, sharey=True)

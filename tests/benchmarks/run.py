@@ -14,8 +14,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 import cases
 from measure import Row
-from rich.console import Console
-from rich.table import Table
 
 from vemcvx.outline import Table
 
@@ -73,12 +71,7 @@ def into_readme(rows: list[Row], picture: Path) -> None:
 
 
 def show(rows: list[Row], folder: Path) -> None:
-    table = Table(*COLUMNS, title="measured side by side")
-    for row in rows:
-        table.add_row(*cells(row))
-    console = Console(width=200)
-    console.print(table)
-    console.print(f"written to {folder}")
+    print(f"measured side by side\n{Table(COLUMNS, [cells(row) for row in rows]).text()}\nwritten to {folder}")
 
 
 if __name__ == "__main__":

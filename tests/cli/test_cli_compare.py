@@ -115,8 +115,7 @@ def attempts():
     scene, mesh = paper_scene(cyclic), small("voronoi")
     ran = [vx.simulate(scene, mesh, TIMES, solver=s, check=False) for s in solvers]
     made = [
-        (Row(solver=s.name, settings="own", asked=s.accuracy), h.trajectory)
-        for s, h in zip(solvers, ran, strict=True)
+        (Row(solver=s.name, settings="own", asked=s.accuracy), h.trajectory) for s, h in zip(solvers, ran, strict=True)
     ]
     return pose_scene(scene, mesh).system, made
 

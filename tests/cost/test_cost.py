@@ -25,7 +25,7 @@ from vemcvx.cli import app
 from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference, run_point
 from vemcvx.cost.settings import Grid, common_instants
-from vemcvx.cost.sweeping import finished_row, seconds_left
+from vemcvx.cost.sweeping import finished_row
 from vemcvx.cost.table import append, read_journal, table
 from vemcvx.cost.workers import alone
 from vemcvx.estimate.measures import energy_distance
@@ -316,14 +316,6 @@ def test_instants_are_those_that_all_have():
     assert common_instants([course(2), course(3)]).tolist() == [3.0]
     with pytest.raises(vx.ProblemError, match=r"times\(4\) runs from 0 to 3, times\(5\) from 0 to 2"):
         common_instants([course(4), np.linspace(0.0, 2.0, 6)])
-
-
-def test_time_left():
-    assert seconds_left([], [1.0], 2) is None
-    assert seconds_left([(1.0, 2.0)], [], 2) == 0.0
-    # A second to start, and a tenth of one for a unit of work: 1 + 2 and twice 1 + 1 on two workers.
-    assert seconds_left([(10.0, 2.0), (0.0, 1.0)], [20.0, 10.0, 10.0], 2) == pytest.approx(3.5)
-    assert seconds_left([(10.0, 2.0), (0.0, 1.0)], [90.0], 2) == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize(

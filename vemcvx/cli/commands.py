@@ -270,12 +270,10 @@ def collection(
 ) -> None:
     """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
     with reported():
-        from rich.progress import TimeRemainingColumn
-
         from vemcvx.cli.collection import write_collection
         from vemcvx.cli.terminal import progress_bar
 
-        with progress_bar("reading", TimeRemainingColumn()) as shown:
+        with progress_bar("reading") as shown:
             say(write_collection(out, form, told=shown))
 
 

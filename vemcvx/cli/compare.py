@@ -27,7 +27,6 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from rich.progress import TimeElapsedColumn
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.cli.problem_file import Problem, read_problem
@@ -238,7 +237,7 @@ def compare_solvers(problem: Problem, asked: Asked, tell: Callable[[str], object
         raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
     solvers = entrants(asked)
     mesh, times = problem.mesh(asked.n, asked.family), checked_times(problem.times(asked.steps))
-    with warned_once(), progress_bar("posing", TimeElapsedColumn()) as shown:
+    with warned_once(), progress_bar("posing") as shown:
         system = pose_scene(problem.scene(asked.settings), mesh, times.tolist()).system
         attempts = []
         for i, (solver, settings) in enumerate(solvers):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.cli.terminal import LEFT, listed, progress_bar
+from vemcvx.cli.terminal import listed, progress_bar
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
@@ -70,13 +70,8 @@ def cost_of_accuracy(
         # A folder whose files could not be written is refused before the sweep begins.
         for name in (TABLE, PICTURE, JOURNAL):
             own.take(name)
-    with progress_bar("starting", LEFT) as shown:
-
-        def told(what: str, finished: int, total: int, left: float | None) -> None:
-            words = "" if left is None else f"{left:.0f} s" if left < 90 else f"{left / 60:.0f} min"
-            shown(what, finished, total, f"about {words} left" if words else "")
-
-        found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=told)
+    with progress_bar("starting") as shown:
+        found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=shown)
     lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
     lines += advice(found.rows, grid.targets or within_reach(found.rows))
     return "\n".join([*lines, "", _written(found, grid, folder, problem)])

@@ -8,8 +8,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from rich.progress import TimeRemainingColumn
-
 from vemcvx.cli.problem_file import Problem, is_file
 from vemcvx.cli.run_options import RunOptions
 from vemcvx.cli.solver_names import named_linear
@@ -79,7 +77,7 @@ def _extremes(history: History) -> Iterator[str]:
 def simulated(problem: Problem, asked: RunOptions, rows: Folder | None = None) -> tuple[History, list[str]]:
     """The history on the mesh and at the instants asked for, and a line where it was resumed."""
     solver, made, store = asked.make_solver(), [], asked.store
-    with progress_bar("assembling", TimeRemainingColumn()) as shown:
+    with progress_bar("assembling") as shown:
 
         def advance(n: int, steps: int) -> None:
             made.append(n)

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 
@@ -69,24 +69,19 @@ def check_writable(path: Path, option: str) -> None:
         raise ProblemError(f"{option}: {path} cannot be written: its folder must exist, and it must be none itself.")
 
 
-Shown = Callable[..., None]
-"""A function (doing, finished, total, time left in words) that moves a bar on."""
-LEFT = TextColumn("{task.fields[left]}")
-"""The column of the time left in words."""
+Shown = Callable[[str, int, int], None]
+"""A function (doing, finished, total) that moves a bar on."""
 
 
 @contextmanager
-def progress_bar(doing: str, time_left: ProgressColumn) -> Iterator[Shown]:
-    """A bar on standard error that says what is being done; nothing is shown where that is no terminal."""
+def progress_bar(doing: str) -> Iterator[Shown]:
+    """A bar on standard error that says what is being done and for how long; without a terminal nothing is shown."""
     console = Console(stderr=True)
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), time_left
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(doing, total=None, left="")
-
-        def show(doing: str, finished: int, total: int, left: str = "") -> None:
-            bar.update(task, description=doing, completed=finished, total=total, left=left)
-
-        yield show
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    left, hidden = TimeRemainingColumn(), not console.is_terminal
+    with Progress(*columns, left, console=console, transient=True, disable=hidden) as bar:
+        task = bar.add_task(doing, total=None)
+        yield lambda doing, finished, total: bar.update(task, description=doing, completed=finished, total=total)
 
 
 # A command ends with an exit code, 0 done, 2 invalid input, 3 not certified, and errors are a line.

@@ -43,7 +43,7 @@ class Point:
 
     @property
     def work(self) -> float:
-        """Unknowns times steps, roughly; only the order of runs and the time left are taken from it."""
+        """Unknowns times steps, roughly; only the order of runs is taken from it."""
         if self.target is not None:
             # An adaptive run has 3 / target^2 unknowns and 1 / target steps on the paper's scene.
             return 2.0 * 3.0 / self.target**2 * (FACTOR + 1.0 / self.target)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,7 +30,7 @@ JOURNAL = "journal.jsonl"
 log = logging.getLogger("vemcvx")
 
 Answer = TypeVar("Answer")
-Told = Callable[[str, int, int, float | None], None]
+Told = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def sweep(
         The address of a dask.distributed scheduler, whose workers are taken instead.
     fresh : bool
         True begins anew, whatever the folder holds.
-    told : callable (what, finished, all, seconds left or None), optional
+    told : callable (what, finished, all), optional
         A function that is called when something is finished.
 
     Raises
@@ -79,7 +79,7 @@ def sweep(
         The folder cannot be written to, another sweep is on there, or it holds files of others by the names of ours.
     """
     told = told or (lambda *_: None)
-    with Owned(path_of(folder, "cost").resolve()) as files, pool(workers, scheduler) as (count, run):
+    with Owned(path_of(folder, "cost").resolve()) as files, pool(workers, scheduler) as run:
         folder, journal = files.path, files.take(JOURNAL)
         for name in FILES:
             files.take(name)
@@ -90,14 +90,12 @@ def sweep(
         mark = f"{recipe.mark} {reference.mark}"
         keys = {point.key(mark): point for point in grid.points}
         rows = {key: row for key, row in read_journal(journal).items() if key in keys}
-        kept, finished = len(rows), []
-        waiting = {key: point for key, point in keys.items() if key not in rows}
-        for row in run(finished_row, [(recipe, point, key, folder, reference) for key, point in waiting.items()]):
+        kept = len(rows)
+        waiting = [(recipe, point, key, folder, reference) for key, point in keys.items() if key not in rows]
+        for row in run(finished_row, waiting):
             append(journal, row)
             rows[row.key] = row
-            finished.append((waiting.pop(row.key).work, row.wall or 0.0))
-            left = seconds_left(finished, [point.work for point in waiting.values()], count)
-            told("points", len(rows), len(keys), left)
+            told("points", len(rows), len(keys))
             log.info("%d of %d: %s: %s", len(rows), len(keys), row.settings, row.status)
     return Sweep(tuple(rows[key] for key in keys), reference, kept)
 
@@ -106,7 +104,7 @@ def _reference(
     recipe: Recipe, grid: Grid, instants: Floats, folder: Path, fresh: bool, run: Results, told: Told
 ) -> Reference:
     """The reference that the folder holds, if it serves, else a new one; its goal is a part of the smallest error."""
-    told("reference", 0, 1, None)
+    told("reference", 0, 1)
     smallest = min(grid.targets) if grid.targets else _computed(run, estimated_error, (recipe, grid.finest))
     goal, there = PART * smallest, None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
@@ -141,17 +139,3 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
         status, found = REFUSED, {"message": str(refusal)}
     told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
     return Row(**{**asdict(point), **told, **found})
-
-
-def seconds_left(finished: Sequence[tuple[float, float]], waiting: Sequence[float], workers: int) -> float | None:
-    """Seconds until all points are done, None while nothing is known; `finished` has (work, seconds) of some.
-
-    Every point takes about as long as the quickest one, to be started and measured, and more by its work.
-    """
-    if not finished or not waiting:
-        return 0.0 if not waiting else None
-    start = min(seconds for _, seconds in finished)
-    work = sum(work for work, _ in finished)
-    rate = sum(seconds - start for _, seconds in finished) / work if work > 0 else 0.0
-    left = [start + rate * work for work in waiting]
-    return max(sum(left) / workers, max(left))

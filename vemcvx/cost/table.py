@@ -10,16 +10,14 @@ from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vemcvx.canvas import light_grid, new_figure
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
 from vemcvx.plots.style import SERIES
 from vemcvx.version import __version__
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
 
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
 """Outcomes: there is an answer; no well-posed problem, or not certified; out of memory, or broken down."""
@@ -228,78 +226,47 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
     return lines
 
 
-# The work-precision picture: true error against seconds, and against unknowns.
-
-
-UNIFORM, ADAPTIVE = "o", "D"
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "") -> Figure:
-    """Draw the rows that have an answer, of which there must be one.
+    """Draw true errors against seconds and against unknowns, of rows of which some has an answer.
 
     Lines mark the errors of `levels`, and a band those below the estimated error of the reference, `resolved`.
     """
     figure = new_figure(10.0, 4.4)
-    left, right = figure.subplots(1, 2, sharey=True)
-    found = [answer for answer in answers(rows) if answer.error > 0]
-    done, errors = [answer.row for answer in found], [answer.error for answer in found]
-    for ax, cost in ((left, "seconds"), (right, "unknowns")):
-        _draw(ax, done, [getattr(answer, cost) for answer in found], errors)
+    axes, found = figure.subplots(1, 2, sharey=True), [answer for answer in answers(rows) if answer.error > 0]
+    errors = [100 * answer.error for answer in found]
+    families = sorted({answer.row.family for answer in found}, key=str)
+    kinds = [(answer.row.family, answer.row.solver, answer.row.target is not None) for answer in found]
+    for ax, cost in zip(axes, AXES, strict=True):
+        costs = [getattr(answer, cost) for answer in found]
+        best = front(costs, errors)
+        ax.plot([costs[k] for k in best], [errors[k] for k in best], "0.25", linewidth=1.1, label="Pareto front")
+        for family, solver, adaptive in dict.fromkeys(kinds):
+            own = [k for k, kind in enumerate(kinds) if kind == (family, solver, adaptive)]
+            colour = SERIES[families.index(family) % len(SERIES)]
+            ax.plot(
+                [costs[k] for k in own],
+                [errors[k] for k in own],
+                "D" if adaptive else "o",
+                color=colour,
+                # Solvers other than the first, which mostly gives the same errors, are hollow.
+                markerfacecolor=colour if solver == kinds[0][1] else "white",
+                label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",
+            )
         for level in levels:
-            ax.axhline(level, color="0.75", linewidth=0.8, linestyle=(0, (5, 4)), zorder=0)
+            ax.axhline(100 * level, color="0.75", linewidth=0.8, linestyle="--", zorder=0)
         if resolved is not None:
-            ax.axhspan(resolved / 10, resolved, color="0.93", zorder=0)
+            ax.axhspan(10 * resolved, 100 * resolved, color="0.93", zorder=0)
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
         light_grid(ax)
-    _error_axis(left, errors, resolved)
-    left.set_ylabel("true error, relative, in the energy norm")
+    low = min([*errors, *([] if resolved is None else [100 * resolved])])
+    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel="true error in the energy norm, %")
+    plain_logarithms(axes[0].yaxis)
     if resolved is not None:
-        right.text(
-            0.02, resolved * 0.93, "the reference's own error", transform=right.get_yaxis_transform(), va="top",
-            fontsize="small", color="0.45",
-        )  # fmt: skip
-    figure.legend(handles=_legend(left, done), loc="outside right upper", frameon=False, fontsize="small")
+        own_error = 0.02, 93 * resolved
+        axes[1].text(*own_error, "the reference's own error", transform=axes[1].get_yaxis_transform(), va="top")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")
     return figure
-
-
-def _draw(ax: Axes, done: Sequence[Row], costs: Sequence[float], errors: Sequence[float]) -> None:
-    best = front(costs, errors)
-    ax.plot([costs[k] for k in best], [errors[k] for k in best], "-", color="0.25", linewidth=1.1, zorder=2)
-    colours = _colours(done)
-    for row, x, y in zip(done, costs, errors, strict=True):
-        newton, adaptive = row.solver == done[0].solver, row.target is not None
-        ax.plot(
-            x, y, ADAPTIVE if adaptive else UNIFORM, markersize=6.5 if adaptive else 5.0, color=colours[row.family],
-            markerfacecolor=colours[row.family] if newton else "white", markeredgewidth=1.0, zorder=3 + adaptive,
-        )  # fmt: skip
-
-
-def _colours(done: Sequence[Row]) -> dict[str | None, str]:
-    families = sorted({row.family for row in done}, key=str)
-    return {family: SERIES[k % len(SERIES)] for k, family in enumerate(families)}
-
-
-def _error_axis(ax: Axes, errors: Sequence[float], resolved: float | None) -> None:
-    """Error marks in per cent, one, two and five of every power of ten."""
-    low, high = min([*errors, *([resolved] if resolved else [])]) / 1.25, max(errors) * 1.25
-    ticks = [m * 10.0**e for e in range(-9, 2) for m in (1, 2, 5)]
-    shown = [tick for tick in ticks if low <= tick <= high]
-    ax.set_ylim(low, high)
-    ax.set_yticks(shown, [percent(tick) for tick in shown])
-    ax.minorticks_off()
-
-
-def _legend(ax: Axes, done: Sequence[Row]) -> list[Line2D]:
-    def mark(label: str, color: str = "0.25", marker: str = UNIFORM, face: str | None = None) -> Line2D:
-        face = face or color
-        return ax.plot([], [], linestyle="", color=color, marker=marker, markerfacecolor=face, label=label)[0]
-
-    made = [mark(family or "own mesh", color=colour) for family, colour in _colours(done).items()]
-    kinds = {row.target is not None for row in done}
-    made += [mark("uniform")] if False in kinds else []
-    made += [mark("adaptive", marker=ADAPTIVE)] if True in kinds else []
-    others = sorted({row.solver for row in done} - {done[0].solver})
-    made += [mark(", ".join(others), face="white")] if others else []
-    return [*made, ax.plot([], [], "-", color="0.25", linewidth=1.1, label="Pareto front")[0]]

@@ -120,8 +120,8 @@ Results = Callable[[Callable[..., Any], list[tuple[Any, ...]]], Iterator[Any]]
 
 
 @contextmanager
-def pool(workers: int, scheduler: str | None) -> Iterator[tuple[int, Results]]:
-    """The number of workers and their results: threads here, or the workers of a dask.distributed scheduler.
+def pool(workers: int, scheduler: str | None) -> Iterator[Results]:
+    """The results of threads here, or of the workers of a dask.distributed scheduler.
 
     Each waits for a process of its own, so that threads are enough. Workers of a cluster must see the folder of the
     sweep and the problem file under the same paths, and have the same packages.
@@ -129,7 +129,7 @@ def pool(workers: int, scheduler: str | None) -> Iterator[tuple[int, Results]]:
     if scheduler is None:
         # The threads of a ThreadPool end with the program, whatever they wait for.
         with ThreadPool(workers) as threads:
-            yield workers, lambda function, given: threads.imap_unordered(lambda some: function(*some), given)
+            yield lambda function, given: threads.imap_unordered(lambda some: function(*some), given)
         return
     try:
         from distributed import Client, as_completed
@@ -145,12 +145,11 @@ def pool(workers: int, scheduler: str | None) -> Iterator[tuple[int, Results]]:
             "workers with `dask worker ADDRESS`, on machines that see this folder."
         ) from error
     with client:
-        count = sum(client.nthreads().values())
-        if not count:
+        if not client.nthreads():
             raise ProblemError(f"--scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`.")
 
         def results(function: Callable[..., Any], given: list[tuple[Any, ...]]) -> Iterator[Any]:
             asked = [client.submit(function, *arguments, pure=False) for arguments in given]
             return (future.result() for future in as_completed(asked))
 
-        yield count, results
+        yield results

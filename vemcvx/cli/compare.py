@@ -25,18 +25,23 @@ from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields, replace
 from html import escape
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from vemcvx.arrays import Floats, Ints
+from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, read_options
-from vemcvx.cli.terminal import Shown, broken, listed, progress_bar
+from vemcvx.cli.terminal import NOT_CERTIFIED, Shown, broken, check_writable, listed, progress_bar, say
 from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
+from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Table
 from vemcvx.program.system import System
+from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
 from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver, ThroughCvxpy
@@ -197,18 +202,52 @@ def _of_misses(run: Trajectory, missed: Ints) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """The options of the command."""
+class Compare:
+    """Solve a problem by several solvers, and hold their answers against each other and their certificates."""
 
-    family: str | None
-    n: int
-    steps: int
-    solvers: str
-    accuracy: float | None
-    settings: tuple[str, ...]
-    options: tuple[str, ...]
-    tuning: str
-    time_limit: float | None
+    file: File
+    mesh: Mesh = None
+    n: N = None
+    steps: Steps = 8
+    solvers: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=solver_names,
+            help="Names of solvers, FILE.py:CLASS for your own, or all for every solver that is installed.",
+        ),
+    ] = "newton,clarabel,osqp,direct"
+    accuracy: Accuracy = None
+    options: Annotated[
+        list[str], typer.Option("--option", metavar="SOLVER.NAME=VALUE", help="A setting of a solver; may be repeated.")
+    ] = NONE
+    tuning: Annotated[str, typer.Option(metavar="both|tuned|default", help="Settings of solvers that cvxpy calls.")] = (
+        "both"
+    )
+    time_limit: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="End each solver, in a process of its own, after so long.")
+    ] = None
+    json: Annotated[Path | None, typer.Option(metavar="PATH", help="Write all figures there.")] = None
+    csv: Annotated[Path | None, typer.Option(metavar="PATH", help="Write the table there.")] = None
+    html: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a page with the tables there.")] = None
+    settings: Settings = NONE
+
+    def __call__(self) -> None:
+        """Compare, write what is asked for, and print the tables; exit code 3 where no answer can be trusted."""
+        paths = {kind: getattr(self, kind) for kind in WRITERS if getattr(self, kind) is not None}
+        for kind, path in paths.items():
+            check_writable(path, f"--{kind}")
+        found = compare_solvers(read_problem(self.file), self)
+        for kind, path in paths.items():
+            path.write_text(WRITERS[kind](found), encoding="utf-8")
+        typer.echo(in_words(found))
+        if not found.judged.trustworthy:
+            raise typer.Exit(NOT_CERTIFIED)
+
+    def posed(self, problem: Problem) -> tuple[Scene, AnyMesh, Floats]:
+        """The scene, the mesh and the instants."""
+        mesh = problem.mesh(self.n or problem.usual_n(16, self.mesh), self.mesh)
+        return problem.scene(self.settings), mesh, checked_times(problem.times(self.steps))
 
 
 @dataclass(frozen=True)
@@ -231,14 +270,14 @@ class Compared:
     used: tuple[Used, ...]
 
 
-def compare_solvers(problem: Problem, asked: Asked, tell: Callable[[str], object]) -> Compared:
-    """Solve the problem by all solvers asked for; `tell` is called with a sentence on each as soon as it is done."""
+def compare_solvers(problem: Problem, asked: Compare) -> Compared:
+    """Solve the problem by all solvers asked for; a line on each is printed as soon as it is done."""
     if asked.time_limit is not None and not asked.time_limit > 0:
         raise ProblemError(f"--time-limit: found {asked.time_limit:g}; wanted seconds, more than zero.")
     solvers = entrants(asked)
-    mesh, times = problem.mesh(asked.n, asked.family), checked_times(problem.times(asked.steps))
+    scene, mesh, times = asked.posed(problem)
     with warned_once(), progress_bar("posing") as shown:
-        system = pose_scene(problem.scene(asked.settings), mesh, times.tolist()).system
+        system = pose_scene(scene, mesh, times.tolist()).system
         attempts = []
         for i, (solver, settings) in enumerate(solvers):
             row = Row(solver=solver.name, settings=settings, asked=solver.accuracy)
@@ -247,7 +286,7 @@ def compare_solvers(problem: Problem, asked: Asked, tell: Callable[[str], object
             if run is not None:
                 seconds = (row.assemble_seconds or 0) + (row.prepare_seconds or 0) + (row.solve_seconds or 0)
                 words = f"certified to {run.certificate.max():.1e} in {seconds:.2f} s"
-            tell(f"{i + 1} of {len(solvers)}: {row.label}: {words}")
+            say(f"{i + 1} of {len(solvers)}: {row.label}: {words}", err=True)
             attempts.append((row, run))
         _raise_what_all_say([row for row, _ in attempts])
         found = judged(system, _once(attempts))
@@ -257,7 +296,7 @@ def compare_solvers(problem: Problem, asked: Asked, tell: Callable[[str], object
     return Compared(f"{problem.name}: {problem.title}", size, found, tuple(one for one in used if one is not None))
 
 
-def entrants(asked: Asked) -> list[tuple[Solver, str]]:
+def entrants(asked: Compare) -> list[tuple[Solver, str]]:
     """The solvers asked for, with the words for their settings; those that cvxpy calls with each setting asked for."""
     if asked.tuning not in SETTINGS:
         raise ProblemError(f"--tuning: found {asked.tuning!r}; there are {', '.join(SETTINGS)}.")
@@ -281,7 +320,7 @@ def entrants(asked: Asked) -> list[tuple[Solver, str]]:
     return found
 
 
-def _attempt(problem: Problem, asked: Asked, i: int, row: Row, solver: Solver, doing: str, shown: Shown) -> Attempt:
+def _attempt(problem: Problem, asked: Compare, i: int, row: Row, solver: Solver, doing: str, shown: Shown) -> Attempt:
     """The attempt of solver `i`: in this process, or in one that is ended when the time is up."""
     shown(doing, 0, asked.steps)
     if asked.time_limit is None:
@@ -296,16 +335,16 @@ def _attempt(problem: Problem, asked: Asked, i: int, row: Row, solver: Solver, d
         return replace(row, outcome=FAILED, says=_own_words(str(refusal))), None
 
 
-def attempted_alone(path: Path, asked: Asked, i: int, row: Row) -> Attempt:
+def attempted_alone(path: Path, asked: Compare, i: int, row: Row) -> Attempt:
     """The attempt of solver `i` in a process that has read nothing yet."""
     return attempted(read_problem(path), asked, row, entrants(asked)[i][0], None)
 
 
 def attempted(
-    problem: Problem, asked: Asked, row: Row, solver: Solver, progress: Callable[[int, int], None] | None
+    problem: Problem, asked: Compare, row: Row, solver: Solver, progress: Callable[[int, int], None] | None
 ) -> Attempt:
     """Solve the problem by one solver, whatever comes of it."""
-    scene, mesh, times = problem.scene(asked.settings), problem.mesh(asked.n, asked.family), problem.times(asked.steps)
+    scene, mesh, times = asked.posed(problem)
     try:
         history = simulate(
             scene, mesh, times, solver=solver, initial=problem.initial, check=False, progress=progress or False

@@ -6,10 +6,14 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
+import typer
+
+from vemcvx.cli.options import CELLS, NONE, File, Settings, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.cli.terminal import listed, progress_bar
+from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
@@ -50,66 +54,97 @@ class FromFile:
         )
 
 
-def cost_of_accuracy(
-    problem: Problem,
-    grid: Grid,
-    out: Path | None,
-    settings: tuple[str, ...],
-    workers: int,
-    scheduler: str | None,
-    fresh: bool,
-) -> str:
-    """Sweep, write the table and the picture, and return in words what came out."""
-    if workers < 1:
-        raise ProblemError(f"--workers: found {workers}; wanted at least one.")
-    recipe = FromFile(str(problem.path.resolve()), settings)
-    folder = out or Path("results") / f"cost_{problem.name}"
-    # A problem that cannot be posed is an error here, and not in every point.
-    recipe(grid.coarsest)
-    with Owned(folder) as own:
-        # A folder whose files could not be written is refused before the sweep begins.
-        for name in (TABLE, PICTURE, JOURNAL):
-            own.take(name)
-    with progress_bar("starting") as shown:
-        found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=shown)
-    lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
-    lines += advice(found.rows, grid.targets or within_reach(found.rows))
-    return "\n".join([*lines, "", _written(found, grid, folder, problem)])
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """Measure what accuracy costs: true errors against seconds and unknowns, over meshes, steps and solvers."""
 
+    file: File
+    mesh: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=families,
+            help="Families of meshes. (default: squares,triangles,voronoi)",
+        ),
+    ] = None
+    n: Annotated[str | None, typer.Option("--n", metavar="N,N,...", help=f"{CELLS} (default: 8,16,32,64,128)")] = None
+    steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32"
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=solver_names,
+            help="Solvers. (default: newton, and clarabel and osqp at a few points)",
+        ),
+    ] = None
+    accuracy: Annotated[
+        str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")
+    ] = None
+    adaptive: Annotated[bool, typer.Option(help="Adaptive runs beside the uniform ones.")] = True
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,X,...",
+            help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01; none, with --n)",
+        ),
+    ] = None
+    workers: Annotated[int, typer.Option(help="Processes at once.")] = 2
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Take the workers of this dask.distributed scheduler.")
+    ] = None
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Table, picture, journal. (default: results/cost_<problem>)")
+    ] = None
+    resume: Annotated[
+        bool, typer.Option("--resume/--fresh", help="Leave out the runs that DIR holds already, or begin anew.")
+    ] = True
+    settings: Settings = NONE
 
-def grid_typed(
-    problem: Problem,
-    families: str | None,
-    ns: str | None,
-    steps: str,
-    solvers: str | None,
-    accuracies: str | None,
-    targets: str | None,
-    adaptive: bool,
-) -> Grid:
-    """The grid that the command line asks for; an option that is None has its usual values."""
-    # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
-    if ns is None and targets is None:
-        targets = USUAL_TARGETS
-    given = "one or more, with commas between"
-    known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
-    own: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
-    chosen = own if families is None else listed("--mesh", families, str, given)
-    for family in chosen if families is not None else ():
-        if family not in known:
-            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
-    grid = Grid(
-        families=chosen,
-        ns=listed("--n", USUAL_N if ns is None else ns, _whole, WHOLE),
-        steps=listed("--steps", steps, _whole, WHOLE),
-        solvers=None if solvers is None else listed("--solver", solvers, str, given),
-        accuracies=None if accuracies is None else listed("--accuracy", accuracies, _share, SHARES),
-        targets=() if targets is None else tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)),
-        adaptive=adaptive,
-    )
-    for solver in grid.solvers or ():
-        named_solver(solver, None)
-    return grid
+    def __call__(self) -> None:
+        """Sweep, write the table and the picture, and say what came out."""
+        problem = read_problem(self.file)
+        grid = self.grid(problem)
+        if self.workers < 1:
+            raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
+        recipe = FromFile(str(problem.path.resolve()), tuple(self.settings))
+        folder = self.out or Path("results") / f"cost_{problem.name}"
+        # A problem that cannot be posed is an error here, and not in every point.
+        recipe(grid.coarsest)
+        with Owned(folder) as own:
+            # A folder whose files could not be written is refused before the sweep begins.
+            for name in (TABLE, PICTURE, JOURNAL):
+                own.take(name)
+        with progress_bar("starting") as shown:
+            how: dict[str, Any] = {"workers": self.workers, "scheduler": self.scheduler, "fresh": not self.resume}
+            found = sweep(recipe, grid, folder, told=shown, **how)
+        lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
+        lines += advice(found.rows, grid.targets or within_reach(found.rows))
+        say("\n".join([*lines, "", _written(found, grid, folder, problem)]))
+
+    def grid(self, problem: Problem) -> Grid:
+        """The grid that is asked for."""
+        several = "one or more, with commas between"
+        known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
+        families: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
+        if self.mesh is not None:
+            families = listed("--mesh", self.mesh, str, several)
+            for family in families:
+                if family not in known:
+                    raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
+        solvers = None if self.solver is None else listed("--solver", self.solver, str, several)
+        for solver in solvers or ():
+            named_solver(solver, None)
+        # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
+        targets = self.target or (USUAL_TARGETS if self.n is None else None)
+        return Grid(
+            families=families,
+            ns=listed("--n", self.n or USUAL_N, _whole, WHOLE),
+            steps=listed("--steps", self.steps, _whole, WHOLE),
+            solvers=solvers,
+            accuracies=None if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES),
+            targets=tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)) if targets else (),
+            adaptive=self.adaptive,
+        )
 
 
 WHOLE = "whole numbers from 1, such as 8,16,32"

@@ -15,14 +15,17 @@ import webbrowser
 from base64 import b64encode
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from vemcvx.cli.problem_file import executed, own_errors
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import say
+from vemcvx.cli.terminal import check_writable, say
 from vemcvx.errors import ProblemError
 
 HOST = "127.0.0.1"
@@ -39,6 +42,33 @@ STYLE = (
     "dt{color:#666}dd{margin:0}dd b{font-size:1.4em}label{display:flex;gap:1em}input{flex:1}"
 )
 SHOW = "for (const [k, one] of document.querySelectorAll('section').entries()) one.hidden = k != this.value"
+
+
+@dataclass(frozen=True, kw_only=True)
+class App:
+    """Open a live page: change scene, mesh, friction, load and solver, and see what sticks and slips (extra app)."""
+
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Port of the page on this machine. (default: a free one)")
+    ] = None
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
+    check: Annotated[bool, typer.Option("--check", help="Run it without a browser, and say whether it works.")] = False
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a page that needs no Python.")] = None
+
+    def __call__(self) -> None:
+        """Serve the page until Ctrl-C, or check it, or write it to a file."""
+        if self.check and self.html is not None:
+            raise ProblemError("app: found --check and --html; give one of them.")
+        if self.html is not None:
+            check_writable(self.html, "--html")
+            say(write(self.html))
+        elif self.check:
+            say(check())
+        else:
+            try:
+                serve(self.port, self.browser)
+            except KeyboardInterrupt:
+                say("The page has ended.")
 
 
 def check() -> str:

@@ -15,16 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
+from vemcvx.arrays import Floats
 from vemcvx.canvas import as_png
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.run_options import RunOptions
-from vemcvx.cli.show import mesh_name, scene_in_words
+from vemcvx.cli.show import scene_in_words
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.history import WHY_ESTIMATED, History
 from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
+from vemcvx.scene import Scene
 from vemcvx.version import __version__
 
 MARK = '<meta name="generator" content="vemcvx">'
@@ -92,20 +93,28 @@ CAPTIONS = {
 }
 
 
-def write_report(problem: Problem, asked: RunOptions, history: History) -> Path:
-    """Write the page into the folder of pictures, and return its path."""
+def write_report(
+    folder: Path,
+    problem: Problem,
+    history: History,
+    settings: Sequence[str],
+    mesh: str,
+    points: Floats | None,
+    command: str,
+) -> Path:
+    """Write the page into the folder of pictures: `command` repeats the run, `mesh` is its mesh in words."""
     sections = {
-        "What was simulated": _prose(problem.text) + _scene(problem, asked, history),
+        "What was simulated": _prose(problem.text) + _scene(problem.scene(settings), history, mesh),
         "Pictures": "".join(_pictures(history)),
-        "Results": _results(history, asked),
+        "Results": _results(history, points),
         "Certificates": _certificates(history),
         "Error budget": _budget(history),
         "The run": _run(history),
-        "How to repeat it": _again(problem, asked),
+        "How to repeat it": _again(problem, settings, command),
     }
     body = f"<p>{history.outline().title}; certified to {history.trajectory.certified.max():.1e} a step.</p>"
     body += "".join(f"<section><h2>{title}</h2>{text}</section>" for title, text in sections.items())
-    path = asked.drawings(problem) / REPORT
+    path = folder / REPORT
     try:
         path.write_text(page(f"{problem.name}: {problem.title}", body, REPORT_STYLE), encoding="utf-8")
     except OSError as error:
@@ -137,13 +146,13 @@ def _prose(text: str) -> str:
     return "".join(f"<{kind}>{escape(said)}</{kind}>" for kind, said in kinds)
 
 
-def _scene(problem: Problem, asked: RunOptions, history: History) -> str:
+def _scene(scene: Scene, history: History, name: str) -> str:
     """The scene as `vemcvx show` describes it, on the mesh that was used, with the body's extent."""
-    mesh, name = history.mesh, mesh_name(problem, asked.family, asked.n) + ", adapted" * (asked.target is not None)
+    mesh = history.mesh
     ends = zip(mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
     sides = " × ".join(f"[{low:.6g}, {high:.6g}]" for low, high in ends)
     rows = [("body", f"within {sides}; boundaries {', '.join(sorted(mesh.boundaries))}")]
-    rows += scene_in_words(problem.scene(asked.settings), mesh, history.trajectory.times, name)
+    rows += scene_in_words(scene, mesh, history.trajectory.times, name)
     lines = [(name if k == 0 else "", line) for name, text in rows for k, line in enumerate(text.split("\n"))]
     return _words("The scene, as vemcvx show has it", lines)
 
@@ -156,7 +165,7 @@ def _pictures(history: History) -> Iterator[str]:
         yield f"<p>Left out: {escape(why)}.</p>"
 
 
-def _results(history: History, asked: RunOptions) -> str:
+def _results(history: History, points: Floats | None) -> str:
     """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
     run, contact, end = history.trajectory, history.contact, f"t = {history.times[-1]:.6g}"
     axes = "xyz"[: history.mesh.points.shape[1]]
@@ -172,7 +181,6 @@ def _results(history: History, asked: RunOptions) -> str:
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
         said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
         rows.append((f"contact nodes at {end}: {said}", str(len(contact.nodes)), ""))
-    points = asked.points
     if points is not None:
         for point, u in zip(points, history.probe(points)[-1], strict=True):
             where = f"at {coordinates(point)}"
@@ -255,11 +263,11 @@ def _run(history: History) -> str:
     return _words("What was run, when and where", lines)
 
 
-def _again(problem: Problem, asked: RunOptions) -> str:
+def _again(problem: Problem, settings: Sequence[str], command: str) -> str:
     """The command, the parameters it leaves as they are, and the problem file."""
     text = problem.path.read_text(encoding="utf-8", errors="replace")
     return (
-        f"<p>By this command, with the problem file below:</p><pre>{escape(asked.command(problem))}</pre>"
-        + _words("Parameters of the scene", problem.parameters(asked.settings))
+        f"<p>By this command, with the problem file below:</p><pre>{escape(command)}</pre>"
+        + _words("Parameters of the scene", problem.parameters(settings))
         + f"<h3>{escape(problem.path.name)}</h3><pre>{escape(text)}</pre>"
     )

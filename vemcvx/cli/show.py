@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
 
 from vemcvx import effects
 from vemcvx.arrays import Floats
-from vemcvx.cli.problem_file import Problem, is_file
+from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
+from vemcvx.cli.problem_file import Problem, is_file, read_problem
+from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Table
@@ -20,12 +26,23 @@ from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.state import stability
 
 
-def problem_in_words(problem: Problem, family: str | None, n: int, settings: tuple[str, ...]) -> str:
-    """The problem's title, and a table of its scene."""
-    # Data are evaluated at 64 instants, to see whether they are zero at all times.
-    times = checked_times(problem.times(64))
-    rows = scene_in_words(problem.scene(settings), problem.mesh(n, family), times, mesh_name(problem, family, n))
-    return f"{problem.name}: {problem.title}\n{Table((), rows).text()}"
+@dataclass(frozen=True, kw_only=True)
+class Show:
+    """Describe a problem's scene in words: effects, unknowns, the convex program, who can solve it."""
+
+    file: File
+    mesh: Mesh = None
+    n: Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space)")] = None
+    settings: Settings = NONE
+
+    def __call__(self) -> None:
+        """Print the problem's title, and a table of its scene."""
+        problem = read_problem(self.file)
+        n = self.n or problem.usual_n(64, self.mesh)
+        # Data are evaluated at 64 instants, to see whether they are zero at all times.
+        scene, times = problem.scene(self.settings), checked_times(problem.times(64))
+        rows = scene_in_words(scene, problem.mesh(n, self.mesh), times, mesh_name(problem, self.mesh, n))
+        say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")
 
 
 def mesh_name(problem: Problem, family: str | None, n: int) -> str:

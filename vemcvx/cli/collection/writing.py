@@ -7,11 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
+from vemcvx.cli.terminal import progress_bar, say
 from vemcvx.errors import ProblemError
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.owned_files import Owned
@@ -148,6 +151,21 @@ def write_collection(
         f"{len(rows)} instances of 'vemcvx collection {VERSION}' in {folder}: {min(sizes)} to {max(sizes)} unknowns\n"
         f"{MANIFEST} has sizes, nonzeros, degenerate terms, conditions, certified optima; python {SCRIPT} confirms them"
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collection:
+    """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
+
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
+    form: Annotated[
+        str | None, typer.Option("--format", metavar="mtx|cbf|qps|mps", help="A format to write beside npz.")
+    ] = None
+
+    def __call__(self) -> None:
+        """Write it, and say what there is."""
+        with progress_bar("reading") as shown:
+            say(write_collection(self.out, self.form, told=shown))
 
 
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, SolvedProgram]]:

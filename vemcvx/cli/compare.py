@@ -23,6 +23,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields, replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Annotated
@@ -35,7 +36,7 @@ from vemcvx.cli.options import NONE, Accuracy, File, Mesh, N, Settings, Steps, s
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.report import page
 from vemcvx.cli.solver_names import NAMES, named_solver, read_options
-from vemcvx.cli.terminal import NOT_CERTIFIED, Shown, broken, check_writable, listed, progress_bar, say
+from vemcvx.cli.terminal import NOT_CERTIFIED, broken, check_writable, listed, progress_bar, say
 from vemcvx.cost.workers import Crashed, Refused, TookTooLong, alone
 from vemcvx.errors import NotAccepted, NotCertified, NotContracting, ProblemError, SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
@@ -281,7 +282,12 @@ def compare_solvers(problem: Problem, asked: Compare) -> Compared:
         attempts = []
         for i, (solver, settings) in enumerate(solvers):
             row = Row(solver=solver.name, settings=settings, asked=solver.accuracy)
-            row, run = _attempt(problem, asked, i, row, solver, f"{row.label}, {i + 1} of {len(solvers)}", shown)
+            doing = f"{row.label}, {i + 1} of {len(solvers)}"
+            shown(doing, 0, asked.steps)
+            if asked.time_limit is None:
+                row, run = attempted(problem, asked, row, solver, partial(shown, doing))
+            else:
+                row, run = _attempted_within(asked.time_limit, problem, asked, i, row)
             words = row.outcome
             if run is not None:
                 seconds = (row.assemble_seconds or 0) + (row.prepare_seconds or 0) + (row.solve_seconds or 0)
@@ -320,15 +326,12 @@ def entrants(asked: Compare) -> list[tuple[Solver, str]]:
     return found
 
 
-def _attempt(problem: Problem, asked: Compare, i: int, row: Row, solver: Solver, doing: str, shown: Shown) -> Attempt:
-    """The attempt of solver `i`: in this process, or in one that is ended when the time is up."""
-    shown(doing, 0, asked.steps)
-    if asked.time_limit is None:
-        return attempted(problem, asked, row, solver, lambda n, steps: shown(doing, n, steps))
+def _attempted_within(seconds: float, problem: Problem, asked: Compare, i: int, row: Row) -> Attempt:
+    """The attempt of solver `i` in a process of its own, which is ended when the time is up."""
     try:
-        return alone(attempted_alone, problem.path, asked, i, row, seconds=asked.time_limit, ready=installed)
+        return alone(attempted_alone, problem.path, asked, i, row, seconds=seconds, ready=installed)
     except TookTooLong:
-        return replace(row, outcome=STOPPED, says=f"stopped after {asked.time_limit:g} s"), None
+        return replace(row, outcome=STOPPED, says=f"stopped after {seconds:g} s"), None
     except Crashed as crash:
         return replace(row, outcome=FAILED, says=f"its process ended: {crash}"), None
     except Refused as refusal:

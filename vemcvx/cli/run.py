@@ -112,9 +112,15 @@ class Run:
             lines.append(f"pictures    {drawings}: {', '.join(path.name for path in write_plots(history, drawings))}")
             lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
         if self.report:
-            name = mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None)
-            again = self._command(problem, n, steps, folder)
-            path = write_report(drawings, problem, history, tuple(self.settings), name, self.points, again)
+            path = write_report(
+                drawings,
+                problem,
+                history,
+                settings=self.settings,
+                mesh=mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None),
+                points=self.points,
+                command=self._command(problem, n, steps, folder),
+            )
             lines.append(f"report      {path}")
         say("\n".join(lines))
 

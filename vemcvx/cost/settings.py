@@ -95,7 +95,7 @@ class Grid:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """All points, those with most work first: what is left at the end is small, and no worker waits long."""
+        """The points, those with most work first, so that at the end no worker waits long for another."""
         main = tuple(product(self.solvers or ("newton",), self.accuracies or (1e-8,)))
         found = [Point(f, n, k, *how) for f, n, k, how in product(self.families, self.ns, self.steps, main)]
         if self.adaptive:

@@ -116,7 +116,8 @@ def by_clarabel(program: Program, tight: bool, cones: bool = True) -> tuple[Any,
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
     kinds = [clarabel.SecondOrderConeT(size)] * m if cones else [clarabel.NonnegativeConeT(2 * m)] * (m > 0)
     kinds += [clarabel.NonnegativeConeT(r)] * (r > 0)
-    found = clarabel.DefaultSolver(sp.csc_matrix(sp.triu(P)), q, A, b, kinds, settings).solve()
+    data = sp.csc_matrix(sp.triu(P)), q, A, b, kinds, settings
+    found = clarabel.DefaultSolver(*data).solve()
     z = np.array(found.z)
     terms = z[: size * m]
     lam = -terms.reshape(m, size)[:, 1:].ravel() if cones else terms[:m] - terms[m:]
@@ -161,7 +162,7 @@ SOLVERS: dict[str, tuple[Callable[..., Any], bool]] = {
     "HiGHS 1e-10": (by_highs, True),
 }
 CONIC = "Clarabel", "Clarabel 1e-12"
-"""Those that take norms of more than one component."""
+"""The solvers that take norms of more than one component."""
 
 
 def confirmed(program: Program, name: str) -> dict[str, Any]:

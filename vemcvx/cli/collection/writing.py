@@ -23,7 +23,7 @@ from vemcvx.simulation import programs
 from vemcvx.version import __version__
 
 VERSION = 2
-"""Of the list below: other instances, or others under the same names, are another version."""
+"""The version of the list below: other instances, or others under the same names, are another version."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
@@ -90,13 +90,14 @@ class Problem:
 
     @property
     def text(self) -> str:
-        """Its docstring below that line."""
+        """The docstring below that line."""
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
         """The parameters of the scene with their values in words: those given as "name=value", else their defaults."""
         given = dict(self._parameter(setting) for setting in settings)
-        known = {name: p.default for name, p in _parameters(self.module.scene).items() if p.kind is not p.VAR_KEYWORD}
+        own = inspect.signature(self.module.scene).parameters
+        known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
@@ -120,13 +121,13 @@ class Problem:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """The families of meshes that there are for it: those of space if its own is one of them."""
+        """The families of meshes that the problem can take: those of space if its own is one of them."""
         return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
     def family(self) -> str | None:
-        """The family of meshes that it takes when none is asked for, if it says so."""
-        default = _parameters(self.module.mesh).get("family")
+        """The family of meshes that `mesh` takes by default, if the file names it."""
+        default = inspect.signature(self.module.mesh).parameters.get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def usual_n(self, usual: int, family: str | None = None) -> int:
@@ -146,7 +147,7 @@ class Problem:
 
     def _parameter(self, setting: str) -> tuple[str, Any]:
         name, equals, text = setting.partition("=")
-        known = _parameters(self.module.scene)
+        known = inspect.signature(self.module.scene).parameters
         if not equals:
             raise ProblemError(f"--set: found {setting!r}; wanted name=value, such as {next(iter(known), 'a')}=1.")
         if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
@@ -177,11 +178,3 @@ def read_problem(file: str | Path) -> Problem:
 def is_file(family: str) -> bool:
     """Return True if what --mesh names is a file, not a family."""
     return bool(Path(family).suffix)
-
-
-def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """Its parameters by name; none where Python cannot tell."""
-    try:
-        return inspect.signature(function).parameters
-    except (TypeError, ValueError):
-        return {}

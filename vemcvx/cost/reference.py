@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import time
 import warnings
 from collections.abc import Sequence
@@ -25,22 +24,18 @@ from vemcvx.arrays import Floats
 from vemcvx.cost.settings import Ingredients, Point, Recipe
 from vemcvx.cost.table import sealed, unsealed
 from vemcvx.errors import HistoryError, MeshError, SceneError, SceneWarning, VemcvxError
-from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
-from vemcvx.simulation import simulate
 
 SHORT, REPEATS = 0.3, 3
 """Seconds of runs that are repeated, and how often they are made: the median one counts."""
 PART = 0.25
 """The part of the smallest error that the reference's own error may be."""
 ARCHIVE, ABOUT = "reference.npz", "reference.json"
-FILES = (ARCHIVE, ABOUT, f"new-{ARCHIVE}", f"new-{ABOUT}")
-"""The files of a reference, finished and while they are written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +89,9 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
 
 
 def _warm_up(recipe: Recipe, point: Point) -> None:
-    """Import what the point needs; whatever is wrong will show again."""
+    """Import what the point needs; an error of the point shows again when it is run."""
     with contextlib.suppress(VemcvxError):
-        made = recipe(replace(point, n=min(point.n, 4), steps=2, target=None))
-        simulate(made.scene, made.mesh, made.times, solver=made.solver, initial=made.initial, check=False)
+        recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
 
 
 def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:
@@ -112,12 +106,10 @@ def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[Histor
 def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], float | None]:
     if point.target is None:
         steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
-        history = simulate(
-            made.scene, made.mesh, made.times, solver=made.solver, initial=made.initial, store=steps.tolist()
-        )
+        history = made.simulated(store=steps.tolist())
         return history, {**history.seconds, "adapt": 0.0}, None
-    wanted, start = np.append(made.times[0], instants), time.perf_counter()
-    adapted = adapt(made.scene, made.mesh, wanted, point.target, solver=made.solver, initial=made.initial)
+    start = time.perf_counter()
+    adapted = made.adapted(instants, point.target)
     wall, last = time.perf_counter() - start, adapted.history.seconds
     return adapted.history, {**last, "adapt": wall - sum(last.values())}, adapted.passes[-1].total
 
@@ -181,8 +173,7 @@ def _digest(path: Path) -> str:
 
 def estimated_error(recipe: Recipe, finest: Point) -> float:
     """The estimated error of the finest uniform run, in two digits; 1 where scenes have no estimate."""
-    fine = recipe(finest)
-    history = simulate(fine.scene, fine.mesh, fine.times, solver=fine.solver, initial=fine.initial)
+    history = recipe(finest).simulated()
     try:
         return float(f"{error_budget(history).largest['total']:.2g}")
     except SceneError:
@@ -196,20 +187,19 @@ def build_reference(
     start = time.perf_counter()
     made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
     common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > 1e-9)
-    wanted, mesh = np.append(made.times[0], instants), fine.mesh if common else made.mesh
     estimated, adapted = None, True
     try:
         # 700,000 unknowns take some 4 GB. Refining more than `adapt` does by default makes fewer passes.
-        found = adapt(
-            made.scene, mesh, wanted, goal, solver=made.solver, initial=made.initial, most_unknowns=700_000, theta=0.7
-        )
+        start_from = replace(made, mesh=fine.mesh if common else made.mesh)
+        found = start_from.adapted(instants, goal, most_unknowns=700_000, theta=0.7)
         history, estimated = found.history, found.passes[-1].total
     except (SceneError, MeshError):
         adapted = False
-        stored = [int(np.argmin(np.abs(fine.times - t))) for t in instants]
-        history = simulate(fine.scene, fine.mesh, fine.times, solver=fine.solver, initial=fine.initial, store=stored)
+        history = fine.simulated(store=[int(np.argmin(np.abs(fine.times - t))) for t in instants])
         with contextlib.suppress(SceneError):
             estimated = error_budget(history).largest["total"]
+    # A process that dies from here on leaves fields that are not those of the digest, and so no reference.
+    write_archive(history, folder / ARCHIVE)
     reference = Reference(
         problem=recipe.mark,
         instants=tuple(instants.tolist()),
@@ -223,19 +213,9 @@ def build_reference(
         unknowns=history.trajectory.state.shape[1],
         made=history.steps,
         seconds=time.perf_counter() - start,
+        digest=_digest(folder / ARCHIVE),
     )
-    return _write(folder, history, reference)
-
-
-def _write(folder: Path, history: History, reference: Reference) -> Reference:
-    """Write the fields, then the words: a process that dies between leaves no reference."""
-    (folder / ABOUT).unlink(missing_ok=True)
-    new = folder / f"new-{ARCHIVE}"
-    write_archive(history, new)
-    os.replace(new, folder / ARCHIVE)
-    reference, new = replace(reference, digest=_digest(folder / ARCHIVE)), folder / f"new-{ABOUT}"
-    new.write_text(sealed(reference), encoding="utf-8")
-    os.replace(new, folder / ABOUT)
+    (folder / ABOUT).write_text(sealed(reference), encoding="utf-8")
     return reference
 
 

@@ -7,15 +7,18 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import ProblemError
+from vemcvx.estimate.adapt import Adapted, adapt
+from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.scene import Scene
+from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 
 FACTOR = 200
@@ -53,13 +56,22 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Ingredients:
-    """The arguments of `simulate` for one point."""
+    """The arguments of `simulate` and `adapt` for one point."""
 
     scene: Scene
     mesh: PolygonMesh
     times: Floats
     solver: Solver
     initial: ArrayLike | str | None = None
+
+    def simulated(self, **options: Any) -> History:
+        """The history on this mesh and at these instants."""
+        return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
+
+    def adapted(self, instants: Floats, target: float, **options: Any) -> Adapted:
+        """The history on a mesh adapted from this one, which has these instants and the first."""
+        wanted = np.append(self.times[0], instants)
+        return adapt(self.scene, self.mesh, wanted, target, solver=self.solver, initial=self.initial, **options)
 
 
 class Recipe(Protocol):

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 
 from vemcvx.arrays import Floats
 from vemcvx.cost.reference import (
-    FILES,
+    ABOUT,
+    ARCHIVE,
     PART,
     Reference,
     build_reference,
@@ -81,7 +82,7 @@ def sweep(
     told = told or (lambda *_: None)
     with Owned(path_of(folder, "cost").resolve()) as files, pool(workers, scheduler) as run:
         folder, journal = files.path, files.take(JOURNAL)
-        for name in FILES:
+        for name in (ARCHIVE, ABOUT):
             files.take(name)
         if fresh:
             journal.unlink(missing_ok=True)

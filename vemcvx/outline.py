@@ -97,27 +97,72 @@ SPECIAL = str.maketrans(
 """Characters that mean something else to LaTeX."""
 
 
-def csv_text(heads: Words, rows: Iterable[Iterable[object]]) -> str:
-    """Comma-separated values, numbers to the last digit."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads)
-    writer.writerows(rows)
-    return text.getvalue()
+@dataclass(frozen=True)
+class Table:
+    """The one record of a table: headings, each with a unit after a line break where it has one, and rows of cells.
 
+    Cells are words, except that CSV also takes numbers and writes them to the last digit. A table without headings is a
+    list of names with what there is to say of them.
+    """
 
-def markdown(heads: Words, rows: Iterable[Words]) -> str:
-    """A table of Markdown, with numbers to the right."""
-    lines = [[word.replace("|", r"\|") for word in line] for line in (heads, *rows)]
-    lines.insert(1, ["---:"] * len(heads))
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    heads: Words
+    rows: Sequence[Sequence[Any]]
 
+    def text(self) -> str:
+        """The table as plain text as wide as the terminal, numbers to the right; the last column is folded."""
+        # Importing rich takes a tenth of a second.
+        from rich.console import Console
+        from rich.table import Table as Drawn
 
-def latex(heads: Words, rows: Iterable[Words]) -> str:
-    """A tabular of LaTeX that needs no package; what stands between dollar signs is a formula."""
-    lines = [" & ".join(map(_escaped, line)) + r" \\" for line in (heads, *rows)]
-    begin, end = rf"\begin{{tabular}}{{{'r' * len(heads)}}}", r"\end{tabular}"
-    return "\n".join([begin, r"\hline", lines[0], r"\hline", *lines[1:], r"\hline", end, ""])
+        drawn = Drawn(show_header=bool(self.heads), box=None, padding=(0, 1 if self.heads else 2, 0, 0), pad_edge=False)
+        columns = list(zip(*self.rows, strict=True))
+        for k, cells in enumerate(columns):
+            number = bool(self.heads) and all(_kind(text) != "w" for text in cells)
+            drawn.add_column(
+                self.heads[k] if self.heads else "",
+                justify="right" if number else "left",
+                no_wrap=number or k < len(columns) - 1,
+                overflow="fold",
+            )
+        for row in self.rows:
+            drawn.add_row(*row)
+        # Square brackets in what users write are no markup.
+        console = Console(highlight=False, markup=False, color_system=None)
+        with console.capture() as captured:
+            console.print(drawn)
+        return "\n".join(line.rstrip() for line in captured.get().rstrip("\n").splitlines())
+
+    def csv(self) -> str:
+        """Comma-separated values, numbers to the last digit."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.heads)
+        writer.writerows(self.rows)
+        return text.getvalue()
+
+    def markdown(self) -> str:
+        """A table of Markdown, with numbers to the right."""
+        lines = [[word.replace("|", r"\|") for word in line] for line in (self.heads, *self.rows)]
+        lines.insert(1, ["---:"] * len(self.heads))
+        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+    def latex(self) -> str:
+        """A tabular of LaTeX that needs no package; what stands between dollar signs is a formula."""
+        lines = [" & ".join(map(_escaped, line)) + r" \\" for line in (self.heads, *self.rows)]
+        begin, end = rf"\begin{{tabular}}{{{'r' * len(self.heads)}}}", r"\end{tabular}"
+        return "\n".join([begin, r"\hline", lines[0], r"\hline", *lines[1:], r"\hline", end, ""])
+
+    def html(self) -> str:
+        """A table of HTML, with units in small below their headings; cells that are words have the class w."""
+        kinds = map(_kind, self.rows[0]) if self.rows else [""] * len(self.heads)
+        head = ""
+        for kind, words in zip(kinds, self.heads, strict=True):
+            text, line_break, below = words.partition("\n")
+            small = f"<br/><small>{escape(below)}</small>" if line_break else ""
+            head += f'<th class="{kind}">{escape(text)}{small}</th>'
+        cells = ("".join(f'<td class="{_kind(text)}">{escape(text)}</td>' for text in row) for row in self.rows)
+        lines = "".join(f"<tr>{row}</tr>" for row in cells)
+        return f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
 
 
 def _escaped(word: str) -> str:
@@ -127,20 +172,7 @@ def _escaped(word: str) -> str:
     return "$".join(part if k % 2 else part.translate(SPECIAL) for k, part in enumerate(parts))
 
 
-def html(heads: Words, rows: Iterable[Words]) -> str:
-    """A table of HTML; what follows a line break in a head stands below it in small, words have the class w."""
-    rows = list(rows)
-    kinds = map(_kind, rows[0]) if rows else [""] * len(heads)
-    head = ""
-    for kind, words in zip(kinds, heads, strict=True):
-        text, line_break, below = words.partition("\n")
-        small = f"<br/><small>{escape(below)}</small>" if line_break else ""
-        head += f'<th class="{kind}">{escape(text)}{small}</th>'
-    cells = ("".join(f'<td class="{_kind(text)}">{escape(text)}</td>' for text in row) for row in rows)
-    lines = "".join(f"<tr>{row}</tr>" for row in cells)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
-
-
 def _kind(text: str) -> str:
+    """The class of a cell: "" of numbers, "w" of words, "no" of a no."""
     number = text.lstrip("-")[:1].isdigit() or text in ("", "-", "yes")
     return "no" if text in ("no", "NO") else "" if number else "w"

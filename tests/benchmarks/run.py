@@ -14,10 +14,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 import cases
 from measure import Row
-from rich.console import Console
-from rich.table import Table
 
-from vemcvx.outline import csv_text, markdown
+from vemcvx.outline import Table
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 
@@ -59,7 +57,7 @@ def cells(row: Row) -> list[str]:
 
 
 def write(rows: list[Row], path: Path) -> None:
-    path.write_text(csv_text(COLUMNS, map(cells, rows)))
+    path.write_text(Table(COLUMNS, [cells(row) for row in rows]).csv())
 
 
 def into_readme(rows: list[Row], picture: Path) -> None:
@@ -68,17 +66,12 @@ def into_readme(rows: list[Row], picture: Path) -> None:
     readme = root / "README.md"
     before, rest = readme.read_text().split(BEGIN)
     after = rest.split(END)[1]
-    readme.write_text(before + BEGIN + "\n" + markdown(COLUMNS, map(cells, rows)) + END + after)
+    readme.write_text(before + BEGIN + "\n" + Table(COLUMNS, [cells(row) for row in rows]).markdown() + END + after)
     shutil.copy(picture, root / "problems" / "pictures" / "benchmarks.png")
 
 
 def show(rows: list[Row], folder: Path) -> None:
-    table = Table(*COLUMNS, title="measured side by side")
-    for row in rows:
-        table.add_row(*cells(row))
-    console = Console(width=200)
-    console.print(table)
-    console.print(f"written to {folder}")
+    print(f"measured side by side\n{Table(COLUMNS, [cells(row) for row in rows]).text()}\nwritten to {folder}")
 
 
 if __name__ == "__main__":

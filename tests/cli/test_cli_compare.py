@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import vemcvx as vx
 from vemcvx.cli import app
-from vemcvx.cli.compare import Attempt, Compared, bounds_distance, clause, distance, judged, remarks
+from vemcvx.cli.compare import Row, bounds_distance, clause, distance, judged
 from vemcvx.scene import pose_scene
 from vemcvx.solvers.conic import installed
 
@@ -115,8 +115,7 @@ def attempts():
     scene, mesh = paper_scene(cyclic), small("voronoi")
     ran = [vx.simulate(scene, mesh, TIMES, solver=s, check=False) for s in solvers]
     made = [
-        Attempt(solver=s.name, settings="own", accuracy=s.accuracy, trajectory=h.trajectory, seconds=h.seconds)
-        for s, h in zip(solvers, ran, strict=True)
+        (Row(solver=s.name, settings="own", asked=s.accuracy), h.trajectory) for s, h in zip(solvers, ran, strict=True)
     ]
     return pose_scene(scene, mesh).system, made
 
@@ -361,21 +360,20 @@ def test_what_bounds_a_distance():
 
 
 def test_distances_are_those_of_the_energy_norm(attempts):
-    system, (newton, clarabel, poor) = (attempts[0], [attempt.trajectory for attempt in attempts[1]])
+    system, (newton, clarabel, poor) = (attempts[0], [run for _, run in attempts[1]])
     apart = (newton.state - poor.state) @ np.linalg.cholesky(system.K.toarray())
     scale = np.maximum.accumulate(newton.norm)
     relative = np.linalg.norm(apart, axis=1)[1:] / scale[1:]
-    found = distance(system, newton, poor)
-    assert found.distance == pytest.approx(relative.max(), rel=1e-9)
-    assert found.kept
-    assert distance(system, newton, clarabel).distance < 1e-3 * found.distance
+    found, _, kept = distance(system, newton, poor)
+    assert found == pytest.approx(relative.max(), rel=1e-9)
+    assert kept
+    assert distance(system, newton, clarabel)[0] < 1e-3 * found
 
 
 def test_a_start_that_misses_alone_is_told(attempts):
-    system, (newton, *_) = attempts
-    run = newton.trajectory
+    system, ((newton, run), *_) = attempts
     missed = replace(run, gap=np.where(np.arange(len(run.gap)) == 0, 1.0, run.gap))
-    (row,) = judged(system, [replace(newton, trajectory=missed)]).rows
+    (row,) = judged(system, [(newton, missed)]).rows
     assert row.says.startswith("misses its accuracy at the start, first in step 0 at t = 0, where it reached")
 
 
@@ -383,14 +381,13 @@ def test_a_false_certificate_is_called_wrong(attempts):
     """An answer whose certificate claims a thousandth of its error: the table says so, and the command fails."""
     system, (newton, clarabel, poor) = attempts
     assert judged(system, [newton, clarabel, poor]).trustworthy
-    share = distance(system, newton.trajectory, poor.trajectory)
-    lie = 0.01 * (share.distance / share.allowed) ** 2 * poor.trajectory.gap
-    liar = replace(poor, settings="tuned", trajectory=replace(poor.trajectory, gap=lie))
+    apart, allowed, _ = distance(system, newton[1], poor[1])
+    lie = 0.01 * (apart / allowed) ** 2 * poor[1].gap
+    liar = replace(poor[0], settings="tuned"), replace(poor[1], gap=lie)
     found = judged(system, [newton, liar])
     assert not found.trustworthy
     assert [row.honest for row in found.rows] == [None, False]
-    told = Compared("", "", (), found)
-    assert remarks(told)[-1] == "WRONG: Clarabel (tuned) is farther from Newton than both certificates allow"
+    assert found.remarks[-1] == "WRONG: Clarabel (tuned) is farther from Newton than both certificates allow"
 
 
 @pytest.mark.parametrize(

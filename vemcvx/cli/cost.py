@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
+import typer
+
+from vemcvx.cli.options import CELLS, NONE, File, Settings, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
-from vemcvx.cli.terminal import LEFT, progress_bar
-from vemcvx.cost import Ingredients, Point, Row, Sweep, advice, sweep
+from vemcvx.cli.terminal import listed, progress_bar, say
+from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
-from vemcvx.cost.table import REFUSED, answers, table, within_reach
+from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, plane_mesh
 from vemcvx.owned_files import Owned
@@ -51,111 +54,113 @@ class FromFile:
         )
 
 
-def cost_of_accuracy(
-    problem: Problem,
-    grid: Grid,
-    out: Path | None,
-    settings: tuple[str, ...],
-    *,
-    workers: int,
-    scheduler: str | None,
-    fresh: bool,
-) -> str:
-    """Sweep; what came out in words.
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """Measure what accuracy costs: true errors against seconds and unknowns, over meshes, steps and solvers."""
 
-    Raises
-    ------
-    VemcvxError
-        Something asked for does not exist, or there is no reference.
-    """
-    if workers < 1:
-        raise ProblemError(f"--workers: found {workers}; wanted at least one.")
-    recipe = FromFile(str(problem.path.resolve()), settings)
-    folder = out or Path("results") / f"cost_{problem.name}"
-    # What is wrong with the problem itself is an error here, and not in every point.
-    recipe(grid.coarsest)
-    _refuse_early(folder)
-    with progress_bar("starting", LEFT) as shown:
+    file: File
+    mesh: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=families,
+            help="Families of meshes. (default: squares,triangles,voronoi)",
+        ),
+    ] = None
+    n: Annotated[str | None, typer.Option("--n", metavar="N,N,...", help=f"{CELLS} (default: 8,16,32,64,128)")] = None
+    steps: Annotated[str, typer.Option(metavar="N,N,...", help="Steps of backward Euler.")] = "8,32"
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            autocompletion=solver_names,
+            help="Solvers. (default: newton, and clarabel and osqp at a few points)",
+        ),
+    ] = None
+    accuracy: Annotated[
+        str | None, typer.Option(metavar="X,X,...", help="Certified relative energy errors of a step. (default: 1e-8)")
+    ] = None
+    adaptive: Annotated[bool, typer.Option(help="Adaptive runs beside the uniform ones.")] = True
+    target: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,X,...",
+            help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01; none, with --n)",
+        ),
+    ] = None
+    workers: Annotated[int, typer.Option(help="Processes at once.")] = 2
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Take the workers of this dask.distributed scheduler.")
+    ] = None
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Table, picture, journal. (default: results/cost_<problem>)")
+    ] = None
+    resume: Annotated[
+        bool, typer.Option("--resume/--fresh", help="Leave out the runs that DIR holds already, or begin anew.")
+    ] = True
+    settings: Settings = NONE
 
-        def told(what: str, finished: int, total: int, left: float | None) -> None:
-            if shown is not None:
-                shown(what, finished, total, "" if left is None else f"about {_duration(left)} left")
+    def __call__(self) -> None:
+        """Sweep, write the table and the picture, and say what came out."""
+        problem = read_problem(self.file)
+        grid = self.grid(problem)
+        if self.workers < 1:
+            raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
+        recipe = FromFile(str(problem.path.resolve()), tuple(self.settings))
+        folder = self.out or Path("results") / f"cost_{problem.name}"
+        # A problem that cannot be posed is an error here, and not in every point.
+        recipe(grid.coarsest)
+        with Owned(folder) as own:
+            # A folder whose files could not be written is refused before the sweep begins.
+            for name in (TABLE, PICTURE, JOURNAL):
+                own.take(name)
+        with progress_bar("starting") as shown:
+            how: dict[str, Any] = {"workers": self.workers, "scheduler": self.scheduler, "fresh": not self.resume}
+            found = sweep(recipe, grid, folder, told=shown, **how)
+        lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
+        lines += advice(found.rows, grid.targets or within_reach(found.rows))
+        say("\n".join([*lines, "", _written(found, grid, folder, problem)]))
 
-        found = sweep(recipe, grid, folder, workers=workers, scheduler=scheduler, fresh=fresh, told=told)
-    lines = [f"{problem.name}: {problem.title}", *_of_reference(found), *_of_points(found), ""]
-    lines += advice(found.rows, grid.targets or within_reach(found.rows))
-    return "\n".join([*lines, "", _written(found, grid, folder, problem)])
-
-
-def _refuse_early(folder: Path) -> None:
-    """Refuse a folder whose files could not be written before the sweep begins."""
-    with Owned(folder) as own:
-        for name in (TABLE, PICTURE, JOURNAL):
-            own.take(name)
-
-
-def grid_typed(
-    problem: Problem,
-    *,
-    families: str | None,
-    ns: str | None,
-    steps: str,
-    solvers: str | None,
-    accuracies: str | None,
-    targets: str | None,
-    adaptive: bool,
-) -> Grid:
-    """The grid that the command line asks for; an option that is None has its usual values."""
-    # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
-    if ns is None and targets is None:
-        targets = USUAL_TARGETS
-    grid = Grid(
-        families=_families(problem, families),
-        ns=_whole("--n", USUAL_N if ns is None else ns),
-        steps=_whole("--steps", steps),
-        solvers=None if solvers is None else _split("--solver", solvers),
-        accuracies=None if accuracies is None else _shares("--accuracy", accuracies),
-        targets=() if targets is None else tuple(sorted(_shares("--target", targets), reverse=True)),
-        adaptive=adaptive,
-    )
-    for solver in grid.solvers or ():
-        named_solver(solver, None)
-    return grid
-
-
-def _families(problem: Problem, typed: str | None) -> tuple[str | None, ...]:
-    if typed is None:
-        return (None,) if problem.family not in FAMILIES else USUAL
-    families = _split("--mesh", typed)
-    known = list(dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])]))
-    for family in families:
-        if family not in known:
-            raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
-    return families
-
-
-def _split(option: str, typed: str) -> tuple[str, ...]:
-    parts = tuple(dict.fromkeys(part.strip() for part in typed.split(",") if part.strip()))
-    if not parts:
-        raise ProblemError(f"{option}: found {typed!r}; wanted one or more, with commas between.")
-    return parts
-
-
-def _whole(option: str, typed: str) -> tuple[int, ...]:
-    parts = _split(option, typed)
-    if not all(part.isdecimal() and int(part) > 0 for part in parts):
-        raise ProblemError(f"{option}: found {typed!r}; wanted whole numbers from 1, such as 8,16,32.")
-    return tuple(int(part) for part in parts)
+    def grid(self, problem: Problem) -> Grid:
+        """The grid that is asked for."""
+        several = "one or more, with commas between"
+        known = dict.fromkeys([*problem.families, *([problem.family] if problem.family else [])])
+        families: tuple[str | None, ...] = USUAL if problem.family in FAMILIES else (None,)
+        if self.mesh is not None:
+            families = listed("--mesh", self.mesh, str, several)
+            for family in families:
+                if family not in known:
+                    raise ProblemError(f"--mesh: there is no family {family!r}; there are {', '.join(known)}.")
+        solvers = None if self.solver is None else listed("--solver", self.solver, str, several)
+        for solver in solvers or ():
+            named_solver(solver, None)
+        # Who says how fine meshes are to be asks for no others, be they adaptive or those of a far finer reference.
+        targets = self.target or (USUAL_TARGETS if self.n is None else None)
+        return Grid(
+            families=families,
+            ns=listed("--n", self.n or USUAL_N, _whole, WHOLE),
+            steps=listed("--steps", self.steps, _whole, WHOLE),
+            solvers=solvers,
+            accuracies=None if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES),
+            targets=tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)) if targets else (),
+            adaptive=self.adaptive,
+        )
 
 
-def _shares(option: str, typed: str) -> tuple[float, ...]:
-    try:
-        shares = tuple(float(part) for part in _split(option, typed))
-    except ValueError:
-        shares = (math.nan,)
-    if not all(0 < share < 1 for share in shares):
-        raise ProblemError(f"{option}: found {typed!r}; wanted relative errors between 0 and 1, such as 0.05,0.01.")
-    return shares
+WHOLE = "whole numbers from 1, such as 8,16,32"
+SHARES = "relative errors between 0 and 1, such as 0.05,0.01"
+
+
+def _whole(word: str) -> int:
+    if not (word.isdecimal() and int(word) > 0):
+        raise ValueError
+    return int(word)
+
+
+def _share(word: str) -> float:
+    if not 0 < float(word) < 1:
+        raise ValueError
+    return float(word)
 
 
 def _of_reference(found: Sweep) -> list[str]:
@@ -182,20 +187,17 @@ def _of_points(found: Sweep) -> list[str]:
     if ratios:
         lines.append(f"estimates   {min(ratios):.2g} to {max(ratios):.2g} times the true error")
     failed = [row for row in rows if not row.done]
-    lines += [f"            {row.status}: {row.settings}: {_clause(row)}" for row in failed]
+    for row in failed:
+        words = " ".join(row.message.split())
+        lines.append(
+            f"            {row.status}: {row.settings}: {words.split('; ')[0] if row.status == REFUSED else words}"
+        )
     warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
     lines += [f"warning     {words}" for words in warned]
     return lines
 
 
-def _clause(row: Row) -> str:
-    words = " ".join(row.message.split())
-    return words if row.status != REFUSED else words.split("; ")[0]
-
-
 def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
-    from vemcvx.cost.table import picture
-
     files = f"files       {folder}: {TABLE}, {JOURNAL}"
     with Owned(folder) as own:
         places = own.take(TABLE), own.take(PICTURE)
@@ -210,7 +212,3 @@ def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
         except VemcvxError as error:
             return f"{files}\npicture     none: {error}"
     return f"{files}, {PICTURE}"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

@@ -10,13 +10,16 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 import scipy.sparse as sp
+import typer
 
 from vemcvx.arrays import Floats
 from vemcvx.cli.solver_names import LINEAR, NAMES
+from vemcvx.cli.terminal import say
 from vemcvx.effects import BilateralContact, Elasticity, PrescribedDisplacement, TrescaFriction
 from vemcvx.errors import VemcvxError
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import voronoi
+from vemcvx.outline import Table
 from vemcvx.program import Norms, System
 from vemcvx.scene import Scene
 from vemcvx.simulation import simulate
@@ -33,15 +36,30 @@ EXTRAS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One line: what was looked at, what was found, and whether vemcvx can work with that."""
+    """A line of the doctor: the subject, the finding in words, and whether vemcvx can work with that."""
 
     subject: str
     words: str
     well: bool = True
 
 
+@dataclass(frozen=True)
+class Doctor:
+    """List what is installed and which solvers work, and test a closed form; exit code 1 if not all is well."""
+
+    def __call__(self) -> None:
+        """Print the findings, each as soon as it is there."""
+        ill = []
+        for found in findings():
+            typer.echo(Table((), [(f"{found.subject:14}", found.words)]).text())
+            ill += [] if found.well else [found.subject]
+        say(f"\nNot well: {', '.join(ill)}." if ill else "\nAll is well.")
+        if ill:
+            raise typer.Exit(1)
+
+
 def findings() -> Iterator[Finding]:
-    """Everything, one after the other."""
+    """The findings, each as soon as it is there: packages, solvers, linear solvers, and a closed form."""
     yield Finding("vemcvx", here())
     for name in NEEDED:
         found = version_of(name)

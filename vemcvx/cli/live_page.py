@@ -15,14 +15,17 @@ import webbrowser
 from base64 import b64encode
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from vemcvx.cli.problem_file import executed, own_errors
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import say
+from vemcvx.cli.terminal import check_writable, say
 from vemcvx.errors import ProblemError
 
 HOST = "127.0.0.1"
@@ -41,8 +44,35 @@ STYLE = (
 SHOW = "for (const [k, one] of document.querySelectorAll('section').entries()) one.hidden = k != this.value"
 
 
+@dataclass(frozen=True, kw_only=True)
+class App:
+    """Open a live page: change scene, mesh, friction, load and solver, and see what sticks and slips (extra app)."""
+
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="Port of the page on this machine. (default: a free one)")
+    ] = None
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
+    check: Annotated[bool, typer.Option("--check", help="Run it without a browser, and say whether it works.")] = False
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a page that needs no Python.")] = None
+
+    def __call__(self) -> None:
+        """Serve the page until Ctrl-C, or check it, or write it to a file."""
+        if self.check and self.html is not None:
+            raise ProblemError("app: found --check and --html; give one of them.")
+        if self.html is not None:
+            check_writable(self.html, "--html")
+            say(write(self.html))
+        elif self.check:
+            say(check())
+        else:
+            try:
+                serve(self.port, self.browser)
+            except KeyboardInterrupt:
+                say("The page has ended.")
+
+
 def check() -> str:
-    """Run all cells of the app in this process, without a browser; what was found, in a line."""
+    """Run all cells of the app in this process, without a browser, and return a line with the certificate."""
     start = time.perf_counter()
     _, cells, found = _run()
     error, steps = found["history"].certified.max(), found["history"].steps
@@ -51,13 +81,7 @@ def check() -> str:
 
 
 def serve(port: int | None, browser: bool) -> None:
-    """Offer the page to browsers on this machine, at that port or at any that is free, until Ctrl-C.
-
-    Raises
-    ------
-    ProblemError
-        The port is taken, the app does not run here, or the server ended by itself.
-    """
+    """Offer the page to browsers on this machine, at that port or at any that is free, until Ctrl-C."""
     with _listening(port) as listener:
         _run()  # what does not work is told before anybody looks
         import uvicorn
@@ -93,14 +117,8 @@ class Door:
     """The door of the page: browsers of this machine come in, pages of other sites do not.
 
     A request must name this machine and port as its host, so that no name of another site leads here, and no other
-    origin than the page itself. (The token in the page's address is marimo's to check.) Every open page is a session
-    with a process of Python's own memory, some 20 MB: so many at once, and no more.
-
-    Parameters
-    ----------
-    app : ASGI application
-    port : int
-        Where it is reached.
+    origin than the page itself. (marimo checks the token in the page's address.) Every open page is a session that
+    takes some 20 MB of memory, so that their number is bounded.
     """
 
     def __init__(self, app: Application, port: int):
@@ -114,21 +132,20 @@ class Door:
             await self._app(scope, receive, send)
             return
         named = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
-        session = scope["type"] == "websocket"
+        session, origin = scope["type"] == "websocket", named.get("origin")
         if named.get("host") not in self._hosts:
             await _refuse(send, session, 403, f"This page is at http://{HOST}, on the machine that shows it.")
-        elif "origin" in named and named["origin"].removeprefix("http://") not in self._hosts:
+        elif origin is not None and origin.removeprefix("http://") not in self._hosts:
             await _refuse(send, session, 403, "Pages of other sites may not use this one.")
         elif self._sessions() >= MOST_SESSIONS and (session or scope["path"] == "/"):
-            words = f"This page is open {MOST_SESSIONS} times; close one, and wait {LINGER} s."
-            await _refuse(send, session, 503, words)
-        elif session:
-            await self._counted(scope, receive, send)
+            await _refuse(
+                send, session, 503, f"This page is open {MOST_SESSIONS} times; close one, and wait {LINGER} s."
+            )
         else:
-            await self._app(scope, receive, send)
+            await self._counted(scope, receive, send)
 
     async def _counted(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """A session, which counts from when the page, and its token, has let it in."""
+        """Hand on a request; a session counts from when the page, and its token, has let it in."""
         accepted = False
 
         async def told(message: MutableMapping[str, Any]) -> None:
@@ -163,7 +180,7 @@ async def _refuse(send: Send, session: bool, status: int, words: str) -> None:
 
 
 def write(path: Path) -> str:
-    """Write a page of pictures and numbers, step by step, that needs nothing else; what was done, in a line."""
+    """Write a page of pictures and numbers, step by step, that needs nothing else; return a line that says so."""
     module, _, found = _run()
     history, course = found["history"], module.course_of(found["path"].value, found["problem"])
     steps = [history.steps * k // FRAMES for k in range(1, FRAMES + 1)]

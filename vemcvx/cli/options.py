@@ -1,26 +1,68 @@
-"""Arguments and options that several commands have."""
+"""Options of the commands: those that several commands share, and the names that shells complete for them.
+
+A command is a frozen dataclass. Its fields are the options, as typer reads them, its docstring is the help, and its
+objects do the work when they are called.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+import inspect
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from vemcvx.cli import completion
+from vemcvx.cli.solver_names import LINEAR, completions
+from vemcvx.cli.supplied import lessons, problem_files
+from vemcvx.cli.terminal import reported
+from vemcvx.meshes import FAMILIES
+
+
+def add_command(program: typer.Typer, kind: type[Any]) -> None:
+    """Add a command to the program; errors of its work are a line and an exit code."""
+
+    def command(**given: Any) -> None:
+        with reported():
+            kind(**given)()
+
+    command.__doc__ = kind.__doc__
+    command.__annotations__ = types = get_type_hints(kind, include_extras=True)
+    parameters = inspect.signature(kind).parameters.values()
+    typed = [parameter.replace(annotation=types[parameter.name]) for parameter in parameters]
+    command.__signature__ = inspect.Signature(typed)  # type: ignore[attr-defined]
+    program.command(kind.__name__.lower())(command)
+
+
+def completing(names: Callable[[], Iterable[object]]) -> Callable[[str], list[str]]:
+    """A function for typer that completes the last of words with commas between; shells go on with files."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names() if str(name).startswith(last)]
+
+    return complete
+
+
+def _problems() -> list[str]:
+    return [*problem_files(), *sorted(path.name for path in Path().glob("*.py"))]
+
+
+families, solver_names, lesson_numbers = completing(lambda: FAMILIES), completing(completions), completing(lessons)
 
 File = Annotated[
     str,
     typer.Argument(
         metavar="FILE",
-        autocompletion=completion.problems,
+        autocompletion=completing(_problems),
         help="A problem file: Python with scene(**parameters), mesh(n), times(steps); or a name that `problems` lists.",
     ),
 ]
 Mesh = Annotated[
     str | None,
     typer.Option(
-        autocompletion=completion.families,
-        help="Family of meshes: squares ...; or a mesh file that has its boundaries. (default: its own)",
+        autocompletion=families,
+        help="Family of meshes, such as squares; or a mesh file that names its boundaries. (default: the problem's)",
     ),
 ]
 Accuracy = Annotated[
@@ -29,18 +71,23 @@ Accuracy = Annotated[
 Linear = Annotated[
     str | None,
     typer.Option(
-        autocompletion=completion.linear_solvers,
+        autocompletion=completing(lambda: LINEAR),
         help="superlu, pardiso or multigrid. (default: by size and what is installed)",
     ),
 ]
-N = Annotated[int | None, typer.Option("--n", min=1, help="Cells across the shortest side. (default: 16; 8 in space)")]
+CELLS = "Cells across the shortest side."
+N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16; 8 in space)")]
+Steps = Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")]
+Condense = Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")]
 Settings = Annotated[
     list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")
 ]
-Solver = Annotated[
+SolverName = Annotated[
     str,
     typer.Option(
-        autocompletion=completion.solvers,
-        help="newton, clarabel, osqp, direct, what cvxpy finds: scs, highs ...; FILE.py:CLASS.",
+        autocompletion=solver_names,
+        help="newton, clarabel, osqp, direct, a solver that cvxpy finds (scs, highs ...), or FILE.py:CLASS.",
     ),
 ]
+NONE: Any = ()
+"""The default of options that may be repeated."""

@@ -8,8 +8,7 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from pathlib import Path
@@ -23,17 +22,9 @@ from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
 from vemcvx.scene import Scene
 
-# A Python file of the user's: executed, with errors of its own making named by file and line.
-
 
 def executed(path: Path, kind: str) -> ModuleType:
-    """Execute a file; `kind` is what it is called in messages, as "problem file".
-
-    Raises
-    ------
-    ProblemError
-        There is no such file, it is no Python, or it fails.
-    """
+    """Execute a file; `kind` is its name in messages, such as "problem file"; ProblemError where it fails."""
     if not os.path.isfile(path):
         here = ", ".join(sorted(str(p) for p in [*Path().glob("*.py"), *Path("problems").glob("*.py")])[:8])
         raise ProblemError(f"{path}: there is no such {kind}; here are {here or 'no Python files'}.")
@@ -41,10 +32,13 @@ def executed(path: Path, kind: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ProblemError(f"{path}: a {kind} is Python and ends in .py.")
     module, loader = importlib.util.module_from_spec(spec), spec.loader
-    with _neighbours(path):
-        # Dataclasses look their module up by name.
-        sys.modules[spec.name] = module
+    # Dataclasses look their module up by name, and a file may import those beside it, as `python FILE` does.
+    sys.modules[spec.name] = module
+    sys.path.insert(0, folder := str(path.resolve().parent))
+    try:
         own_errors(path, "executing it", lambda: loader.exec_module(module))
+    finally:
+        sys.path.remove(folder)
     return module
 
 
@@ -67,17 +61,6 @@ def literal(text: str) -> Any:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         return text
-
-
-@contextmanager
-def _neighbours(path: Path) -> Iterator[None]:
-    """Let a file import those beside it, as `python FILE` does."""
-    folder = str(path.resolve().parent)
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
 
 
 # A problem file: Python that defines `scene(**parameters)`, `mesh(n, family=...)` and `times(steps)`.
@@ -107,13 +90,14 @@ class Problem:
 
     @property
     def text(self) -> str:
-        """Its docstring below that line."""
+        """The docstring below that line."""
         return "\n".join(cleandoc(f"{self.module.__doc__ or ''}").splitlines()[1:])
 
     def parameters(self, settings: Sequence[str] = ()) -> list[tuple[str, str]]:
         """The parameters of the scene with their values in words: those given as "name=value", else their defaults."""
         given = dict(self._parameter(setting) for setting in settings)
-        known = {name: p.default for name, p in _parameters(self.module.scene).items() if p.kind is not p.VAR_KEYWORD}
+        own = inspect.signature(self.module.scene).parameters
+        known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
@@ -137,13 +121,13 @@ class Problem:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """The families of meshes that there are for it: those of space if its own is one of them."""
+        """The families of meshes that the problem can take: those of space if its own is one of them."""
         return tuple(SPACE_FAMILIES if self.family in SPACE_FAMILIES else FAMILIES)
 
     @property
     def family(self) -> str | None:
-        """The family of meshes that it takes when none is asked for, if it says so."""
-        default = _parameters(self.module.mesh).get("family")
+        """The family of meshes that `mesh` takes by default, if the file names it."""
+        default = inspect.signature(self.module.mesh).parameters.get("family")
         return default.default if default is not None and isinstance(default.default, str) else None
 
     def usual_n(self, usual: int, family: str | None = None) -> int:
@@ -163,7 +147,7 @@ class Problem:
 
     def _parameter(self, setting: str) -> tuple[str, Any]:
         name, equals, text = setting.partition("=")
-        known = _parameters(self.module.scene)
+        known = inspect.signature(self.module.scene).parameters
         if not equals:
             raise ProblemError(f"--set: found {setting!r}; wanted name=value, such as {next(iter(known), 'a')}=1.")
         if name not in known and not any(p.kind is p.VAR_KEYWORD for p in known.values()):
@@ -180,13 +164,7 @@ class Problem:
 
 
 def read_problem(file: str | Path) -> Problem:
-    """Execute a problem file: one that is here, or one that came with the package, by its name.
-
-    Raises
-    ------
-    ProblemError
-        There is no such file, it fails, or it lacks one of its three functions.
-    """
+    """Execute a problem file: one that is here, or one that came with the package, by its name."""
     path = problem_path(file)
     module = executed(path, "problem file")
     missing = [words for name, words in PARTS.items() if not callable(getattr(module, name, None))]
@@ -200,11 +178,3 @@ def read_problem(file: str | Path) -> Problem:
 def is_file(family: str) -> bool:
     """Return True if what --mesh names is a file, not a family."""
     return bool(Path(family).suffix)
-
-
-def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """Its parameters by name; none where Python cannot tell."""
-    try:
-        return inspect.signature(function).parameters
-    except (TypeError, ValueError):
-        return {}

@@ -1,4 +1,7 @@
-"""vemcvx run --report: a page of HTML that says what was simulated, what came out, and how certain it is."""
+"""`vemcvx run --report`: a page of HTML that says what was simulated, what came out, how certain it is, and how again.
+
+Pictures and style stand in the page, so that it needs nothing else. It is written when a run has succeeded.
+"""
 
 from __future__ import annotations
 
@@ -16,26 +19,30 @@ from vemcvx.arrays import Floats
 from vemcvx.canvas import as_png
 from vemcvx.cli.doctor import EXTRAS, NEEDED, here, version_of
 from vemcvx.cli.problem_file import Problem
-from vemcvx.cli.run_options import RunOptions
-from vemcvx.cli.show import mesh_name, scene_in_words
+from vemcvx.cli.show import scene_in_words
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.history import WHY_ESTIMATED, History
-from vemcvx.outline import Lines, Outline, coordinates
-from vemcvx.outline import html as table
+from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
+from vemcvx.scene import Scene
 from vemcvx.version import __version__
 
-# Pages of HTML that need nothing else: their style stands in them, their pictures, too.
-
-
 MARK = '<meta name="generator" content="vemcvx">'
-"""By which pages of ours are known."""
+"""The mark by which pages of ours are known, so that no other is replaced."""
 STYLE = (
     "body{font:15px/1.4 sans-serif;margin:2em auto;padding:0 1em;max-width:75em}"
     "table{border-collapse:collapse;margin:1em 0}"
     "th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}th{vertical-align:bottom}"
     ".w{text-align:left}small{font-weight:normal;color:#666}.no{color:#b00}"
+)
+REPORT_STYLE = (
+    "body{max-width:60em}h2{margin-top:1.6em;border-bottom:2px solid #0072b2}.wide{overflow-x:auto}"
+    "caption{text-align:left;color:#555;white-space:nowrap}th[style]{vertical-align:top}td:not([style],.w),thead th"
+    "{white-space:nowrap}figure{margin:1.5em 0;break-inside:avoid}img{max-width:100%;height:auto;display:block}"
+    "figcaption{color:#555}pre{white-space:pre-wrap;overflow-wrap:anywhere;background:#f6f6f6;padding:.7em}"
+    "@page{margin:15mm}@media print{body{margin:0;padding:0;font-size:12px}h2,h3{break-after:avoid}"
+    "table{break-inside:avoid}img{max-height:220mm}pre{font-size:10px}.wide{overflow:visible}}"
 )
 
 
@@ -50,40 +57,21 @@ def page(title: str, body: str, style: str = "") -> str:
     )
 
 
-def words(title: str, lines: Lines) -> str:
-    """Lines of a name and words, as a table with a title."""
-    return f'<div class="wide">{Outline(title, lines).html()}</div>'
+# The report: sections of paragraphs, tables and pictures.
 
 
-def numbers(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table with heads, which is moved sideways where the page is narrow."""
-    return f'<div class="wide">{table(heads, rows)}</div>'
-
-
-def figure(value: float) -> str:
-    """A number in six digits."""
-    return f"{value:.6g}"
-
-
-def short(value: float) -> str:
-    """An error in two digits."""
-    return f"{value:.1e}"
-
-
-# What came out of a run, as parts of its report: results with their units, certificates, the budget of errors.
-
-
+REPORT = "report.html"
 FORCE, LENGTH, ENERGY = "force", "length", "force × length"
 THICKNESS = {2: ", in the plane per unit of thickness", 3: ""}
 COLUMNS = {
-    "step": ("step", ""),
-    "time": ("t", ""),
-    "energy": ("stored", ENERGY),
-    "dissipated": ("dissipated", ENERGY),
-    "work": ("work", ENERGY),
-    "certified": ("certified", "relative"),
-    "certified_total": ("added up", "relative"),
-    "iterations": ("iterations", ""),
+    "step": "step",
+    "time": "t",
+    "energy": f"stored\n{ENERGY}",
+    "dissipated": f"dissipated\n{ENERGY}",
+    "work": f"work\n{ENERGY}",
+    "certified": "certified\nrelative",
+    "certified_total": "added up\nrelative",
+    "iterations": "iterations",
 }
 PARTS = {
     "algebra": "solving the steps",
@@ -93,105 +81,6 @@ PARTS = {
     "target": "what was asked for",
 }
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
-
-
-def results(history: History, points: Floats | None) -> str:
-    """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
-    run, t = history.trajectory, history.times[-1]
-    rows = [
-        ("stored energy", figure(run.energy[-1]), ENERGY),
-        ("dissipated by friction since the beginning", figure(run.dissipated[-1]), ENERGY),
-        ("work of forces and supports since the beginning", figure(run.work[-1]), ENERGY),
-        *_extremes(history),
-    ]
-    units = (
-        "Consistent units, those of the problem's data: the unit of force and the unit of length say all others"
-        f"{THICKNESS[history.mesh.points.shape[1]]}. Extremes are over the {len(history.stored)} stored of "
-        f"{history.steps + 1} instants; displacements of points and reactions are those at t = "
-    )
-    forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
-    largest = max(float(np.linalg.norm(force)) for force in forces.values())
-    # Reactions below this part of the largest are rounding.
-    held = [(name, force) for name, force in forces.items() if np.linalg.norm(force) > 1e-9 * largest]
-    axes = [f"{axis}\n{FORCE}" for axis in "xyz"[: history.mesh.points.shape[1]]]
-    table = numbers(["boundary", *axes], [[name, *map(figure, force)] for name, force in held])
-    reactions = (
-        "<p>Reactions, forces on the body from supports, contact and friction. A node that boundaries share counts in "
-        "each, and in <i>boundary</i>, all of them; those that are not named carry none.</p>"
-    )
-    if points is not None:
-        rows += _moved(points, history.probe(points)[-1])
-    told = f"{numbers(['quantity', 'value', 'unit'], rows)}<p>{units}{t:.6g}.</p>"
-    return told + f"{reactions}{table}" * bool(held)
-
-
-def _moved(points: Floats, displacements: Floats) -> list[tuple[str, str, str]]:
-    """Displacements of points, component by component."""
-    return [
-        (f"displacement along {axis}, at {coordinates(point)}", figure(u[k]), LENGTH)
-        for point, u in zip(points, displacements, strict=True)
-        for k, axis in enumerate("xyz"[: len(u)])
-    ]
-
-
-def _extremes(history: History) -> Iterator[tuple[str, str, str]]:
-    """Extremes over the history, with where and when they are; then the nodes of contact at the last step."""
-    for one in history.extremes:
-        place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
-        yield place, figure(one.value), one.unit.replace("/", " / ")
-    contact = history.contact
-    if len(contact.nodes):
-        counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
-        said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
-        yield f"contact nodes at t = {history.times[-1]:.6g}: {said}", str(len(contact.nodes)), ""
-
-
-def certificates(history: History) -> str:
-    """The section on certificates: their meaning, the largest, and those of some steps."""
-    run = history.trajectory
-    bound = (
-        "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
-        "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
-        "Coulomb's law by a solution beside that of the sets that stick, slip and touch. It is relative to the largest "
-        "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
-    )
-    estimate = f"In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}."
-    lines = [
-        ("asked for", "-" if run.accuracy is None else short(run.accuracy)),
-        ("largest of a step", f"{short(run.certified.max())}, {MEANING[run.certificate_kind]}"),
-        ("all steps added up", short(run.certified_total[-1])),
-    ]
-    columns = history.table("steps")
-    # The table has twelve steps at most; steps.csv has all.
-    rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
-    body = [[(short if "certified" in name else figure)(columns[name][row]) for name in COLUMNS] for row in rows]
-    return (
-        f"<p>{bound}</p>"
-        + (f"<p>{estimate}</p>" if run.estimated.any() else "")
-        + words("Relative energy errors", lines)
-        + numbers([f"{name}\n{unit}".rstrip() for name, unit in COLUMNS.values()], body)
-    )
-
-
-def budget(history: History) -> str:
-    """The section on the error budget, or the reason why there is none."""
-    try:
-        parts = history.errors or error_budget(history, int(history.stored[-1])).largest
-    except VemcvxError as error:
-        return f"<p>There is none. {escape(str(error))}</p>"
-    rows = [[name, f"{100 * parts[name]:.3g} %", says] for name, says in PARTS.items() if name in parts]
-    return (
-        "<p>Parts of the largest energy norm of the run, at the last stored step; algebra is certified, the others are "
-        "estimated.</p>"
-    ) + numbers(["part", "relative energy error", "from"], rows)
-
-
-# `vemcvx run --report`: a page of HTML that says what was simulated, what came out, how certain it is, and how again.
-#
-# Pictures and style stand in the page. It is written when a run has succeeded; a run that is refused writes none.
-
-
-REPORT = "report.html"
 CAPTIONS = {
     "deformed_mesh": "The body as it is deformed at the end.",
     "friction_traction": "Friction along the contact boundary, within its bound.",
@@ -202,37 +91,30 @@ CAPTIONS = {
     "friction_disc": "Friction at the end at every contact node, within the disc of its bound.",
     "energy_ledger": "Where the work of the forces goes.",
 }
-REPORT_STYLE = (
-    "body{max-width:60em}h2{margin-top:1.6em;border-bottom:2px solid #0072b2}.wide{overflow-x:auto}"
-    "caption{text-align:left;color:#555;white-space:nowrap}th[style]{vertical-align:top}td:not([style],.w),thead th"
-    "{white-space:nowrap}figure{margin:1.5em 0;break-inside:avoid}img{max-width:100%;height:auto;display:block}"
-    "figcaption{color:#555}pre{white-space:pre-wrap;overflow-wrap:anywhere;background:#f6f6f6;padding:.7em}"
-    "@page{margin:15mm}@media print{body{margin:0;padding:0;font-size:12px}h2,h3{break-after:avoid}"
-    "table{break-inside:avoid}img{max-height:220mm}pre{font-size:10px}.wide{overflow:visible}}"
-)
 
 
-def write_report(problem: Problem, asked: RunOptions, history: History) -> Path:
-    """Write the page into the folder of pictures.
-
-    Raises
-    ------
-    ProblemError
-        It cannot be written.
-    """
+def write_report(
+    folder: Path,
+    problem: Problem,
+    history: History,
+    settings: Sequence[str],
+    mesh: str,
+    points: Floats | None,
+    command: str,
+) -> Path:
+    """Write the page into the folder of pictures: `command` repeats the run, `mesh` is its mesh in words."""
     sections = {
-        "What was simulated": _prose(problem.text) + _scene(problem, asked, history),
+        "What was simulated": _prose(problem.text) + _scene(problem.scene(settings), history, mesh),
         "Pictures": "".join(_pictures(history)),
-        "Results": results(history, asked.points),
-        "Certificates": certificates(history),
-        "Error budget": budget(history),
+        "Results": _results(history, points),
+        "Certificates": _certificates(history),
+        "Error budget": _budget(history),
         "The run": _run(history),
-        "How to repeat it": _again(problem, asked),
+        "How to repeat it": _again(problem, settings, command),
     }
-    run = history.trajectory
-    body = f"<p>{history.outline().title}; certified to {run.certified.max():.1e} a step.</p>"
+    body = f"<p>{history.outline().title}; certified to {history.trajectory.certified.max():.1e} a step.</p>"
     body += "".join(f"<section><h2>{title}</h2>{text}</section>" for title, text in sections.items())
-    path = asked.drawings(problem) / REPORT
+    path = folder / REPORT
     try:
         path.write_text(page(f"{problem.name}: {problem.title}", body, REPORT_STYLE), encoding="utf-8")
     except OSError as error:
@@ -241,10 +123,20 @@ def write_report(problem: Problem, asked: RunOptions, history: History) -> Path:
 
 
 def check_report(folder: Path) -> None:
-    """Raise ProblemError where a file of that name is there that is no page of ours."""
+    """Refuse a folder in which a file of that name is no page of ours."""
     path = folder / REPORT
     if os.path.lexists(path) and not (path.is_file() and MARK.encode() in path.read_bytes()[:1000]):
         raise ProblemError(f"{path}: not written by vemcvx, so it is not replaced. Choose another folder, or move it.")
+
+
+def _words(title: str, lines: Lines) -> str:
+    """Lines of a name and words, as a table with a title."""
+    return f'<div class="wide">{Outline(title, lines).html()}</div>'
+
+
+def _numbers(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table with heads, which is moved sideways where the page is narrow."""
+    return f'<div class="wide">{Table(heads, list(rows)).html()}</div>'
 
 
 def _prose(text: str) -> str:
@@ -254,15 +146,15 @@ def _prose(text: str) -> str:
     return "".join(f"<{kind}>{escape(said)}</{kind}>" for kind, said in kinds)
 
 
-def _scene(problem: Problem, asked: RunOptions, history: History) -> str:
+def _scene(scene: Scene, history: History, name: str) -> str:
     """The scene as `vemcvx show` describes it, on the mesh that was used, with the body's extent."""
-    mesh, name = history.mesh, mesh_name(problem, asked.family, asked.n) + ", adapted" * (asked.target is not None)
-    rows = scene_in_words(problem.scene(asked.settings), mesh, history.trajectory.times, name)
+    mesh = history.mesh
     ends = zip(mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
-    sides = " × ".join(f"[{figure(low)}, {figure(high)}]" for low, high in ends)
-    rows.insert(0, ("body", f"within {sides}; boundaries {', '.join(sorted(mesh.boundaries))}"))
+    sides = " × ".join(f"[{low:.6g}, {high:.6g}]" for low, high in ends)
+    rows = [("body", f"within {sides}; boundaries {', '.join(sorted(mesh.boundaries))}")]
+    rows += scene_in_words(scene, mesh, history.trajectory.times, name)
     lines = [(name if k == 0 else "", line) for name, text in rows for k, line in enumerate(text.split("\n"))]
-    return words("The scene, as vemcvx show has it", lines)
+    return _words("The scene, as vemcvx show has it", lines)
 
 
 def _pictures(history: History) -> Iterator[str]:
@@ -273,30 +165,109 @@ def _pictures(history: History) -> Iterator[str]:
         yield f"<p>Left out: {escape(why)}.</p>"
 
 
+def _results(history: History, points: Floats | None) -> str:
+    """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
+    run, contact, end = history.trajectory, history.contact, f"t = {history.times[-1]:.6g}"
+    axes = "xyz"[: history.mesh.points.shape[1]]
+    rows = [
+        ("stored energy", f"{run.energy[-1]:.6g}", ENERGY),
+        ("dissipated by friction since the beginning", f"{run.dissipated[-1]:.6g}", ENERGY),
+        ("work of forces and supports since the beginning", f"{run.work[-1]:.6g}", ENERGY),
+    ]
+    for one in history.extremes:
+        place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
+        rows.append((place, f"{one.value:.6g}", one.unit.replace("/", " / ")))
+    if len(contact.nodes):
+        counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
+        said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
+        rows.append((f"contact nodes at {end}: {said}", str(len(contact.nodes)), ""))
+    if points is not None:
+        for point, u in zip(points, history.probe(points)[-1], strict=True):
+            where = f"at {coordinates(point)}"
+            rows += [
+                (f"displacement along {axis}, {where}", f"{x:.6g}", LENGTH) for axis, x in zip(axes, u, strict=True)
+            ]
+    units = (
+        "Consistent units, those of the problem's data: the unit of force and the unit of length say all others"
+        f"{THICKNESS[len(axes)]}. Extremes are over the {len(history.stored)} stored of {history.steps + 1} instants; "
+        f"displacements of points and reactions are those at {end}."
+    )
+    told = f"{_numbers(['quantity', 'value', 'unit'], rows)}<p>{units}</p>"
+    forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
+    largest = max(float(np.linalg.norm(force)) for force in forces.values())
+    # Reactions below this part of the largest are rounding.
+    held = {name: force for name, force in forces.items() if np.linalg.norm(force) > 1e-9 * largest}
+    if not held:
+        return told
+    heads = ["boundary", *(f"{axis}\n{FORCE}" for axis in axes)]
+    return (
+        f"{told}<p>Reactions, forces on the body from supports, contact and friction. A node that boundaries share "
+        "counts in each, and in <i>boundary</i>, all of them; those that are not named carry none.</p>"
+        + _numbers(heads, [[name, *(f"{x:.6g}" for x in force)] for name, force in held.items()])
+    )
+
+
+def _certificates(history: History) -> str:
+    """The meaning of certificates, the largest, and those of some steps."""
+    run, columns = history.trajectory, history.table("steps")
+    bound = (
+        "A certificate bounds the distance of an answer from the exact solution of its step in the energy norm, "
+        "whatever the solver says: by the duality gap of the step's convex program, ½ |u − u*|² ≤ gap, and with "
+        "Coulomb's law by a solution beside that of the sets that stick, slip and touch. It is relative to the largest "
+        "energy norm so far. Steps are certified one by one; the errors of mesh and time steps are not in it."
+    )
+    estimate = f"<p>In {run.estimated.sum()} steps certificates are estimates, {WHY_ESTIMATED}.</p>"
+    lines = [
+        ("asked for", "-" if run.accuracy is None else f"{run.accuracy:.1e}"),
+        ("largest of a step", f"{run.certified.max():.1e}, {MEANING[run.certificate_kind]}"),
+        ("all steps added up", f"{run.certified_total[-1]:.1e}"),
+    ]
+    # The table has twelve steps at most; steps.csv has all.
+    rows = np.unique(np.linspace(0, history.steps, min(12, history.steps + 1)).round().astype(int))
+    body = [[f"{columns[name][row]:{'.1e' if 'certified' in name else '.6g'}}" for name in COLUMNS] for row in rows]
+    return (
+        f"<p>{bound}</p>{estimate if run.estimated.any() else ''}{_words('Relative energy errors', lines)}"
+        + _numbers(list(COLUMNS.values()), body)
+    )
+
+
+def _budget(history: History) -> str:
+    """The error budget, or the reason why there is none."""
+    try:
+        parts = history.errors or error_budget(history, int(history.stored[-1])).largest
+    except VemcvxError as error:
+        return f"<p>There is none. {escape(str(error))}</p>"
+    rows = [[name, f"{100 * parts[name]:.3g} %", says] for name, says in PARTS.items() if name in parts]
+    return (
+        "<p>Parts of the largest energy norm of the run, at the last stored step; algebra is certified, the others are "
+        "estimated.</p>"
+    ) + _numbers(["part", "relative energy error", "from"], rows)
+
+
 def _run(history: History) -> str:
-    """The section on the run: mesh, solver, seconds, versions."""
+    """Mesh, solver, seconds and versions."""
     run, mesh = history.trajectory, history.mesh
     kept = int((history.stored > 0).sum())
     lines = [
-        ("mesh", f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, largest diameter {figure(mesh.h)}"),
+        ("mesh", f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, largest diameter {mesh.h:.6g}"),
         ("unknowns", f"{run.state.shape[1]}"),
         ("steps", f"{history.steps}, of which {kept} are stored"),
         ("solver", history.solver),
         ("linear solver", run.linear or "-"),
         ("iterations", f"{run.iterations.sum()} in all, {run.safeguards.sum()} of them safeguards"),
-        ("seconds", ", ".join(f"{name} {figure(value)}" for name, value in history.seconds.items())),
+        ("seconds", ", ".join(f"{name} {value:.6g}" for name, value in history.seconds.items())),
         ("written", datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
         ("vemcvx", here()),
         ("with", ", ".join(f"{name} {found}" for name in (*NEEDED, *EXTRAS) if (found := version_of(name)))),
     ]
-    return words("What was run, when and where", lines)
+    return _words("What was run, when and where", lines)
 
 
-def _again(problem: Problem, asked: RunOptions) -> str:
+def _again(problem: Problem, settings: Sequence[str], command: str) -> str:
     """The command, the parameters it leaves as they are, and the problem file."""
     text = problem.path.read_text(encoding="utf-8", errors="replace")
     return (
-        f"<p>By this command, with the problem file below:</p><pre>{escape(asked.command(problem))}</pre>"
-        + words("Parameters of the scene", problem.parameters(asked.settings))
+        f"<p>By this command, with the problem file below:</p><pre>{escape(command)}</pre>"
+        + _words("Parameters of the scene", problem.parameters(settings))
         + f"<h3>{escape(problem.path.name)}</h3><pre>{escape(text)}</pre>"
     )

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import dataclass
+from typing import Annotated
 
-from rich.console import Console
+import typer
 
 from vemcvx import effects
 from vemcvx.arrays import Floats
-from vemcvx.cli.problem_file import Problem, is_file
-from vemcvx.cli.terminal import say_words
+from vemcvx.cli.options import CELLS, NONE, File, Mesh, Settings
+from vemcvx.cli.problem_file import Problem, is_file, read_problem
+from vemcvx.cli.terminal import say
 from vemcvx.effects import Effect
 from vemcvx.meshes import AnyMesh
+from vemcvx.outline import Table
 from vemcvx.program import Norms
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import BOUNDS, SQUARED_POSITIVE_PARTS, Operators
@@ -22,14 +26,23 @@ from vemcvx.stepping.backward_euler import checked_times
 from vemcvx.stepping.state import stability
 
 
-def print_scene(problem: Problem, family: str | None, n: int, settings: tuple[str, ...]) -> None:
-    """Print the table to standard output; without colours and frames it reads the same."""
-    # Data are looked at at 64 instants, to see whether they are zero at all times.
-    times = checked_times(problem.times(64))
-    rows = scene_in_words(problem.scene(settings), problem.mesh(n, family), times, mesh_name(problem, family, n))
-    # Square brackets in a user's words are no markup.
-    Console(highlight=False, markup=False).print(f"{problem.name}: {problem.title}")
-    say_words(rows)
+@dataclass(frozen=True, kw_only=True)
+class Show:
+    """Describe a problem's scene in words: effects, unknowns, the convex program, who can solve it."""
+
+    file: File
+    mesh: Mesh = None
+    n: Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 64; 8 in space)")] = None
+    settings: Settings = NONE
+
+    def __call__(self) -> None:
+        """Print the problem's title, and a table of its scene."""
+        problem = read_problem(self.file)
+        n = self.n or problem.usual_n(64, self.mesh)
+        # Data are evaluated at 64 instants, to see whether they are zero at all times.
+        scene, times = problem.scene(self.settings), checked_times(problem.times(64))
+        rows = scene_in_words(scene, problem.mesh(n, self.mesh), times, mesh_name(problem, self.mesh, n))
+        say(f"{problem.name}: {problem.title}\n{Table((), rows).text()}")
 
 
 def mesh_name(problem: Problem, family: str | None, n: int) -> str:
@@ -39,33 +52,36 @@ def mesh_name(problem: Problem, family: str | None, n: int) -> str:
 
 
 def scene_in_words(scene: Scene, mesh: AnyMesh, times: Floats, name: str) -> list[tuple[str, str]]:
-    """The scene as rows of a name and words; data are looked at, whether they are zero, at these instants."""
+    """The scene as rows of a name and words; effects whose data are zero at all these instants are left out."""
     posed = pose_scene(scene, mesh, times.tolist())
-    seen = Condensation(posed.system)
-    size = f"{mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}"
-    return [
-        ("simulated", "\n".join(effect.describe() for effect in scene.canonical)),
-        *([("left out", "\n".join(posed.inactive))] if posed.inactive else []),
-        ("not simulated", ", ".join(_absent(scene))),
-        ("mesh", f"{name}: {size}"),
-        ("unknowns", f"{posed.system.n} in all, {len(seen.retained)} after condensation"),
-        ("program", _program(seen.operators, posed.system.damping is not None)),
-        ("terms", _terms(seen.operators)),
-        ("certificate", _certificate(posed.system.norms, seen.operators)),
-        *_solvers(seen),
-        ("linear solve", _linear(posed.system.K.nnz, posed.system.n, seen)),
-    ]
+    seen, n = Condensation(posed.system), posed.system.n
+    operators, m = seen.operators, len(seen.retained)
+    able = [solver for solver in BY_SIZE if operators.features <= solver.accepts]
+    unable = [solver for solver in BY_SIZE if solver not in able]
+    refuse = [f"{solver.name} (no {words(operators.features - solver.accepts)})" for solver in unable]
+    once = f"{type(seen.linear).__name__} on {n} x {n} with {posed.system.K.nnz} nonzeros, once"
+    again = f"; then dense {m} x {m} each step" if m < n else " a step"
+    rows = {
+        "simulated": "\n".join(effect.describe() for effect in scene.canonical),
+        "left out": "\n".join(posed.inactive),
+        "not simulated": ", ".join(_absent(scene)),
+        "mesh": f"{name}: {mesh.n_cells} cells, {mesh.n_nodes} nodes, h = {mesh.h:.4g}",
+        "unknowns": f"{n} in all, {m} after condensation",
+        "program": _program(operators, posed.system.damping is not None),
+        "terms": _terms(operators),
+        "certificate": _certificate(posed.system.norms, operators),
+        "solvers": f"{', '.join(solver.name for solver in able)}; the smallest is {able[0].name}",
+        "not": ", ".join(refuse),
+        "linear solve": once + (again if m else "; then a back-substitution for every new shape of the load"),
+    }
+    return [(name, text) for name, text in rows.items() if text]
 
 
 def _absent(scene: Scene) -> list[str]:
     """The effects of the library that the scene does not name."""
-    named = {type(effect).__name__ for effect in scene}
-    return [name for name in effects.__all__ if _is_effect(name) and name not in named]
-
-
-def _is_effect(name: str) -> bool:
-    kind = getattr(effects, name)
-    return isinstance(kind, type) and issubclass(kind, Effect) and not inspect.isabstract(kind)
+    named, kinds = {type(effect) for effect in scene}, [getattr(effects, name) for name in effects.__all__]
+    known = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Effect)]
+    return [kind.__name__ for kind in known if not inspect.isabstract(kind) and kind not in named]
 
 
 def _program(operators: Operators, viscous: bool) -> str:
@@ -75,21 +91,16 @@ def _program(operators: Operators, viscous: bool) -> str:
     if SQUARED_POSITIVE_PARTS in operators.features:
         parts.append("sum of (D_j d - e_j)_+^2 / 2c_j")
     subject = ", subject to D_j d <= e_j" if BOUNDS in operators.features else ""
-    return (
-        " + ".join(parts)
-        + subject
-        + (", once a step" if len(operators.features) > 1 else ": quadratic, no convex terms")
-    )
+    often = ", once a step" if len(operators.features) > 1 else ": quadratic, no convex terms"
+    return " + ".join(parts) + subject + often
 
 
 def _terms(operators: Operators) -> str:
     """The numbers of convex terms by kind, and the second-order cones that they need."""
     bounds, soft = int((operators.compliance == 0).sum()), int((operators.compliance > 0).sum())
-    kind = (
-        "absolute values"
-        if operators.block == 1
-        else f"norms of {operators.block} components, {operators.count} second-order cones"
-    )
+    kind = "absolute values"
+    if operators.block > 1:
+        kind = f"norms of {operators.block} components, {operators.count} second-order cones"
     found = [(operators.count, kind), (bounds, "bounds"), (soft, "squared positive parts")]
     return ", ".join(f"{count} {words}" for count, words in found if count) or "none; no cones"
 
@@ -106,22 +117,3 @@ def _certificate(norms: Norms | None, operators: Operators) -> str:
         return f"an estimate, because weights depend on slip{said}"
     bound = "a bound on the distance to a solution, by its sets; where they do not settle "
     return (bound if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
-
-
-def _solvers(seen: Condensation) -> list[tuple[str, str]]:
-    able = [solver.name for solver in BY_SIZE if seen.operators.features <= solver.accepts]
-    unable = [
-        f"{solver.name} (no {words(seen.operators.features - solver.accepts)})"
-        for solver in BY_SIZE
-        if not seen.operators.features <= solver.accepts
-    ]
-    rows = [("solvers", f"{', '.join(able)}; the smallest is {able[0]}")]
-    return [*rows, ("not", ", ".join(unable))] if unable else rows
-
-
-def _linear(nonzeros: int, n: int, seen: Condensation) -> str:
-    once = f"{type(seen.linear).__name__} on {n} x {n} with {nonzeros} nonzeros, once"
-    m = len(seen.retained)
-    if m == 0:
-        return f"{once}; then a back-substitution for every new shape of the load"
-    return f"{once}; then dense {m} x {m} each step" if m < n else f"{once} a step"

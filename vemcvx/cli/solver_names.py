@@ -13,7 +13,7 @@ from vemcvx.cli.problem_file import executed, literal, own_errors
 from vemcvx.errors import ProblemError
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy, as_solver
-from vemcvx.solvers.conic import installed, known
+from vemcvx.solvers.conic import TUNED, installed, known
 
 LINEAR: dict[str, Callable[[], LinearSolver]] = {"superlu": SuperLU, "pardiso": Pardiso, "multigrid": Multigrid}
 NAMES: dict[str, type[Solver]] = {"newton": Newton, "clarabel": Clarabel, "osqp": OSQP, "direct": Direct}
@@ -24,11 +24,7 @@ def named_solver(
 ) -> Solver:
     """One of ours, one that cvxpy knows, in any case of letters, or the NAME in a file; `option` asked for it.
 
-    Raises
-    ------
-    ProblemError
-        There is none of that name, or it has no such settings; whether cvxpy finds one that it knows shows when it is
-        prepared.
+    A solver that cvxpy knows and does not find here raises later, when it is prepared.
     """
     given = dict(settings or {})
     file, colon, inside = name.rpartition(":")
@@ -44,32 +40,26 @@ def named_solver(
         )
     if accuracy is not None:
         given["accuracy"] = accuracy
-    if name.lower() not in NAMES:
-        return _with_options(partial(ThroughCvxpy, name.upper()), ThroughCvxpy, given)
-    kind = NAMES[name.lower()]
+    kind = NAMES.get(name.lower(), ThroughCvxpy)
+    own = [key for key in inspect.signature(kind).parameters if key not in ("solver", "options", "tuned")]
+    others = {key: given.pop(key) for key in list(given) if key not in own}
+    # Settings that are none of ours are those of the solver's library.
+    if kind is ThroughCvxpy:
+        return ThroughCvxpy(name.upper(), **given, options=others)
     if issubclass(kind, ThroughCvxpy):
-        return _with_options(kind, kind, given)
-    known_settings = list(inspect.signature(kind).parameters)
-    if strange := given.keys() - set(known_settings):
-        raise ProblemError(f"--option: {name} has no setting {min(strange)!r}; it has {', '.join(known_settings)}.")
+        return kind(**given, options=others)
+    if others:
+        raise ProblemError(f"--option: {name} has no setting {min(others)!r}; it has {', '.join(own)}.")
     return kind(**given)
 
 
-def _with_options(make: Callable[..., Solver], kind: type[Solver], given: Mapping[str, Any]) -> Solver:
-    """A solver that cvxpy calls: settings that are none of its own are its library's."""
-    own = set(inspect.signature(kind).parameters) - {"solver", "options", "tuned"}
-    library = {key: value for key, value in given.items() if key not in own}
-    return make(**{key: value for key, value in given.items() if key in own}, options=library)
+def completions() -> list[str]:
+    """The names that shells complete: ours, and those of solvers that are tuned here."""
+    return sorted({*NAMES, *(name.lower() for name in TUNED)})
 
 
 def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Settings by the names of solvers as they were typed, from words such as "clarabel.max_iter=200".
-
-    Raises
-    ------
-    ProblemError
-        They are no such words, or no solver of that name is asked for.
-    """
+    """Settings by the names of solvers as they were typed, from words such as "clarabel.max_iter=200"."""
     called = {name.rpartition(":")[2].lower(): name for name in names}
     found: dict[str, dict[str, Any]] = {}
     for words in typed:
@@ -84,13 +74,7 @@ def read_options(typed: Sequence[str], names: Sequence[str]) -> dict[str, dict[s
 
 
 def solver_in_file(path: Path, name: str, option: str, settings: Mapping[str, Any]) -> Solver:
-    """The solver `name` that a file of the user's defines: a class, made with the settings given, or an object.
-
-    Raises
-    ------
-    ProblemError
-        There is no such file, it fails, it has no such name, or what it has is no solver.
-    """
+    """The solver `name` that a file of the user's defines: a class, made with the settings given, or an object."""
     module = executed(path, "file of a solver")
     if not hasattr(module, name):
         there_are = sorted(key for key, value in vars(module).items() if isinstance(value, type) and _solves(value))
@@ -114,13 +98,7 @@ def _solves(found: object) -> bool:
 
 
 def named_linear(name: str | None) -> LinearSolver | None:
-    """The linear solver of that name; None leaves the choice to the number of unknowns.
-
-    Raises
-    ------
-    ProblemError
-        There is none of that name.
-    """
+    """The linear solver of that name; None leaves the choice to the number of unknowns."""
     if name is None:
         return None
     if name.lower() not in LINEAR:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -42,13 +41,7 @@ class Supplied:
 
 
 def problems_folder() -> Path:
-    """The folder of the problem files.
-
-    Raises
-    ------
-    ProblemError
-        They were not installed.
-    """
+    """The folder of the problem files; ProblemError where they were not installed."""
     for place in (PACKAGE / "problems", PACKAGE.parent / "problems"):
         if (place / "lessons").is_dir():
             return place
@@ -70,10 +63,7 @@ def lessons() -> dict[int, Supplied]:
 def problem_path(file: str | Path) -> Path:
     """The file itself, or the problem file that came with the package if it is a name alone and there is no such file.
 
-    Raises
-    ------
-    ProblemError
-        It is a name alone, and neither is there.
+    ProblemError where it is a name alone, and neither is there.
     """
     path = Path(file)
     if os.path.isfile(path) or path.name != str(file) or path.suffix:
@@ -88,32 +78,20 @@ def problem_path(file: str | Path) -> Path:
 
 
 def copy_lesson(number: int, into: Path) -> list[Path]:
-    """Copy a lesson and its solutions; the copies.
-
-    Raises
-    ------
-    ProblemError
-        There is no such lesson, or a file of that name exists, or the folder cannot be written to.
-    """
+    """Copy a lesson and its solutions, and return the copies; no file is overwritten."""
     known = lessons()
     if number not in known:
         raise ProblemError(f"lesson: there is no lesson {number}; there are {', '.join(map(str, known))}.")
     lesson = known[number].path
     copies = {into / path.name: path for path in (lesson, lesson.with_name(f"lesson_{number}_solutions.py"))}
-    _refuse(copy for copy in copies if os.path.lexists(copy))
+    for copy in filter(os.path.lexists, copies):
+        raise ProblemError(
+            f"lesson: {copy} exists, and no file is overwritten; move it away, or copy the lesson in another folder."
+        )
     for copy, path in copies.items():
         try:
             with copy.open("x", encoding="utf-8") as file:
                 file.write(path.read_text(encoding="utf-8"))
-        except FileExistsError:
-            _refuse([copy])
         except OSError as error:
             raise ProblemError(f"lesson: {copy} cannot be written: {error.strerror}; go to another folder.") from error
     return list(copies)
-
-
-def _refuse(existing: Iterable[Path]) -> None:
-    for path in existing:
-        raise ProblemError(
-            f"lesson: {path} exists, and no file is overwritten; move it away, or copy the lesson in another folder."
-        )

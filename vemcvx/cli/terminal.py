@@ -8,43 +8,31 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from textwrap import TextWrapper
-from typing import Protocol
+from typing import TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from vemcvx.errors import NotCertified, VemcvxError
+from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 
-# What commands say: whole lines into pipes and files; on a terminal broken between words, in their columns.
+T = TypeVar("T")
+
+# Commands write whole lines into pipes and files; on a terminal lines are broken between words, in their columns.
 
 
 COLUMN = re.compile(r"\s*(?:\S+ {2,})?")
-"""What a line begins with, where names stand in a column."""
+"""The beginning of a line that names what it is about; the line goes on in the column after it."""
 
 
 def say(text: str, err: bool = False) -> None:
     """Print a text to standard output or standard error."""
     terminal = (sys.stderr if err else sys.stdout).isatty()
     typer.echo(broken(text, shutil.get_terminal_size().columns) if terminal else text, err=err)
-
-
-def say_words(rows: Iterable[tuple[str, str]]) -> None:
-    """Print rows of a name and words; on a terminal the words are broken in their column."""
-    # It takes a tenth of a second to load, and only some commands need it.
-    from rich.console import Console
-    from rich.table import Table
-
-    made = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    made.add_column(style="bold", no_wrap=True)
-    made.add_column(overflow="fold")
-    for name, text in rows:
-        made.add_row(name, text)
-    # Square brackets in what users write are no markup.
-    Console(highlight=False, markup=False).print(made)
 
 
 def broken(text: str, width: int) -> str:
@@ -61,40 +49,44 @@ def _broken(line: str, width: int) -> str:
     return line[:indent] + f"\n{' ' * indent}".join(wrap.wrap(line[indent:]))
 
 
-# A bar on standard error while it is a terminal.
+def listed(option: str, typed: str, kind: Callable[[str], T], wanted: str) -> tuple[T, ...]:
+    """The values of an option that takes several, with commas between, in their order and each once.
+
+    `kind` makes a value of its words and raises ValueError where they mean none; `wanted` says what they should be.
+    """
+    try:
+        parts = tuple(dict.fromkeys(kind(part.strip()) for part in typed.split(",") if part.strip()))
+    except ValueError:
+        parts = ()
+    if not parts:
+        raise ProblemError(f"{option}: found {typed!r}; wanted {wanted}.")
+    return parts
 
 
-class Shown(Protocol):
-    """Moves a bar on."""
+def check_writable(path: Path, option: str) -> None:
+    """Refuse a file that could not be written before the work for it is done."""
+    if path.is_dir() or not path.parent.is_dir():
+        raise ProblemError(f"{option}: {path} cannot be written: its folder must exist, and it must be none itself.")
 
-    def __call__(self, doing: str, finished: int, total: int, left: str = "") -> None:
-        """Show what is done, how far, and in words how long it will take."""
 
-
-LEFT = TextColumn("{task.fields[left]}")
-"""The column for these words."""
+Shown = Callable[[str, int, int], None]
+"""A function (doing, finished, total) that moves a bar on."""
 
 
 @contextmanager
-def progress_bar(doing: str, time_left: ProgressColumn) -> Iterator[Shown | None]:
-    """A bar that says what it is doing; None, and nothing shown, where standard error is no terminal."""
+def progress_bar(doing: str) -> Iterator[Shown]:
+    """A bar on standard error that says what is being done and for how long; without a terminal nothing is shown."""
     console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), time_left
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(doing, total=None, left="")
-
-        def show(doing: str, finished: int, total: int, left: str = "") -> None:
-            bar.update(task, description=doing, completed=finished, total=total, left=left)
-
-        yield show
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    left, hidden = TimeRemainingColumn(), not console.is_terminal
+    with Progress(*columns, left, console=console, transient=True, disable=hidden) as bar:
+        task = bar.add_task(doing, total=None)
+        yield lambda doing, finished, total: bar.update(task, description=doing, completed=finished, total=total)
 
 
-# How a command ends: errors as a line and an exit code, 0 done, 2 invalid input, 3 not certified.
+# A command ends with an exit code, 0 done, 2 invalid input, 3 not certified, and errors are a line.
 #
-# SIGTERM and SIGHUP end a command as Ctrl-C does: terminal and folders are left in order.
+# SIGTERM and SIGHUP end a command as Ctrl-C does, so that terminal and folders are left in order.
 
 
 INVALID, NOT_CERTIFIED = 2, 3
@@ -111,24 +103,24 @@ def reported() -> Iterator[None]:
     def warn(message: Warning | str, *_: object, **__: object) -> None:
         say(f"vemcvx: warning: {message}", err=True)
 
+    def end(words: str, code: int) -> typer.Exit:
+        say(f"vemcvx: {words}", err=True)
+        return typer.Exit(code)
+
     try:
         with warnings.catch_warnings(), _ended_in_order():
             warnings.showwarning = warn
             yield
     except VemcvxError as error:
-        say(f"vemcvx: {error}", err=True)
-        raise typer.Exit(NOT_CERTIFIED if isinstance(error, NotCertified) else INVALID) from error
+        raise end(str(error), NOT_CERTIFIED if isinstance(error, NotCertified) else INVALID) from error
     except MemoryError as error:
-        words = "take a coarser mesh (--n), fewer steps (--steps), or store fewer (--store)"
-        say(f"vemcvx: not enough memory: {error or 'none is left'}; {words}.", err=True)
-        raise typer.Exit(INVALID) from error
+        advice = "take a coarser mesh (--n), fewer steps (--steps), or store fewer (--store)"
+        raise end(f"not enough memory: {error or 'none is left'}; {advice}.", INVALID) from error
     except SystemExit as error:
-        say(f"vemcvx: the problem's own code ended the program by SystemExit({error.code!r}).", err=True)
-        raise typer.Exit(INVALID) from error
+        raise end(f"the problem's own code ended the program by SystemExit({error.code!r}).", INVALID) from error
     except KeyboardInterrupt as stop:
         kept = "`run --resume DIR` goes on with what --out DIR has kept, `cost` with the runs it has finished"
-        say(f"vemcvx: interrupted; {kept}.", err=True)
-        raise typer.Exit(128 + signal.SIGINT) from stop
+        raise end(f"interrupted; {kept}.", 128 + signal.SIGINT) from stop
     except Ended as error:
         raise typer.Exit(128 + error.args[0]) from error
 

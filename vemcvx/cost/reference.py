@@ -1,11 +1,16 @@
-"""True errors: a reference so fine that its own error is small, and the run of one point measured against it."""
+"""True errors: a reference so fine that its own error is small, and the run of one point measured against it.
+
+The mesh of the reference is adapted until its estimated error is no more than a quarter of the smallest error that is
+asked for, or, where none is, that is estimated of the finest uniform run. By (nearly) Galerkin's orthogonality
+|u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2, and a quarter leaves what is measured true to 3 %; where that does not
+hold, to a quarter. Scenes that cannot be adapted (viscosity has no estimate, and below a point load no mesh is fine
+enough) get twice the cells along every side and four times the steps of the finest run.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
-import os
 import time
 import warnings
 from collections.abc import Sequence
@@ -17,47 +22,37 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.cost.settings import Ingredients, Point, Recipe
-from vemcvx.cost.table import of_its_kinds
+from vemcvx.cost.table import sealed, unsealed
 from vemcvx.errors import HistoryError, MeshError, SceneError, SceneWarning, VemcvxError
-from vemcvx.estimate.adapt import adapt
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
-from vemcvx.simulation import simulate
-
-# Run one point, in the process it is called in: seconds, memory, certificate, estimate, and the answer itself.
-#
-# A run of less than a third of a second is made three times, and the median one counts. Before that a small run of
-# the same kind has imported what is imported late. Memory is the high-water mark of the resident set when the last
-# run ends.
-
 
 SHORT, REPEATS = 0.3, 3
+"""Seconds of runs that are repeated, and how often they are made: the median one counts."""
+PART = 0.25
+"""The part of the smallest error that the reference's own error may be."""
+ARCHIVE, ABOUT = "reference.npz", "reference.json"
 
 
 @dataclass(frozen=True, eq=False)
 class Ran:
-    """A run."""
+    """A run: its displacement (T, n_nodes, 2) at the instants asked for, and its columns of the table."""
 
     mesh: PolygonMesh
     displacement: Floats
-    """(T, n_nodes, 2) at the instants asked for"""
     moduli: Floats
-    """(2, n_cells) or (6, n_cells)"""
-    found: dict[str, Any]
-    """what the table says of it, column by column"""
+    columns: dict[str, Any]
 
 
 def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
-    """Make the ingredients of a point and simulate.
+    """Make the ingredients of a point and simulate, in this process.
 
-    Raises
-    ------
-    VemcvxError
-        There is no such answer.
+    A small run of the same kind comes before, which imports what is imported late. Memory is the high-water mark of the
+    resident set when the last run ends.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -77,7 +72,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         said.append(f"the target was not met: {estimated:.2%} estimated")
     rows = [history.row(step_at(history, float(t))) for t in instants]
     run = history.trajectory
-    found = {
+    columns = {
         "steps": history.steps,
         "cells": history.mesh.n_cells,
         "unknowns": run.state.shape[1],
@@ -90,14 +85,13 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }
-    return Ran(plane_mesh(history.mesh, "cost"), history.displacement[rows], history.moduli, found)
+    return Ran(plane_mesh(history.mesh, "cost"), history.displacement[rows], history.moduli, columns)
 
 
 def _warm_up(recipe: Recipe, point: Point) -> None:
-    """Import what the point needs; whatever is wrong will show again."""
+    """Import what the point needs; an error of the point shows again when it is run."""
     with contextlib.suppress(VemcvxError):
-        made = recipe(replace(point, n=min(point.n, 4), steps=2, target=None))
-        simulate(made.scene, made.mesh, made.times, solver=made.solver, initial=made.initial, check=False)
+        recipe(replace(point, n=min(point.n, 4), steps=2, target=None)).simulated(check=False)
 
 
 def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], int, float | None]:
@@ -112,29 +106,12 @@ def _repeated(made: Ingredients, point: Point, instants: Floats) -> tuple[Histor
 def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, dict[str, float], float | None]:
     if point.target is None:
         steps = np.searchsorted(made.times, instants - 0.5 * np.diff(made.times).min())
-        history = simulate(
-            made.scene, made.mesh, made.times, solver=made.solver, initial=made.initial, store=steps.tolist()
-        )
+        history = made.simulated(store=steps.tolist())
         return history, {**history.seconds, "adapt": 0.0}, None
-    wanted, start = np.append(made.times[0], instants), time.perf_counter()
-    adapted = adapt(made.scene, made.mesh, wanted, point.target, solver=made.solver, initial=made.initial)
+    start = time.perf_counter()
+    adapted = made.adapted(instants, point.target)
     wall, last = time.perf_counter() - start, adapted.history.seconds
     return adapted.history, {**last, "adapt": wall - sum(last.values())}, adapted.passes[-1].total
-
-
-# What true errors are measured against: the same scene, on a mesh and with steps so fine that its own error is small.
-#
-# The mesh is adapted until the estimated error of the reference is no more than a quarter of the smallest error that
-# is asked for, or, where none is, that is estimated of the finest uniform run. By (nearly) Galerkin's orthogonality
-# |u - u_h|^2 = |u_ref - u_h|^2 + |u - u_ref|^2, and a quarter leaves what is measured true to 3 %; where that does
-# not hold, to a quarter. Scenes that cannot be adapted (viscosity has no estimate, and below a point load no mesh is
-# fine enough) get twice the cells along every side and four times the steps of the finest run.
-
-
-PART = 0.25
-ARCHIVE, ABOUT = "reference.npz", "reference.json"
-FILES = (ARCHIVE, ABOUT, f"new-{ARCHIVE}", f"new-{ABOUT}")
-"""What is written of a reference."""
 
 
 @dataclass(frozen=True)
@@ -143,24 +120,14 @@ class Reference:
 
     Attributes
     ----------
-    problem : str
-        The mark of the recipe.
-    instants : tuple of float
-    goal : float
-        Estimated relative error that was aimed at.
-    estimated : float or None
-        What was reached, algebra + space + time; None where there is no estimate.
-    n, steps : int
-        Of the finest uniform run it was made for.
-    adapted : bool
-        Whether it could be adapted, so that the goal and not `n` and `steps` says how fine it is.
-    common : bool
-        Whether meshes of the problem cover different domains, so that only what they share is measured.
-    cells, unknowns, made : int
-        Size, and steps made.
-    seconds : float
-    digest : str
-        Of the file with the fields, which tells whether it is whole.
+    problem : the mark of the recipe
+    instants : those at which errors are measured
+    goal, estimated : the relative error that was aimed at, and reached; None where there is no estimate
+    n, steps : of the finest uniform run it was made for
+    adapted : whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
+    common : whether meshes of the problem cover different domains, so that only what they share is measured
+    cells, unknowns, made : its size, and the steps made
+    digest : of the file with the fields, which tells whether that is whole
     """
 
     problem: str
@@ -187,17 +154,16 @@ class Reference:
     @property
     def mark(self) -> str:
         """The settings that errors measured against the reference depend on, as a word."""
-        return json.dumps(asdict(replace(self, seconds=0.0, digest="")))
+        return str(asdict(replace(self, seconds=0.0, digest="")))
 
 
 def read_reference(folder: Path) -> Reference | None:
     """The reference that a folder holds, if it is whole."""
-    try:
-        told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        found = Reference(**{**told, "instants": tuple(told["instants"])})
-        return found if of_its_kinds(found) and found.digest == _digest(folder / ARCHIVE) else None
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+    about, archive = folder / ABOUT, folder / ARCHIVE
+    told = unsealed(about.read_text(encoding="utf-8", errors="replace")) if about.exists() else None
+    if told is None or not archive.exists() or told["digest"] != _digest(archive):
         return None
+    return Reference(**{**told, "instants": tuple(told["instants"])})
 
 
 def _digest(path: Path) -> str:
@@ -207,8 +173,7 @@ def _digest(path: Path) -> str:
 
 def estimated_error(recipe: Recipe, finest: Point) -> float:
     """The estimated error of the finest uniform run, in two digits; 1 where scenes have no estimate."""
-    fine = recipe(finest)
-    history = simulate(fine.scene, fine.mesh, fine.times, solver=fine.solver, initial=fine.initial)
+    history = recipe(finest).simulated()
     try:
         return float(f"{error_budget(history).largest['total']:.2g}")
     except SceneError:
@@ -222,13 +187,19 @@ def build_reference(
     start = time.perf_counter()
     made, fine = recipe(coarsest), recipe(replace(finest, n=2 * finest.n, steps=4 * (finest.steps or 1)))
     common = bool(abs(made.mesh.areas.sum() / fine.mesh.areas.sum() - 1.0) > 1e-9)
-    wanted, mesh = np.append(made.times[0], instants), fine.mesh if common else made.mesh
+    estimated, adapted = None, True
     try:
-        history, estimated = _adapted(replace(made, mesh=mesh), wanted, goal)
-        adapted = True
+        # 700,000 unknowns take some 4 GB. Refining more than `adapt` does by default makes fewer passes.
+        start_from = replace(made, mesh=fine.mesh if common else made.mesh)
+        found = start_from.adapted(instants, goal, most_unknowns=700_000, theta=0.7)
+        history, estimated = found.history, found.passes[-1].total
     except (SceneError, MeshError):
-        history, estimated = _uniform(fine, instants)
         adapted = False
+        history = fine.simulated(store=[int(np.argmin(np.abs(fine.times - t))) for t in instants])
+        with contextlib.suppress(SceneError):
+            estimated = error_budget(history).largest["total"]
+    # A process that dies from here on leaves fields that are not those of the digest, and so no reference.
+    write_archive(history, folder / ARCHIVE)
     reference = Reference(
         problem=recipe.mark,
         instants=tuple(instants.tolist()),
@@ -242,57 +213,16 @@ def build_reference(
         unknowns=history.trajectory.state.shape[1],
         made=history.steps,
         seconds=time.perf_counter() - start,
+        digest=_digest(folder / ARCHIVE),
     )
-    return _write(folder, history, reference)
-
-
-def _adapted(coarse: Ingredients, wanted: Floats, goal: float) -> tuple[History, float | None]:
-    """On a mesh adapted from a coarse one, and its estimate."""
-    # 700,000 unknowns take some 4 GB at the peak.
-    # Fewer passes than adapt makes by default: the last one costs most.
-    found = adapt(
-        coarse.scene,
-        coarse.mesh,
-        wanted,
-        goal,
-        solver=coarse.solver,
-        initial=coarse.initial,
-        most_unknowns=700_000,
-        theta=0.7,
-    )
-    return found.history, found.passes[-1].total
-
-
-def _uniform(fine: Ingredients, instants: Floats) -> tuple[History, float | None]:
-    """On the fine mesh as it is, and its estimate if there is one."""
-    steps = [int(np.argmin(np.abs(fine.times - t))) for t in instants]
-    history = simulate(fine.scene, fine.mesh, fine.times, solver=fine.solver, initial=fine.initial, store=steps)
-    with contextlib.suppress(SceneError):
-        return history, error_budget(history).largest["total"]
-    return history, None
-
-
-def _write(folder: Path, history: History, reference: Reference) -> Reference:
-    """The fields, then what is said of them: a process that dies between leaves no reference."""
-    (folder / ABOUT).unlink(missing_ok=True)
-    new = folder / f"new-{ARCHIVE}"
-    write_archive(history, new)
-    os.replace(new, folder / ARCHIVE)
-    reference, new = replace(reference, digest=_digest(folder / ARCHIVE)), folder / f"new-{ABOUT}"
-    new.write_text(json.dumps(asdict(reference), indent=2) + "\n", encoding="utf-8")
-    os.replace(new, folder / ABOUT)
+    (folder / ABOUT).write_text(sealed(reference), encoding="utf-8")
     return reference
 
 
 def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
     """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
 
-    And how far the moduli of the two meshes differ, relative: those of the run weigh the error.
-
-    Raises
-    ------
-    VemcvxError
-        The reference is gone, or was damaged, or does not deform.
+    The third number is the relative difference of the moduli of the two meshes: those of the run weigh the error.
     """
     fine = read_archive(folder / ARCHIVE)
     found = []
@@ -307,21 +237,16 @@ def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, 
 
 
 def measured_point(recipe: Recipe, point: Point, folder: Path, reference: Reference) -> dict[str, Any]:
-    """Run a point and measure its error: what the table says of it, column by column.
+    """Run a point and measure its error: the columns of the table.
 
-    Raises
-    ------
-    VemcvxError
-        There is no such answer.
-    OSError
-        The reference cannot be used, which is no fault of the point.
+    A reference that cannot be read raises OSError, which is no fault of the point.
     """
     ran = run_point(recipe, point, np.array(reference.instants))
     try:
         error, error_end, apart = errors(ran, folder, reference)
     except HistoryError as lost:
         raise OSError(str(lost)) from lost
-    said = [ran.found["message"]] if ran.found["message"] else []
+    said = [ran.columns["message"]] if ran.columns["message"] else []
     if apart > 0:
         said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")
-    return {**ran.found, "error": error, "error_end": error_end, "message": "; ".join(said)}
+    return {**ran.columns, "error": error, "error_end": error_end, "message": "; ".join(said)}

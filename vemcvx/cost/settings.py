@@ -7,15 +7,18 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
 from vemcvx.errors import ProblemError
+from vemcvx.estimate.adapt import Adapted, adapt
+from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh
 from vemcvx.scene import Scene
+from vemcvx.simulation import simulate
 from vemcvx.solvers import Solver
 
 FACTOR = 200
@@ -24,21 +27,9 @@ FACTOR = 200
 
 @dataclass(frozen=True)
 class Point:
-    """Settings of one run.
+    """Settings of one run: those of :class:`vemcvx.cost.Row`.
 
-    Attributes
-    ----------
-    family : str or None
-        Of meshes; None is the problem's own.
-    n : int
-        Cells across the shortest side; of an adaptive run to begin with.
-    steps : int or None
-        None where the run chooses its own.
-    solver : str
-    accuracy : float
-        Certified relative energy error of a step.
-    target : float or None
-        Relative energy error that an adaptive run aims at.
+    `family` is None for the problem's own, and `steps` where an adaptive run, which has a `target`, chooses them.
     """
 
     family: str | None
@@ -49,13 +40,13 @@ class Point:
     target: float | None = None
 
     def key(self, mark: str) -> str:
-        """A key that identifies the point among all runs; `mark` adds whatever else the answer depends on."""
+        """A key that identifies the point among all runs; `mark` names all else that the answer depends on."""
         words = json.dumps([asdict(self), mark], sort_keys=True)
         return hashlib.sha256(words.encode()).hexdigest()[:16]
 
     @property
     def work(self) -> float:
-        """Unknowns times steps, roughly: for the order of runs and the time left, and nothing else."""
+        """Unknowns times steps, roughly; only the order of runs is taken from it."""
         if self.target is not None:
             # An adaptive run has 3 / target^2 unknowns and 1 / target steps on the paper's scene.
             return 2.0 * 3.0 / self.target**2 * (FACTOR + 1.0 / self.target)
@@ -65,13 +56,22 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Ingredients:
-    """The arguments of `simulate` for one point."""
+    """The arguments of `simulate` and `adapt` for one point."""
 
     scene: Scene
     mesh: PolygonMesh
     times: Floats
     solver: Solver
     initial: ArrayLike | str | None = None
+
+    def simulated(self, **options: Any) -> History:
+        """The history on this mesh and at these instants."""
+        return simulate(self.scene, self.mesh, self.times, solver=self.solver, initial=self.initial, **options)
+
+    def adapted(self, instants: Floats, target: float, **options: Any) -> Adapted:
+        """The history on a mesh adapted from this one, which has these instants and the first."""
+        wanted = np.append(self.times[0], instants)
+        return adapt(self.scene, self.mesh, wanted, target, solver=self.solver, initial=self.initial, **options)
 
 
 class Recipe(Protocol):
@@ -91,18 +91,10 @@ MOST_INSTANTS = 4
 
 @dataclass(frozen=True)
 class Grid:
-    """The grid of a sweep.
+    """The grid of a sweep: all combinations of its fields.
 
-    Attributes
-    ----------
-    families : tuple of str or None
-    ns, steps : tuple of int
-    solvers : tuple of str, or None
-    accuracies : tuple of float, or None
-        None for both: Newton at 1e-8 everywhere, and others at a few points.
-    targets : tuple of float
-        Of adaptive runs, and the levels that advice is given for.
-    adaptive : bool
+    Without `solvers` and `accuracies` Newton runs everywhere at 1e-8, and others at a few points. `targets` are those
+    of adaptive runs, and the levels that advice is given for.
     """
 
     families: tuple[str | None, ...]
@@ -115,7 +107,7 @@ class Grid:
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """All points, those with most work first: what is left at the end is small, and no worker waits long."""
+        """The points, those with most work first, so that at the end no worker waits long for another."""
         main = tuple(product(self.solvers or ("newton",), self.accuracies or (1e-8,)))
         found = [Point(f, n, k, *how) for f, n, k, how in product(self.families, self.ns, self.steps, main)]
         if self.adaptive:
@@ -143,13 +135,7 @@ class Grid:
 
 
 def common_instants(courses: Sequence[Floats]) -> Floats:
-    """Up to four instants that all courses of time have, evenly chosen, the last one among them.
-
-    Raises
-    ------
-    ProblemError
-        They do not begin or end together.
-    """
+    """Up to four instants that all courses of time have, evenly chosen, the last one among them."""
     first, *others = courses
     span = float(first[-1] - first[0])
     for other in others:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from vemcvx.arrays import Floats
 from vemcvx.cost.reference import (
-    FILES,
+    ABOUT,
+    ARCHIVE,
     PART,
     Reference,
     build_reference,
@@ -20,8 +21,8 @@ from vemcvx.cost.reference import (
     read_reference,
 )
 from vemcvx.cost.settings import Grid, Point, Recipe, common_instants
-from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row
-from vemcvx.cost.workers import Crashed, Pool, Refused, alone, append, pool, read_journal
+from vemcvx.cost.table import CRASHED, DONE, REFUSED, Row, append, read_journal
+from vemcvx.cost.workers import Crashed, Refused, Results, alone, pool
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.owned_files import Owned, path_of
 
@@ -30,21 +31,12 @@ JOURNAL = "journal.jsonl"
 log = logging.getLogger("vemcvx")
 
 Answer = TypeVar("Answer")
-Told = Callable[[str, int, int, float | None], None]
+Told = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """The result of a sweep.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        In the order of the points.
-    reference : Reference
-    kept : int
-        How many rows were in the journal before.
-    """
+    """The rows in the order of the points, the reference, and how many rows the journal had before."""
 
     rows: tuple[Row, ...]
     reference: Reference
@@ -66,29 +58,31 @@ def sweep(
     Parameters
     ----------
     recipe : Recipe
-        Can be pickled: an instance of a class, or a function, of a module that workers can import.
+        The ingredients of points; it can be pickled, and workers can import its module.
     grid : Grid
+        The points.
     folder : path
-        Of the journal and the reference.
+        The folder of the journal and the reference.
     workers : int
-        Processes here.
+        The number of processes here.
     scheduler : str, optional
-        Address of a dask.distributed scheduler, whose workers are taken instead.
+        The address of a dask.distributed scheduler, whose workers are taken instead.
     fresh : bool
-        Begin anew, whatever the folder holds.
-    told : callable (what, finished, all, seconds left or None), optional
+        True begins anew, whatever the folder holds.
+    told : callable (what, finished, all), optional
+        A function that is called when something is finished.
 
     Raises
     ------
     ProblemError
-        There is no such scheduler, or no reference.
+        The scheduler does not answer, or the reference cannot be computed.
     HistoryError
         The folder cannot be written to, another sweep is on there, or it holds files of others by the names of ours.
     """
     told = told or (lambda *_: None)
     with Owned(path_of(folder, "cost").resolve()) as files, pool(workers, scheduler) as run:
         folder, journal = files.path, files.take(JOURNAL)
-        for name in FILES:
+        for name in (ARCHIVE, ABOUT):
             files.take(name)
         if fresh:
             journal.unlink(missing_ok=True)
@@ -97,34 +91,30 @@ def sweep(
         mark = f"{recipe.mark} {reference.mark}"
         keys = {point.key(mark): point for point in grid.points}
         rows = {key: row for key, row in read_journal(journal).items() if key in keys}
-        kept, finished = len(rows), []
-        waiting = {key: point for key, point in keys.items() if key not in rows}
-        for row in run.results(
-            finished_row, [(recipe, point, key, folder, reference) for key, point in waiting.items()]
-        ):
+        kept = len(rows)
+        waiting = [(recipe, point, key, folder, reference) for key, point in keys.items() if key not in rows]
+        for row in run(finished_row, waiting):
             append(journal, row)
             rows[row.key] = row
-            finished.append((waiting.pop(row.key).work, row.wall or 0.0))
-            left = seconds_left(finished, [point.work for point in waiting.values()], run.workers)
-            told("points", len(rows), len(keys), left)
+            told("points", len(rows), len(keys))
             log.info("%d of %d: %s: %s", len(rows), len(keys), row.settings, row.status)
     return Sweep(tuple(rows[key] for key in keys), reference, kept)
 
 
 def _reference(
-    recipe: Recipe, grid: Grid, instants: Floats, folder: Path, fresh: bool, run: Pool, told: Told
+    recipe: Recipe, grid: Grid, instants: Floats, folder: Path, fresh: bool, run: Results, told: Told
 ) -> Reference:
-    told("reference", 0, 1, None)
+    """The reference that the folder holds, if it serves, else a new one; its goal is a part of the smallest error."""
+    told("reference", 0, 1)
     smallest = min(grid.targets) if grid.targets else _computed(run, estimated_error, (recipe, grid.finest))
     goal, there = PART * smallest, None if fresh else read_reference(folder)
     if there is not None and there.serves(recipe.mark, instants.tolist(), goal, grid.finest):
         return there
-    task = (recipe, grid.coarsest, grid.finest, instants, goal, folder)
-    return _computed(run, build_reference, task)
+    return _computed(run, build_reference, (recipe, grid.coarsest, grid.finest, instants, goal, folder))
 
 
-def _computed(run: Pool, function: Callable[..., Answer], given: tuple[Any, ...]) -> Answer:
-    (found, why), *_ = run.results(answered, [(function, *given)])
+def _computed(run: Results, function: Callable[..., Answer], given: tuple[Any, ...]) -> Answer:
+    (found, why), *_ = run(answered, [(function, *given)])
     if found is None:
         raise ProblemError(f"the reference that errors are to be measured against was not computed: {why}")
     answer: Answer = found
@@ -150,23 +140,3 @@ def finished_row(recipe: Recipe, point: Point, key: str, folder: Path, reference
         status, found = REFUSED, {"message": str(refusal)}
     told = {"key": key, "status": status, "wall": time.perf_counter() - start, "at": time.time()}
     return Row(**{**asdict(point), **told, **found})
-
-
-def seconds_left(finished: Sequence[tuple[float, float]], waiting: Sequence[float], workers: int) -> float | None:
-    """Seconds until all are done; None while nothing is known.
-
-    Parameters
-    ----------
-    finished : sequence of (work, seconds)
-        Every point takes about as long as the quickest one, to be started and measured, and more by its work.
-    waiting : sequence of float
-        Work of the points that are not finished.
-    workers : int
-    """
-    if not finished or not waiting:
-        return 0.0 if not waiting else None
-    start = min(seconds for _, seconds in finished)
-    work = sum(work for work, _ in finished)
-    rate = sum(seconds - start for _, seconds in finished) / work if work > 0 else 0.0
-    left = [start + rate * work for work in waiting]
-    return max(sum(left) / workers, max(left))

@@ -1,56 +1,55 @@
-"""A table of cost: its rows, and the picture of error against seconds."""
+"""The table of a sweep: its rows, the journal that keeps them, the Pareto front, advice, and the picture."""
 
 from __future__ import annotations
 
-import math
+import hashlib
+import json
+import os
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args, get_origin, get_type_hints
+from dataclasses import asdict, astuple, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from vemcvx.canvas import light_grid, new_figure
-from vemcvx.outline import csv_text
+from vemcvx.canvas import light_grid, new_figure, plain_logarithms
+from vemcvx.errors import HistoryError
+from vemcvx.outline import Table
 from vemcvx.plots.style import SERIES
+from vemcvx.version import __version__
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
-
-# What became of the points: the table of a sweep, its Pareto front, and what to use for an accuracy.
-#
-# Columns of the table, one row a point:
-#
-#     family, n           meshes, and cells across the shortest side (of an adaptive run to begin with)
-#     target              relative energy error that an adaptive run aims at; empty for uniform ones
-#     solver, accuracy    and the certified relative energy error of a step that is asked of it
-#     steps               of backward Euler, made
-#     cells, unknowns     of the (last) mesh
-#     status              done; refused (no well-posed problem, or not certified); crashed (out of memory ...)
-#     error               true error: the largest over the instants looked at, in the energy norm, against the
-#                         reference, relative to its largest energy norm
-#     error_end           the same at the last instant
-#     estimated           the run's own estimate, vemcvx.error_budget: algebra + space + time; empty where none
-#     certificate         certified relative energy error of the steps, added up
-#     seconds             what the answer costs: assemble + prepare + solve + adapt
-#     assemble, prepare, solve    as in history.seconds (of an adaptive run: of its last pass)
-#     adapt               earlier passes, estimates and refinement of an adaptive run
-#     mesh                seconds that making the (first) mesh takes; not counted in `seconds`
-#     repeats             runs of which these seconds are the median one
-#     peak_mb             most memory (resident set) that a process of its own held, interpreter and libraries included
-#     wall                seconds of the whole point: start of a process, warming up, repeats, measuring
-#     at                  when it was done, seconds since 1970
-#     message             what was refused, or warned of
-#     key                 identifies the point, the problem and the reference
-#     front_seconds, front_unknowns    1 for runs that no run at no more cost equals, see :mod:`vemcvx.cost.table`
-
 
 DONE, REFUSED, CRASHED = "done", "refused", "crashed"
+"""Outcomes: there is an answer; no well-posed problem, or not certified; out of memory, or broken down."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One point and what came out; see :mod:`vemcvx.cost.table`. None where there is nothing to say."""
+    """One point and what came out; None stands for a value that does not exist.
+
+    Attributes
+    ----------
+    family, n : meshes, and cells across the shortest side (of an adaptive run to begin with)
+    target : relative energy error that an adaptive run aims at; None for uniform ones
+    solver, accuracy : and the certified relative energy error of a step that is asked of it
+    steps : steps of backward Euler, made
+    status : done, refused or crashed
+    key : identifies the point, the problem and the reference
+    cells, unknowns : of the (last) mesh
+    error : true error: the largest over the instants looked at, in the energy norm, against the reference, relative to
+        its largest energy norm; `error_end` is that at the last instant
+    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time
+    certificate : certified relative energy error of the steps, added up
+    seconds : what the answer costs: assemble + prepare + solve + adapt
+    assemble, prepare, solve : as in history.seconds (of an adaptive run: of its last pass)
+    adapt : earlier passes, estimates and refinement of an adaptive run
+    mesh : seconds that making the (first) mesh takes; not counted in `seconds`
+    repeats : runs of which these seconds are the median one
+    peak_mb : most memory (resident set) that a process of its own held, interpreter and libraries included
+    wall : seconds of the whole point: start of a process, warming up, repeats, measuring
+    at : when it was done, seconds since 1970
+    message : the refusal, or warnings
+    """
 
     family: str | None
     n: int
@@ -84,12 +83,6 @@ class Row:
         return self.status == DONE
 
     @property
-    def whole(self) -> bool:
-        """True if all columns of the row have values of their kinds."""
-        needed = self.done and None in (self.error, self.seconds, self.unknowns, self.steps)
-        return of_its_kinds(self) and self.status in (DONE, REFUSED, CRASHED) and not needed
-
-    @property
     def settings(self) -> str:
         """The settings in words."""
         where = "its own mesh" if self.family is None else self.family
@@ -99,36 +92,60 @@ class Row:
         return f"{where} n = {self.n}, {self.steps} steps, {how}"
 
 
-def of_its_kinds(record: Any) -> bool:
-    """Return True if every field of a record that was read has a value of its kind, and every number is finite."""
-    hints = get_type_hints(type(record))
-    return all(_of_kind(getattr(record, field.name), hints[field.name]) for field in fields(record))
+# Records on the disk: a line of JSON that ends with a digest of what stands before it. A record that was torn when its
+# process died, or was edited, is none.
 
 
-def _of_kind(value: object, kind: Any) -> bool:
-    if isinstance(value, tuple):
-        return get_origin(kind) is tuple and all(_of_kind(part, get_args(kind)[0]) for part in value)
-    kinds = get_args(kind) or (kind,)
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return math.isfinite(value) and (float in kinds or (int in kinds and isinstance(value, int)))
-    return type(value) in kinds
+SEAL = ', "seal": "'
+
+
+def sealed(record: Any) -> str:
+    """A dataclass as a line of JSON with a digest."""
+    words = json.dumps(asdict(record), allow_nan=False)[:-1]
+    return f'{words}{SEAL}{_digest(words)}"}}\n'
+
+
+def unsealed(line: str) -> dict[str, Any] | None:
+    """The fields of such a record, None where the digest is not that of the line."""
+    words, _, digest = line.rstrip("\n").rpartition(SEAL)
+    if digest != f'{_digest(words)}"}}':
+        return None
+    found: dict[str, Any] = json.loads(words + "}")
+    return found
+
+
+def _digest(words: str) -> str:
+    return hashlib.blake2b(f"{__version__} {words}".encode(), digest_size=16).hexdigest()
+
+
+def read_journal(path: Path) -> dict[str, Row]:
+    """The finished points by key, each as it was last written; crashed ones are left out, to be tried again."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+    rows = [Row(**record) for record in map(unsealed, lines) if record is not None]
+    return {key: row for key, row in {row.key: row for row in rows}.items() if row.status != CRASHED}
+
+
+def append(path: Path, row: Row) -> None:
+    """Write a row on a line of its own, down to the disk."""
+    line = sealed(row).encode()
+    try:
+        with path.open("ab+") as stream:
+            if stream.tell():
+                stream.seek(-1, os.SEEK_END)
+                line = line if stream.read(1) == b"\n" else b"\n" + line
+            stream.write(line)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise HistoryError(f"{path}: cannot write the journal: {error}. What it holds is kept.") from error
+
+
+# The Pareto front of cost and error, and what to use for an accuracy.
 
 
 def percent(share: float) -> str:
     """A share in per cent, in two digits."""
     return f"{100 * share:.2g} %"
-
-
-def _order(row: Row) -> tuple[object, ...]:
-    return (
-        row.target is not None,
-        row.family or "",
-        row.target or 0.0,
-        row.n,
-        row.steps or 0,
-        row.solver,
-        row.accuracy,
-    )
 
 
 class Answer(NamedTuple):
@@ -141,7 +158,7 @@ class Answer(NamedTuple):
 
 
 def answers(rows: Sequence[Row]) -> list[Answer]:
-    """The rows that have one."""
+    """The rows that have an answer."""
     return [
         Answer(row, row.error, row.seconds, row.unknowns)
         for row in rows
@@ -150,17 +167,23 @@ def answers(rows: Sequence[Row]) -> list[Answer]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """All rows as CSV, in the order of their settings."""
-    rows = sorted(rows, key=_order)
+    """All rows as CSV, in the order of their settings.
+
+    The last columns, front_seconds and front_unknowns, are 1 for runs that no run at no more cost equals.
+    """
+
+    def order(row: Row) -> tuple[object, ...]:
+        where = row.target is not None, row.family or "", row.target or 0.0, row.n, row.steps or 0
+        return *where, row.solver, row.accuracy
+
     found = answers(rows)
-    costs: dict[str, Sequence[float]] = {
-        "front_seconds": [one.seconds for one in found],
-        "front_unknowns": [one.unknowns for one in found],
-    }
     errors = [one.error for one in found]
-    fronts = {name: {found[k].row.key for k in front(cost, errors)} for name, cost in costs.items()}
-    heads = [*(field.name for field in fields(Row)), *fronts]
-    return csv_text(heads, ([*astuple(row), *(int(row.key in keys) for keys in fronts.values())] for row in rows))
+    costs: list[list[float]] = [[one.seconds for one in found], [one.unknowns for one in found]]
+    fronts = [{found[k].row.key for k in front(cost, errors)} for cost in costs]
+    heads = [*(field.name for field in fields(Row)), "front_seconds", "front_unknowns"]
+    return Table(
+        heads, [[*astuple(row), *(int(row.key in keys) for keys in fronts)] for row in sorted(rows, key=order)]
+    ).csv()
 
 
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
@@ -203,90 +226,47 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
     return lines
 
 
-# The work-precision picture: true error against seconds, and against unknowns.
-
-
-UNIFORM, ADAPTIVE = "o", "D"
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 
 
 def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "") -> Figure:
-    """Draw the rows that have an answer, of which there must be one.
+    """Draw true errors against seconds and against unknowns, of rows of which some has an answer.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-    levels : sequence of float
-        Errors to mark by lines.
-    resolved : float or None
-        Estimated error of the reference.
-    title : str
-
-    Raises
-    ------
-    VemcvxError
-        matplotlib is not installed.
+    Lines mark the errors of `levels`, and a band those below the estimated error of the reference, `resolved`.
     """
     figure = new_figure(10.0, 4.4)
-    left, right = figure.subplots(1, 2, sharey=True)
-    found = [answer for answer in answers(rows) if answer.error > 0]
-    done, errors = [answer.row for answer in found], [answer.error for answer in found]
-    for ax, cost in ((left, "seconds"), (right, "unknowns")):
-        _draw(ax, done, [getattr(answer, cost) for answer in found], errors)
+    axes, found = figure.subplots(1, 2, sharey=True), [answer for answer in answers(rows) if answer.error > 0]
+    errors = [100 * answer.error for answer in found]
+    families = sorted({answer.row.family for answer in found}, key=str)
+    kinds = [(answer.row.family, answer.row.solver, answer.row.target is not None) for answer in found]
+    for ax, cost in zip(axes, AXES, strict=True):
+        costs = [getattr(answer, cost) for answer in found]
+        best = front(costs, errors)
+        ax.plot([costs[k] for k in best], [errors[k] for k in best], "0.25", linewidth=1.1, label="Pareto front")
+        for family, solver, adaptive in dict.fromkeys(kinds):
+            own = [k for k, kind in enumerate(kinds) if kind == (family, solver, adaptive)]
+            colour = SERIES[families.index(family) % len(SERIES)]
+            ax.plot(
+                [costs[k] for k in own],
+                [errors[k] for k in own],
+                "D" if adaptive else "o",
+                color=colour,
+                # Solvers other than the first, which mostly gives the same errors, are hollow.
+                markerfacecolor=colour if solver == kinds[0][1] else "white",
+                label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",
+            )
         for level in levels:
-            ax.axhline(level, color="0.75", linewidth=0.8, linestyle=(0, (5, 4)), zorder=0)
+            ax.axhline(100 * level, color="0.75", linewidth=0.8, linestyle="--", zorder=0)
         if resolved is not None:
-            ax.axhspan(resolved / 10, resolved, color="0.93", zorder=0)
+            ax.axhspan(10 * resolved, 100 * resolved, color="0.93", zorder=0)
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
         light_grid(ax)
-    _error_axis(left, errors, resolved)
-    left.set_ylabel("true error, relative, in the energy norm")
+    low = min([*errors, *([] if resolved is None else [100 * resolved])])
+    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel="true error in the energy norm, %")
+    plain_logarithms(axes[0].yaxis)
     if resolved is not None:
-        right.text(
-            0.02, resolved * 0.93, "the reference's own error", transform=right.get_yaxis_transform(), va="top",
-            fontsize="small", color="0.45",
-        )  # fmt: skip
-    figure.legend(handles=_legend(left, done), loc="outside right upper", frameon=False, fontsize="small")
+        own_error = 0.02, 93 * resolved
+        axes[1].text(*own_error, "the reference's own error", transform=axes[1].get_yaxis_transform(), va="top")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize="small")
     figure.suptitle(title, fontsize="medium")
     return figure
-
-
-def _draw(ax: Axes, done: Sequence[Row], costs: Sequence[float], errors: Sequence[float]) -> None:
-    best = front(costs, errors)
-    ax.plot([costs[k] for k in best], [errors[k] for k in best], "-", color="0.25", linewidth=1.1, zorder=2)
-    colours = _colours(done)
-    for row, x, y in zip(done, costs, errors, strict=True):
-        newton, adaptive = row.solver == done[0].solver, row.target is not None
-        ax.plot(
-            x, y, ADAPTIVE if adaptive else UNIFORM, markersize=6.5 if adaptive else 5.0, color=colours[row.family],
-            markerfacecolor=colours[row.family] if newton else "white", markeredgewidth=1.0, zorder=3 + adaptive,
-        )  # fmt: skip
-
-
-def _colours(done: Sequence[Row]) -> dict[str | None, str]:
-    families = sorted({row.family for row in done}, key=str)
-    return {family: SERIES[k % len(SERIES)] for k, family in enumerate(families)}
-
-
-def _error_axis(ax: Axes, errors: Sequence[float], resolved: float | None) -> None:
-    """Error marks in per cent, one, two and five of every power of ten."""
-    low, high = min([*errors, *([resolved] if resolved else [])]) / 1.25, max(errors) * 1.25
-    ticks = [m * 10.0**e for e in range(-9, 2) for m in (1, 2, 5)]
-    shown = [tick for tick in ticks if low <= tick <= high]
-    ax.set_ylim(low, high)
-    ax.set_yticks(shown, [percent(tick) for tick in shown])
-    ax.minorticks_off()
-
-
-def _legend(ax: Axes, done: Sequence[Row]) -> list[Line2D]:
-    def mark(label: str, color: str = "0.25", marker: str = UNIFORM, face: str | None = None) -> Line2D:
-        face = face or color
-        return ax.plot([], [], linestyle="", color=color, marker=marker, markerfacecolor=face, label=label)[0]
-
-    made = [mark(family or "own mesh", color=colour) for family, colour in _colours(done).items()]
-    kinds = {row.target is not None for row in done}
-    made += [mark("uniform")] if False in kinds else []
-    made += [mark("adaptive", marker=ADAPTIVE)] if True in kinds else []
-    others = sorted({row.solver for row in done} - {done[0].solver})
-    made += [mark(", ".join(others), face="white")] if others else []
-    return [*made, ax.plot([], [], "-", color="0.25", linewidth=1.1, label="Pareto front")[0]]

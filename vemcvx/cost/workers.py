@@ -1,9 +1,14 @@
-"""Workers of a sweep: processes, threads here, or a cluster; and the journal of finished points."""
+"""Workers: a function in a process of its own, and many at once in threads here or on a cluster.
+
+A process of its own holds at its peak what the run needs, not what runs before it left behind; BLAS has one thread in
+it, so that seconds of runs side by side compare; and a run that is out of memory or crashes takes nothing else with it.
+The process ends when the one that started it does, however that ends: its standard input, which stays open, is closed
+then.
+"""
 
 from __future__ import annotations
 
 import faulthandler
-import json
 import os
 import pickle
 import subprocess
@@ -12,27 +17,16 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
 from multiprocessing.pool import ThreadPool
-from pathlib import Path
-from typing import IO, Any, ParamSpec, TypeVar
+from typing import IO, Any, TypeVar
 
-from vemcvx.cost.table import CRASHED, Row
-from vemcvx.errors import HistoryError, ProblemError, VemcvxError
-
-# A function in a process of its own.
-#
-# What a run holds at its peak is then its own and not what runs before it left behind; BLAS has one thread, so that
-# seconds of runs side by side compare; and what runs out of memory or crashes takes nothing else with it. The process
-# ends when the one that started it does, however that ends: its standard input, which stays open, is closed then.
-
+from vemcvx.errors import ProblemError, VemcvxError
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-Given = ParamSpec("Given")
-Result = TypeVar("Result")
 LATE = b"Timeout ("
-"""How the reply begins of a process that faulthandler has ended; no pickle does."""
+"""The beginning of the reply of a process that faulthandler has ended; no pickle begins so."""
 PROGRAM = "from vemcvx.cost.workers import main; main()"
+Result = TypeVar("Result")
 
 
 class Refused(Exception):
@@ -40,53 +34,35 @@ class Refused(Exception):
 
 
 class Crashed(Exception):
-    """The process died, or raised anything else; what is known of why."""
+    """The process died, or raised another error; its last words."""
 
 
 class TookTooLong(Exception):
     """The process was ended when its time was up."""
 
 
-def alone(function: Callable[Given, Result], *given: Given.args, **named: Given.kwargs) -> Result:
+def alone(
+    function: Callable[..., Result],
+    *given: Any,
+    seconds: float | None = None,
+    ready: Callable[[], object] = list,
+) -> Result:
     """Call a function of a module in a new process, with arguments and result that can be pickled.
 
-    Raises
-    ------
-    Refused, Crashed
+    With `seconds` the process is ended so long after it has called `ready`. Raises Refused, Crashed or TookTooLong.
     """
-    answer: Result = _called((None, None, function, given, named))
-    return answer
-
-
-def alone_within(
-    seconds: float,
-    ready: Callable[[], object],
-    function: Callable[Given, Result],
-    *given: Given.args,
-    **named: Given.kwargs,
-) -> Result:
-    """The same in a process that is ended so many seconds after it has called `ready`.
-
-    Raises
-    ------
-    Refused, Crashed, TookTooLong
-    """
-    answer: Result = _called((seconds, ready, function, given, named))
-    return answer
-
-
-def _called(request: tuple[Any, ...]) -> Any:
     path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     env = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": path}
-    reply = b""
-    # A file without a name: nothing is left of it, whatever happens.
+    reply, pipe = b"", subprocess.PIPE
+    # The file has no name, so that nothing is left of it, whatever happens.
     with tempfile.TemporaryFile() as said:
-        pipe, command = subprocess.PIPE, [sys.executable, "-c", PROGRAM]
-        with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, stderr=said) as process:
+        with subprocess.Popen(
+            [sys.executable, "-c", PROGRAM], env=env, stdin=pipe, stdout=pipe, stderr=said
+        ) as process:
             if process.stdin and process.stdout:
                 # It may have died already.
                 with suppress(OSError):
-                    process.stdin.write(pickle.dumps(request))
+                    process.stdin.write(pickle.dumps((seconds, ready, function, given)))
                     process.stdin.flush()
                 reply = process.stdout.read()
             code = process.wait()
@@ -97,7 +73,8 @@ def _called(request: tuple[Any, ...]) -> Any:
     result, refusal = pickle.loads(reply)
     if refusal is not None:
         raise Refused(refusal)
-    return result
+    found: Result = result
+    return found
 
 
 def _why(code: int, said: IO[bytes]) -> str:
@@ -110,20 +87,20 @@ def _why(code: int, said: IO[bytes]) -> str:
 
 
 def main() -> None:
-    """Do what a request says: the other side of :func:`alone`."""
-    # What the function prints must not come between.
+    """Answer one request on standard input: the other side of :func:`alone`."""
+    # Words that the function prints must not come between the bytes of the reply.
     reply = os.dup(1)
     os.dup2(2, 1)
-    seconds, ready, function, given, named = pickle.load(sys.stdin.buffer)
+    seconds, ready, function, given = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer: tuple[Any, str | None]
     with os.fdopen(reply, "wb") as stream:
         if seconds is not None:
             ready()
-            # Whatever the function is doing: this waits for no lock of Python's.
+            # faulthandler ends the process whatever the function is doing: it waits for no lock of Python's.
             faulthandler.dump_traceback_later(min(seconds, threading.TIMEOUT_MAX), exit=True, file=stream)
         try:
-            answer = (function(*given, **named), None)
+            answer = (function(*given), None)
         except VemcvxError as error:
             answer = (None, str(error))
         faulthandler.cancel_dump_traceback_later()
@@ -131,45 +108,28 @@ def main() -> None:
 
 
 def _end_with_parent() -> None:
-    # Below Python's own buffer, which a thread that waits would hold at the end of the program.
+    # Python's own buffer would hold a lock while this thread waits, at the end of the program, too.
     os.read(0, 1)
     os._exit(1)
 
 
-# Who does the work: threads here, or the workers of a dask.distributed cluster.
-#
-# Each of them waits for a process of its own, so that threads are enough. Workers of a
-# cluster must see the folder of the sweep and the problem file under the same paths, and have the same packages.
-
-
 CONNECT = 10.0
 """Seconds that a scheduler has to answer."""
-
-Tasks = list[tuple[Any, ...]]
-
-
-@dataclass(frozen=True)
-class Pool:
-    """Workers that call a function for many arguments at once."""
-
-    workers: int
-    results: Callable[[Callable[..., Any], Tasks], Iterator[Any]]
-    """in the order in which they are finished"""
+Results = Callable[[Callable[..., Any], list[tuple[Any, ...]]], Iterator[Any]]
+"""A function that calls another for many arguments at once, and yields results as they are finished."""
 
 
 @contextmanager
-def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
-    """Threads here, or the workers of a cluster.
+def pool(workers: int, scheduler: str | None) -> Iterator[Results]:
+    """The results of threads here, or of the workers of a dask.distributed scheduler.
 
-    Raises
-    ------
-    ProblemError
-        There is no such scheduler, it has no workers, or distributed is not installed.
+    Each waits for a process of its own, so that threads are enough. Workers of a cluster must see the folder of the
+    sweep and the problem file under the same paths, and have the same packages.
     """
     if scheduler is None:
-        # Its threads end with the program, whatever they wait for.
+        # The threads of a ThreadPool end with the program, whatever they wait for.
         with ThreadPool(workers) as threads:
-            yield Pool(workers, lambda function, given: threads.imap_unordered(lambda some: function(*some), given))
+            yield lambda function, given: threads.imap_unordered(lambda some: function(*some), given)
         return
     try:
         from distributed import Client, as_completed
@@ -185,52 +145,11 @@ def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
             "workers with `dask worker ADDRESS`, on machines that see this folder."
         ) from error
     with client:
-        count = sum(client.nthreads().values())
-        if not count:
+        if not client.nthreads():
             raise ProblemError(f"--scheduler: {scheduler} has no workers; start some with `dask worker {scheduler}`.")
 
-        def results(function: Callable[..., Any], given: Tasks) -> Iterator[Any]:
+        def results(function: Callable[..., Any], given: list[tuple[Any, ...]]) -> Iterator[Any]:
             asked = [client.submit(function, *arguments, pure=False) for arguments in given]
             return (future.result() for future in as_completed(asked))
 
-        yield Pool(count, results)
-
-
-# The journal of a sweep: one line of JSON a finished point, on the disk before the next one is looked at.
-#
-# A process that dies while it writes leaves a torn last line. Reading leaves out what is no whole line of this
-# format, and writing begins on a line of its own.
-
-
-def read_journal(path: Path) -> dict[str, Row]:
-    """The finished points by key, each as it was last written; crashed ones are to be tried again and left out."""
-    try:
-        lines = path.read_bytes().splitlines() if path.exists() else []
-    except OSError as error:
-        raise HistoryError(f"{path}: cannot read the journal: {error}.") from error
-    rows = [row for line in lines if (row := _row(line)) is not None]
-    latest = {row.key: row for row in rows}
-    return {key: row for key, row in latest.items() if row.status != CRASHED}
-
-
-def _row(line: bytes) -> Row | None:
-    try:
-        row = Row(**json.loads(line))
-    except (ValueError, TypeError, RecursionError):
-        return None
-    return row if row.whole else None
-
-
-def append(path: Path, row: Row) -> None:
-    """Write a row, down to the disk."""
-    line = (json.dumps(asdict(row), allow_nan=False) + "\n").encode()
-    try:
-        with path.open("ab+") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)
-                line = line if stream.read(1) == b"\n" else b"\n" + line
-            stream.write(line)
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise HistoryError(f"{path}: cannot write the journal: {error}. What it holds is kept.") from error
+        yield results

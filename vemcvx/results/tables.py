@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, brief, quantities
 from vemcvx.errors import HistoryError, VemcvxError
-from vemcvx.outline import csv_text
+from vemcvx.outline import Table
 from vemcvx.results.probe import places
 from vemcvx.results.results import Results, labelled
 
@@ -87,7 +87,7 @@ def write_tables(history: Results, folder: Path, points: ArrayLike | None) -> li
     for name in names:
         columns = table(history, name, points if name == "probes" else None)
         plain = [(values.astype(int) if values.dtype == bool else values).tolist() for values in columns.values()]
-        text = csv_text(list(columns), zip(*plain, strict=True))
+        text = Table(list(columns), list(zip(*plain, strict=True))).csv()
         (folder / FILES[name]).write_text(text, encoding="utf-8")
     return [FILES[name] for name in names]
 

@@ -57,14 +57,15 @@ def solver_suite(
     """
     named = solvers if isinstance(solvers, Mapping) else {as_solver(solvers).name: solvers}
     cases = [case for name, solver in named.items() for case in _cases(name, as_solver(solver), must_answer)]
-    if not repeatable:
-        cases = [case for case in cases if not case.id.endswith(ON_DIGITS)]
+    return _test([case for case in cases if repeatable or not case.id.endswith(ON_DIGITS)])
 
+
+def _test(cases: list[Any]) -> Callable[..., None]:
+    @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
     @pytest.mark.parametrize("case", cases)
     def test(case: Callable[[], None]) -> None:
         case()
 
-    test.__doc__ = "Every solver must satisfy every sentence."
     return test
 
 
@@ -88,16 +89,10 @@ def effect_suite(samples: EffectSample | Mapping[str, EffectSample]) -> Callable
         Several where settings of an effect exclude each other.
     """
     named = samples if isinstance(samples, Mapping) else {samples.name: samples}
-    cases = [
-        pytest.param(partial(sentence, sample), id=f"{name}: {sentence.__name__}")
-        for name, sample in named.items()
-        for sentence in SENTENCES
-    ]
-
-    @pytest.mark.filterwarnings("ignore:.*nothing holds the body in the normal direction")
-    @pytest.mark.parametrize("case", cases)
-    def test(case: Callable[[], None]) -> None:
-        case()
-
-    test.__doc__ = "Every effect must satisfy every sentence."
-    return test
+    return _test(
+        [
+            pytest.param(partial(sentence, sample), id=f"{name}: {sentence.__name__}")
+            for name, sample in named.items()
+            for sentence in SENTENCES
+        ]
+    )

@@ -40,7 +40,7 @@ TIMES = np.array([0.0, 0.4, 1.0])
 
 @dataclass(frozen=True)
 class Other:
-    """Another value of a field that asks for more: for changes of other fields, or for effects beside."""
+    """Another value of a field, with changes of other fields or effects beside without which it means nothing."""
 
     value: object
     changes: Mapping[str, object] = field(default_factory=dict)
@@ -55,13 +55,13 @@ class EffectSample:
     ----------
     effect : Effect
     beside : tuple of Effect
-        What stands in the scene beside it.
+        The effects that stand in the scene beside it.
     instead : tuple of Effect
-        What stands in its place when it is left out.
+        The effects that take its place when it is left out.
     data : mapping of names to numbers
-        The fields that carry data f(x, t), or f(x), and the number of components of each.
+        The number of components of every field that carries data f(x, t), or f(x).
     others : mapping of names to values
-        For every field another value, with which the answer differs; :class:`Other` where that asks for more.
+        For every field another value, with which the answer differs; :class:`Other` where a value is not enough.
     pairs : tuple of str
         Names of the fields whose value is a pair of data.
     """
@@ -116,7 +116,7 @@ def answer(*effects: Effect, on: PolygonMesh | None = None) -> History:
 
 
 def content(thing: Any, rows: int = 1) -> Any:
-    """Everything that a contribution says, as comparable plain data; functions by their values, of so many rows."""
+    """A contribution as plain data that can be compared; functions of so many rows are told by their values."""
     if dataclasses.is_dataclass(thing):
         rows = len(getattr(thing, "nodes", range(rows)))
         told = [f.name for f in dataclasses.fields(thing) if f.name not in ("value", "at")]
@@ -158,7 +158,7 @@ def nameless(thing: Any) -> Any:
     return tuple(map(nameless, thing)) if isinstance(thing, tuple) else thing
 
 
-# What every effect must satisfy: sentences, each "every effect ..." of a sample.
+# The sentences that every effect must satisfy: "every effect ..." of a sample.
 
 
 def is_frozen(sample: EffectSample) -> None:
@@ -169,7 +169,7 @@ def is_frozen(sample: EffectSample) -> None:
 
 
 def contributes_the_same_arrays_when_asked_twice(sample: EffectSample) -> None:
-    """Also after a run, and for another space of the same mesh."""
+    """The arrays are the same after a run, too, and for another space of the same mesh."""
     space = Space(mesh())
     first = content(sample.effect.contribute(space))
     answer(sample.effect, *sample.beside)
@@ -239,7 +239,7 @@ def names_an_unknown_boundary_and_what_exists(sample: EffectSample) -> None:
 
 
 def names_an_unknown_cell_datum_and_what_exists(sample: EffectSample) -> None:
-    """Likewise, of materials of a region."""
+    """A material of a region names them in one sentence, too."""
     for on in ("wst", ["west", "wst"]) if isinstance(sample.effect, MaterialLaw) else ():
         with pytest.raises(
             SceneError,

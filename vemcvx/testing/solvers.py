@@ -127,10 +127,10 @@ INSTANCES = {
         "plain matrices": _plain_matrices,
     }.items()
 }
-"""By name; between them they have every feature of programs."""
+"""The instances by name; between them they have every feature of programs."""
 
 
-# What every solver must satisfy: sentences of any solver, and of a solver on an instance.
+# The sentences that every solver must satisfy: those of any solver, and those of a solver on an instance.
 
 
 UNITS = [(10, 0), (0, 7), (-7, 31), (-30, -24)]
@@ -147,7 +147,7 @@ class Asked:
     p: Floats
 
     def arrays(self) -> Iterator[Floats]:
-        """All numbers of it."""
+        """All arrays of numbers in it."""
         program, operators = self.program, self.program.operators
         yield from (A if isinstance(A, np.ndarray) else A.toarray() for A in (operators.K, operators.B, operators.D))
         yield from (operators.compliance, program.g, program.w, program.b, program.e, self.lam, self.p)
@@ -219,7 +219,7 @@ OF_ANY_SOLVER: list[Callable[[Solver], None]] = [refuses_an_accuracy_that_means_
 
 
 def refuses_what_it_does_not_accept(case: Case) -> None:
-    """By its name, naming the features."""
+    """The refusal begins with the solver's name and names the features."""
     with pytest.raises(NotAccepted, match=f"^solver {case.solver.name}: the program has ") as refusal:
         march(case.instance.system, TIMES, solver=case.solver)
     for feature in case.instance.features - case.solver.accepts:
@@ -227,7 +227,7 @@ def refuses_what_it_does_not_accept(case: Case) -> None:
 
 
 def answers_within_its_accuracy(case: Case) -> None:
-    """As certified, step upon step."""
+    """The certificate of every step is as small as the accuracy that is asked for."""
     found = case.marched()
     assert found is None or found.certificate.max() <= case.solver.accuracy
 
@@ -273,7 +273,7 @@ def remembers_no_other_step(case: Case) -> None:
 
 
 def changes_nothing_that_it_is_given(case: Case) -> None:
-    """Neither the program nor the multipliers that it begins with."""
+    """The program and the multipliers to begin with are the same afterwards."""
     for asked in steps_asked(case.instance):
         before = [array.copy() for array in asked.arrays()]
         case.answer(asked)
@@ -282,7 +282,7 @@ def changes_nothing_that_it_is_given(case: Case) -> None:
 
 
 def gives_the_same_answer_twice(case: Case) -> None:
-    """To the bit, and with the same settings afterwards."""
+    """The second answer is that of the first to the bit, and the settings are unchanged."""
     settings = repr(case.solver)
     first, again = (case.marched(check=False) for _ in range(2))
     assert first is not None
@@ -293,7 +293,7 @@ def gives_the_same_answer_twice(case: Case) -> None:
 
 
 def does_not_move_without_a_load(case: Case) -> None:
-    """Nor claim anything else."""
+    """Without a load the answer is zero, and so is its certificate."""
     system = case.instance.system
     calm = replace(system, load=lambda t: np.zeros(system.n))
     found = case.marched(calm)

@@ -89,68 +89,67 @@ class Program:
         return float(primal), gap, floor + len(d) * EPS * float(size @ abs(d))
 
 
-def by_clarabel(program: Program, tight: bool, cones: bool = True) -> tuple[Any, Any, Any]:
-    """d, lam, p by cones (t_i, B_i d - b_i), or by two inequalities a term, and inequalities."""
-    n, m, r = len(program.g), len(program.w), len(program.e)
-    P, one = sp.csc_matrix(sp.block_diag([program.K, sp.csc_matrix((m, m)), sp.diags(program.c)])), sp.eye(m)
-    size = 1 + program.block
+def quadratic(program: Program, cones: bool) -> tuple[Any, Any, Any, Any]:
+    """P, q, A, b of min 1/2 x'Px + q'x in x = (d, t, s) under Ax <= b, or cones (t_i, B_i d - b_i) and Ax <= b."""
+    m, r, one = len(program.w), len(program.e), sp.eye(len(program.w))
+    P = sp.csc_matrix(sp.block_diag([program.K, sp.csc_matrix((m, m)), sp.diags(program.c)]))
+    q = np.concatenate([-program.g, program.w, np.zeros(r)])
+    blocks: Any = [[None, -one], [-program.B, None]] if cones else [[program.B, -one], [-program.B, -one]]
+    rows = sp.csr_matrix(sp.bmat(blocks))
+    right = np.concatenate([np.zeros(m) if cones else program.b, -program.b])
     if cones:
-        order = np.hstack([np.arange(m)[:, None], m + np.arange(m * program.block).reshape(m, program.block)]).ravel()
-        blocks: Any = [[None, -one], [-program.B, None]]
-        rows = sp.csr_matrix(sp.bmat(blocks))[order]
-        right = np.concatenate([np.zeros(m), -program.b])[order]
-    else:
-        rows = sp.csr_matrix(sp.bmat([[program.B, -one], [-program.B, -one]]))
-        right = np.concatenate([program.b, -program.b])
+        terms = m + np.arange(m * program.block).reshape(m, program.block)
+        order = np.hstack([np.arange(m)[:, None], terms]).ravel()
+        rows, right = rows[order], right[order]
     limits = sp.hstack([program.D, sp.csr_matrix((r, m)), -sp.diags(program.c)])
-    A = sp.csc_matrix(sp.vstack([sp.hstack([rows, sp.csr_matrix((size * m, r))]), limits]))
-    b = np.concatenate([right, program.e])
+    A = sp.vstack([sp.hstack([rows, sp.csr_matrix((rows.shape[0], r))]), limits])
+    return P, q, sp.csc_matrix(A), np.concatenate([right, program.e])
+
+
+def by_clarabel(program: Program, tight: bool, cones: bool = True) -> tuple[Any, Any, Any]:
+    """d, lam, p by second-order cones, or by inequalities."""
+    m, r, size = len(program.w), len(program.e), 1 + program.block
+    P, q, A, b = quadratic(program, cones)
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.time_limit = False, LIMIT
     if tight:
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
     kinds = [clarabel.SecondOrderConeT(size)] * m if cones else [clarabel.NonnegativeConeT(2 * m)] * (m > 0)
-    kinds = kinds + [clarabel.NonnegativeConeT(r)] * (r > 0)
-    q = np.concatenate([-program.g, program.w, np.zeros(r)])
+    kinds += [clarabel.NonnegativeConeT(r)] * (r > 0)
     data = sp.csc_matrix(sp.triu(P)), q, A, b, kinds, settings
     found = clarabel.DefaultSolver(*data).solve()
     z = np.array(found.z)
     terms = z[: size * m]
     lam = -terms.reshape(m, size)[:, 1:].ravel() if cones else terms[:m] - terms[m:]
-    return np.array(found.x)[:n], lam, z[size * m :]
+    return np.array(found.x)[: len(program.g)], lam, z[size * m :]
 
 
 def by_highs(program: Program, tight: bool) -> tuple[Any, Any, Any]:
-    """d, lam, p by -t <= B d - b <= t with t >= 0."""
+    """d, lam, p by inequalities."""
     n, m, r = len(program.g), len(program.w), len(program.e)
-    one = sp.eye(m)
-    A = sp.csc_matrix(
-        sp.bmat([[program.B, -one, None], [-program.B, -one, None], [program.D, None, -sp.diags(program.c)]])
-    )
-    highs, infinite = highspy.Highs(), highspy.kHighsInf
+    P, q, A, b = quadratic(program, cones=False)
+    P, infinite, highs = sp.csc_matrix(sp.tril(P)), highspy.kHighsInf, highspy.Highs()
     highs.silent()
     highs.setOptionValue("time_limit", LIMIT)
     if tight:
         for name in ("primal_feasibility_tolerance", "dual_feasibility_tolerance"):
-            highs.setOptionValue(name, 1e-10)  # the least that it takes
+            highs.setOptionValue(name, 1e-10)  # HiGHS takes no less
     model = highspy.HighsModel()
-    lp, size = model.lp_, n + m + r
-    lp.num_col_, lp.num_row_ = size, 2 * m + r
-    lp.col_cost_ = np.concatenate([-program.g, program.w, np.zeros(r)])
+    lp = model.lp_
+    lp.num_row_, lp.num_col_ = A.shape
+    lp.col_cost_ = q
     lp.col_lower_ = np.concatenate([np.full(n, -infinite), np.zeros(m + r)])
-    lp.col_upper_ = np.full(size, infinite)
-    lp.row_lower_ = np.full(2 * m + r, -infinite)
-    lp.row_upper_ = np.concatenate([program.b, -program.b, program.e])
+    lp.col_upper_ = np.full(len(q), infinite)
+    lp.row_lower_, lp.row_upper_ = np.full(len(b), -infinite), b
     lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
     lp.a_matrix_.start_, lp.a_matrix_.index_, lp.a_matrix_.value_ = A.indptr, A.indices, A.data
-    Q = sp.csc_matrix(sp.tril(sp.block_diag([program.K, sp.csc_matrix((m, m)), sp.diags(program.c)])))
-    model.hessian_.dim_, model.hessian_.format_ = size, highspy.HessianFormat.kTriangular
-    model.hessian_.start_, model.hessian_.index_, model.hessian_.value_ = Q.indptr, Q.indices, Q.data
+    model.hessian_.dim_, model.hessian_.format_ = len(q), highspy.HessianFormat.kTriangular
+    model.hessian_.start_, model.hessian_.index_, model.hessian_.value_ = P.indptr, P.indices, P.data
     highs.passModel(model)
     highs.run()
     found = highs.getSolution()
     x, duals = np.array(found.col_value), -np.array(found.row_dual)
-    if len(x) != size or len(duals) != 2 * m + r or not np.isfinite(x).all():
+    if len(x) != len(q) or len(duals) != len(b) or not np.isfinite(x).all():
         return np.zeros(n), np.zeros(m), np.zeros(r)
     return x[:n], duals[:m] - duals[m : 2 * m], duals[2 * m :]
 
@@ -163,7 +162,7 @@ SOLVERS: dict[str, tuple[Callable[..., Any], bool]] = {
     "HiGHS 1e-10": (by_highs, True),
 }
 CONIC = "Clarabel", "Clarabel 1e-12"
-"""Those that take norms of more than one component."""
+"""The solvers that take norms of more than one component."""
 
 
 def confirmed(program: Program, name: str) -> dict[str, Any]:
@@ -217,24 +216,18 @@ def main(folder: Path) -> int:
 
 def say(rows: list[dict[str, Any]]) -> None:
     """Success rates, shifted geometric means of seconds at 1e-6, and the performance profile there."""
-    fastest: dict[str, float] = {}
-    for row in rows:
-        taken = row["seconds"] if row["certified"] <= ASKED[1] else np.inf
-        fastest[row["name"]] = min(fastest.get(row["name"], np.inf), taken)
+    times = {(row["solver"], row["name"]): row["seconds"] if row["certified"] <= ASKED[1] else np.inf for row in rows}
+    best = {row["name"]: min(times.get((solver, row["name"]), np.inf) for solver in SOLVERS) for row in rows}
     asked = "".join(f"{error:8.0e}" for error in ASKED)
     print(f"{'solver':15} tried {asked}   mean s  within 1x   2x   5x  20x")
-    for name in SOLVERS:
-        own = [row for row in rows if row["solver"] == name]
-        if not own:
-            continue
-        solved = [sum(row["certified"] <= asked for row in own) for asked in ASKED]
-        times = np.array([row["seconds"] if row["certified"] <= ASKED[1] else LIMIT for row in own])
-        mean = float(np.exp(np.log(times + SHIFT).mean()) - SHIFT)
-        best = np.array([fastest[row["name"]] for row in own])
-        met = np.array([row["certified"] <= ASKED[1] for row in own])
-        profile = [float((met & (times <= k * best)).mean()) for k in (1, 2, 5, 20)]
-        counts = "".join(f"{count:8d}" for count in solved)
-        print(f"{name:15} {len(own):5d} {counts} {mean:8.3f}     " + "".join(f"{share:5.0%}" for share in profile))
+    for solver in dict.fromkeys(row["solver"] for row in rows):
+        own = [row for row in rows if row["solver"] == solver]
+        counts = "".join(f"{sum(row['certified'] <= error for row in own):8d}" for error in ASKED)
+        taken = np.array([times[solver, row["name"]] for row in own])
+        mean = float(np.exp(np.log(np.where(np.isfinite(taken), taken, LIMIT) + SHIFT).mean()) - SHIFT)
+        fastest = np.array([best[row["name"]] for row in own])
+        profile = [float((np.isfinite(taken) & (taken <= k * fastest)).mean()) for k in (1, 2, 5, 20)]
+        print(f"{solver:15} {len(own):5d} {counts} {mean:8.3f}     " + "".join(f"{share:5.0%}" for share in profile))
 
 
 if __name__ == "__main__":

@@ -7,11 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from vemcvx.cli.problem_file import read_problem
 from vemcvx.cli.supplied import problems_folder
+from vemcvx.cli.terminal import progress_bar, say
 from vemcvx.errors import ProblemError
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.owned_files import Owned
@@ -19,33 +22,17 @@ from vemcvx.program import SolvedProgram
 from vemcvx.simulation import programs
 from vemcvx.version import __version__
 
-# What is in the collection: steps of problem files, graded by what makes them hard.
-
-
 VERSION = 2
-"""Of the list below: other instances, or others under the same names, are another version."""
+"""The version of the list below: other instances, or others under the same names, are another version."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Instance:
-    """One step of one run.
+    """Step `step` of a run of `of` steps of a problem file, with n cells per unit length and settings "name=value".
 
-    Parameters
-    ----------
-    grade : str
-        "easy", "sizes", "bounds", "pressure" (Coulomb), "soft", "viscous", "sticking", "degenerate", "incompressible",
-        "units" or "discs" (friction in space).
-    problem : str
-        The problem file.
-    n, of, step : int
-        Cells per unit length, steps of the run, and which of them.
-    settings : tuple of str
-        Parameters of the scene, "name=value".
-    condense : bool
-        On the unknowns of contact, or on all.
-    degenerate : bool
-        Weights of terms that stick are lowered to what these carry: the answer stays, and every such term is at once
-        at rest and at its bound.
+    The grade is the reason why the program is hard; "pressure" is Coulomb's friction, "discs" friction in space. In a
+    degenerate instance the weights of terms that stick are lowered to what these carry: the answer stays, and every
+    such term is at once at rest and at its bound.
     """
 
     grade: str
@@ -59,7 +46,7 @@ class Instance:
 
     @property
     def name(self) -> str:
-        """All of that in one word."""
+        """A word with all settings but the grade."""
         ends = ("-full" * (not self.condense), "-degenerate" * self.degenerate)
         settings = "".join(f"-{setting.replace('=', '')}" for setting in self.settings)
         return f"{self.problem}-n{self.n}-{self.step}of{self.of}{settings}{''.join(ends)}"
@@ -133,9 +120,6 @@ INSTANCES = tuple(
 )
 
 
-# The collection written: a file and its words an instance, a manifest, and the script that confirms the optima.
-
-
 MANIFEST, SCRIPT = "manifest.json", "confirm.py"
 
 
@@ -143,22 +127,11 @@ def write_collection(
     folder: Path,
     beside: str | None = None,
     instances: Sequence[Instance] = INSTANCES,
-    told: Callable[[str, int, int], None] | None = None,
+    told: Callable[[str, int, int], None] = lambda *_: None,
 ) -> str:
-    """Make every instance, and write what a reader needs; in words, what there is.
+    """Make every instance, write a file and its words for each, a manifest and the script; `beside` is a format.
 
-    Parameters
-    ----------
-    folder : Path
-    beside : str, optional
-        A format to write beside NPZ.
-    instances : sequence of Instance
-    told : callable (name, done, total), optional
-
-    Raises
-    ------
-    VemcvxError
-        A problem file is not there, there is no such format, or something cannot be written.
+    Returns a summary in words. `told` is called with (name, done, total).
     """
     if beside is not None and beside not in FORMATS:
         raise ProblemError(f"--format: there is no format {beside!r}; there are {', '.join(FORMATS)}.")
@@ -166,8 +139,7 @@ def write_collection(
     rows = []
     with Owned(folder) as files:
         for done, (instance, program) in enumerate(_made(instances)):
-            if told is not None:
-                told(instance.name, done, len(instances))
+            told(instance.name, done, len(instances))
             data = {end: data for form in forms for end, data in encoded(program, form).items() if data is not None}
             put({f"{instance.name}{end}": content for end, content in data.items()}, files.take)
             rows.append({"name": instance.name, **asdict(instance), **json.loads(data[".json"])})
@@ -181,8 +153,23 @@ def write_collection(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Collection:
+    """Write the graded collection of convex programs, with certified optima and a script that confirms them."""
+
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write to.")] = Path("collection")
+    form: Annotated[
+        str | None, typer.Option("--format", metavar="mtx|cbf|qps|mps", help="A format to write beside npz.")
+    ] = None
+
+    def __call__(self) -> None:
+        """Write it, and say what there is."""
+        with progress_bar("reading") as shown:
+            say(write_collection(self.out, self.form, told=shown))
+
+
 def _made(instances: Sequence[Instance]) -> Iterator[tuple[Instance, SolvedProgram]]:
-    """Each with its program; those of one run from one run."""
+    """The instances with their programs; those of one run come from one run."""
     here = problems_folder()
     for _, group in groupby(sorted(instances, key=lambda one: (*one.run, one.step)), key=lambda one: one.run):
         wanted = list(group)

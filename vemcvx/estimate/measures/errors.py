@@ -16,7 +16,7 @@ from vemcvx.estimate.measures.distance import Field, Measured, field_of, measure
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.interpolation import projected_values
 from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, outlines, places, triangulated
-from vemcvx.outline import csv_text, html, latex, markdown
+from vemcvx.outline import Table
 from vemcvx.owned_files import path_of
 from vemcvx.results.results import Results
 from vemcvx.vem import Space, stresses
@@ -175,18 +175,18 @@ class ConvergenceTable:
 
     def markdown(self) -> str:
         """As a table of Markdown."""
-        return markdown(self._heads, self._words(lambda value: f"{value:#.4g}"))
+        return self._table(lambda value: f"{value:#.4g}").markdown()
 
     def latex(self) -> str:
         """As a tabular of LaTeX that needs no package; what stands between dollar signs in names is a formula."""
-        return latex(self._heads, self._words(_in_latex))
+        return self._table(_in_latex).latex()
 
     def csv(self) -> str:
         """As comma-separated values, with all digits and names of their own; what is missing is empty."""
         columns = [self.sizes, *(part[name] for name in self.errors for part in (self.errors, self.orders))]
         rows = zip(*(column.tolist() for column in columns), strict=True)
         heads = [self.name, *(head for name in self.errors for head in (name, f"order of {name}"))]
-        return csv_text(heads, [["" if np.isnan(value) else value for value in row] for row in rows])
+        return Table(heads, [["" if np.isnan(value) else value for value in row] for row in rows]).csv()
 
     def write(self, path: str | Path) -> Path:
         """Write it as .md, .csv or .tex, as the path ends.
@@ -210,14 +210,10 @@ class ConvergenceTable:
         return self.markdown().rstrip()
 
     def _repr_html_(self) -> str:
-        return html(self._heads, self._words(lambda value: f"{value:#.4g}"))
+        return self._table(lambda value: f"{value:#.4g}").html()
 
-    @property
-    def _heads(self) -> list[str]:
-        return [self.name, *(head for name in self.errors for head in (name, "order"))]
-
-    def _words(self, in_words: Callable[[float], str]) -> list[list[str]]:
-        """The cells, row by row; what is missing is empty."""
+    def _table(self, in_words: Callable[[float], str]) -> Table:
+        """The table in words, row by row; what is missing is empty."""
         rows = []
         for row, size in enumerate(self.sizes):
             words = [_fraction(size)]
@@ -225,7 +221,7 @@ class ConvergenceTable:
                 error, order = errors[row], self.orders[name][row]
                 words += ["" if np.isnan(error) else in_words(error), "" if np.isnan(order) else f"{order:.2f}"]
             rows.append(words)
-        return rows
+        return Table([self.name, *(head for name in self.errors for head in (name, "order"))], rows)
 
 
 def convergence_table(h: ArrayLike, errors: ArrayLike | Mapping[str, ArrayLike], name: str = "h") -> ConvergenceTable:

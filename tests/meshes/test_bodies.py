@@ -225,7 +225,7 @@ def test_an_interface_goes_round_a_corner(order):
     assert total(mesh, "L") == pytest.approx(1.0, abs=50 * EPS)
     assert {"corner.inner_right", "corner.inner_top", "block.left", "block.bottom"}.isdisjoint(mesh.boundaries)
     part = vx.vem.Space(mesh).part("L", "test", contact=True)
-    beyond = vx.vem.boundary.BoundaryPart(mesh.interfaces["L"].partners[:, ::-1], mesh.points)
+    beyond = vx.vem.edge_part(mesh.interfaces["L"].partners[:, ::-1], mesh.points)
     np.testing.assert_array_equal(part.node_lengths.sum(), beyond.node_lengths.sum())
     facing = {tuple(normal) for normal in part.normals.tolist()}
     assert facing == {(1.0, 0.0), (0.0, 1.0)} == {(abs(x), abs(y)) for x, y in beyond.normals.tolist()}

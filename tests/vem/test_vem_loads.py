@@ -171,7 +171,7 @@ def test_traction_is_exact_for_affine_data(family, side):
     part = space.part(side, "test")
     values = affine(space.mesh.points)
     expected = np.zeros_like(values)
-    for (a, b), length in zip(part.edges, part.lengths, strict=True):
+    for (a, b), length in zip(part.sides, part.measures, strict=True):
         expected[a] += length * (2 * values[a] + values[b]) / 6
         expected[b] += length * (2 * values[b] + values[a]) / 6
     x, matrix, _ = edge_load(space, part)

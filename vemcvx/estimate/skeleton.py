@@ -24,10 +24,10 @@ from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import cross, right_of
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, positions
 from vemcvx.scene.contact import Obstacles, Terms
-from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.contact_table import jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
-from vemcvx.scene.supports import normal_rows, on_free
+from vemcvx.scene.supports import on_free
 from vemcvx.vem import elastic_matrix, mean_shear
 
 
@@ -71,7 +71,8 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
     )
     first, second = (positions(side, edges, mesh.n_nodes) for side in (ends, partners))
     across[first] = partners
-    normal = normal_rows(Jumps(ends.ravel(), partners.ravel()), np.repeat(units[first], 2, axis=0), mesh.points)
+    normals = np.repeat(units[first], 2, axis=0)[:, None]
+    normal = jump_rows(ends.ravel(), partners.ravel(), normals, mesh.points)
     held = np.diff(on_free(normal, posed.supports).indptr) == 0
     return Joints(across, first, second, held.reshape(-1, 2).all(axis=1))
 

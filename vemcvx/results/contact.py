@@ -20,8 +20,7 @@ import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
 from vemcvx.outline import ArrayRecord
-from vemcvx.scene.contact import Terms
-from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
 
@@ -138,14 +137,14 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
         Displacements, and nodal forces A u - f.
     """
     surface, terms, m = posed.surface, posed.terms, len(posed.surface.nodes)
-    normals, at = surface.normals, surface.jumps.find(terms.jumps)
+    normals, at = surface.normals, surface.find(terms)
     length, force, cohesion = _friction_on_nodes(terms, trajectory.multipliers, at, normals)
-    jump = _jump(u, surface.jumps) - _ground(posed, trajectory, at, length)
+    jump = _jump(u, surface) - _ground(posed, trajectory, at, length)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
     return Contact(
         nodes=surface.nodes,
-        partners=surface.jumps.partners,
+        partners=surface.partners,
         points=posed.space.mesh.points[surface.nodes],
         normals=normals,
         slip=slip,
@@ -184,11 +183,11 @@ def _largest(values: Floats, at: Ints, m: int) -> Floats:
     return found
 
 
-def _jump(u: Floats, jumps: Jumps) -> Floats:
+def _jump(u: Floats, surface: Surface) -> Floats:
     """The jumps of displacements (S, n_nodes, dim) that rows of contact read, (S, m, dim)."""
-    read: Floats = u[:, jumps.nodes]
-    joined = np.flatnonzero(jumps.partners >= 0)
-    read[:, joined] -= u[:, jumps.partners[joined]]
+    read: Floats = u[:, surface.nodes]
+    joined = np.flatnonzero(surface.partners >= 0)
+    read[:, joined] -= u[:, surface.partners[joined]]
     return read
 
 
@@ -209,7 +208,7 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     S, m = len(forces), len(surface.nodes)
     held = np.unique(surface.normal_reaction.indices)
     rest = forces.reshape(S, -1)[:, held] + trajectory.multipliers.reshape(S, -1) @ terms.rows[:, held]
-    normal = summed_columns(p, surface.jumps.find(obstacles.jumps), m)
+    normal = summed_columns(p, surface.find(obstacles), m)
     rest += p @ obstacles.rows[:, held]
     pressure: Floats = (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
     return pressure
@@ -258,7 +257,7 @@ def _closed(posed: PosedScene, trajectory: Trajectory, u: Floats) -> Bools:
     closed, met = np.ones((len(u), len(posed.surface.nodes)), dtype=bool), [(posed.obstacles, trajectory.pressures)]
     if posed.obstacles.prescribed is not None:
         met.append((posed.obstacles.prescribed, np.zeros((len(u), len(posed.obstacles.prescribed.nodes)))))
-    places = [posed.surface.jumps.find(obstacles.jumps) for obstacles, _ in met]
+    places = [posed.surface.find(obstacles) for obstacles, _ in met]
     for at in places:
         closed[:, at[at >= 0]] = False
     for (obstacles, p), at in zip(met, places, strict=True):

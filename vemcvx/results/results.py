@@ -17,7 +17,7 @@ from vemcvx.meshes import AnyMesh
 from vemcvx.program import SolvedProgram
 from vemcvx.results.contact import Contact, contact_history
 from vemcvx.scene import Scene
-from vemcvx.scene.jumps import Jumps
+from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.stepping.programs import programs_of_trajectory
 from vemcvx.stepping.trajectory import Storage, Trajectory
@@ -402,8 +402,8 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     asked = [friction for friction in terms.frictions if friction.in_the_air]
     if not asked or len(obstacles.nodes) == 0:
         return
-    first, place = obstacles.jumps.distinct
-    at = obstacles.jumps[first].find(terms.jumps)
+    first, place = obstacles.distinct
+    at = obstacles[first].find(terms)
     # The last column is of terms without an obstacle.
     pressed = summed_columns(trajectory.pressures, place, len(first) + 1)[:, at]
     rubbed = np.diff(trajectory.worn, axis=0)
@@ -411,8 +411,7 @@ def _warn_of_friction_where_open(posed: PosedScene, trajectory: Trajectory) -> N
     # Answers are a solver's: of the largest pressure 1e-6 counts as touch, and as much of friction's work counts.
     closed = pressed > 1e-6 * pressed.max(initial=0.0)
     gone = ~(closed[1:] | closed[:-1]) & (at >= 0)
-    asked_for = Jumps.of(asked)
-    gone &= asked_for[asked_for.distinct[0]].find(terms.jumps) >= 0
+    gone &= ContactRows.of(asked, terms.normals.shape[1]).find(terms) >= 0
     lost, total = rubbed[gone].sum(), rubbed.sum()
     if lost > 1e-6 * total:
         warnings.warn(

@@ -15,18 +15,8 @@ from vemcvx.arrays import EPS, Bools, Floats, Ints
 from vemcvx.effects import Friction, Law, Obstacle
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
-from vemcvx.scene.jumps import ContactRows, Jumps, summing
-from vemcvx.scene.supports import (
-    PARALLEL,
-    Moving,
-    Supports,
-    along,
-    freedom,
-    merged,
-    normal_is_free,
-    normal_rows,
-    on_free,
-)
+from vemcvx.scene.contact_table import PARALLEL, ContactRows, merged, summing
+from vemcvx.scene.supports import Moving, Supports, along, freedom, normal_is_free, normal_rows, on_free
 from vemcvx.vem import tangents_of
 
 # The norm terms of friction, over all nodal values, and what a System knows of them.
@@ -87,10 +77,10 @@ def friction_terms(
     points = supports.points
     _check_directions(frictions)
     normals = np.concatenate([points[:0], *(f.across for f in frictions)])
-    first, term = merged(table.jumps, normals, kinds=_grounds(frictions))
+    first, term = merged((table.nodes, table.partners), normals, kinds=_grounds(frictions))
     every = replace(table, normals=normals).joined(first, term)
     under = None if all(f.ground is None for f in frictions) else partial(_moved, frictions, first)
-    held = freedom(every.jumps, every.normals, supports, times, under)
+    held = freedom(every, supports, times, under)
     acting = np.flatnonzero(held.slides)
     kept = np.concatenate([acting, np.flatnonzero((held.normal_only | held.dragged) & ~held.slides)])
     if under is not None:
@@ -100,7 +90,7 @@ def friction_terms(
     moves = under is not None and len(kept) > 0
     return Terms(
         **rows.columns,
-        rows=rows.jumps.matrix(tangents, points),
+        rows=rows.matrix(tangents, points),
         tangents=tangents,
         directed=_of_rows(frictions, [f.directions is not None for f in frictions]).astype(bool)[first][kept],
         frictions=frictions,
@@ -254,13 +244,13 @@ def acting_rows(terms: Terms) -> sp.csr_matrix:
 
 def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stopped: Ints) -> None:
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
-    glued = [f.nodes for f in frictions if f.directions is not None]
-    stopped = np.concatenate([stopped, *glued])
+    stopped = np.concatenate([stopped, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
         law = friction.slip_law
         if (law is not None and law.pressed) or friction.directions is not None:
             continue
-        free = normal_is_free(Jumps.of([friction]), friction.normals, supports) & ~np.isin(friction.nodes, stopped)
+        rows = ContactRows.of([friction], supports.points.shape[1])
+        free = normal_is_free(rows, supports) & ~np.isin(friction.nodes, stopped)
         if free.any():
             warnings.warn(
                 f"{friction.subject}: at {free.sum()} of {len(free)} places nothing holds the body in the normal "
@@ -273,23 +263,15 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
 # One-sided contact: its limits, over all nodal values and for a System, and the surface that pressure is read off.
 
 
-@dataclass(frozen=True)
-class Surface:
-    """The nodes of contact that are not held otherwise; at a corner, all that follows is of both sides together."""
+@dataclass(frozen=True, kw_only=True)
+class Surface(ContactRows):
+    """The nodes of contact that are not held otherwise, ordered; at a corner, all that follows is of both sides.
 
-    jumps: Jumps
-    """(m,) those of one node ordered by partner"""
-    normals: Floats
-    """(m, dim) outward, averaged by length at corners"""
-    lengths: Floats
-    """(m,) int phi_i over the edges of contact"""
+    Normals are means by length there, and lengths are sums. Contact presses on partners the other way.
+    """
+
     normal_reaction: sp.csr_matrix
     """(m, n_u) with what supports and bilateral contact exert on nodes, R, contact presses with the force -g . R"""
-
-    @property
-    def nodes(self) -> Ints:
-        """(m,) the nodes; contact presses on their partners the other way."""
-        return self.jumps.nodes
 
 
 def contact_surface(
@@ -300,20 +282,20 @@ def contact_surface(
     A node that supports drag, or ground that moves, as `moves` (m,) says, belongs to it where it rubs, so where it has
     a term of `terms`.
     """
-    first, row = merged(table.jumps, table.normals)
+    first, row = merged((table.nodes, table.partners), table.normals)
     every = table.joined(first, row)
-    held = freedom(every.jumps, every.normals, supports, times)
+    held = freedom(every, supports, times)
     drawn = np.zeros(len(first), dtype=bool)
     np.logical_or.at(drawn, row, moves)
-    rubs = (held.dragged | drawn) & (terms.jumps[terms.acting :].find(every.jumps) >= 0)
+    rubs = (held.dragged | drawn) & (terms[terms.acting :].find(every) >= 0)
     kept = np.flatnonzero(held.slides | held.normal_only | rubs)
-    lengths, at, there = every.lengths[kept], every.jumps[kept], every.normals[kept]
-    lead, place = at.distinct
-    normal, length = np.zeros((len(lead), there.shape[1])), np.zeros(len(lead))
-    np.add.at(normal, place, lengths[:, None] * there)
-    np.add.at(length, place, lengths)
-    normal_reaction = sp.csr_matrix(summing(place, len(lead)) @ held.normal_reaction[kept])
-    return Surface(at[lead], normal / np.linalg.norm(normal, axis=1)[:, None], length, normal_reaction)
+    rows = every[kept]
+    lead, place = rows.distinct
+    together = summing(place, len(lead))
+    surface = replace(rows[lead], normals=together @ (rows.lengths[:, None] * rows.normals), ends=together @ rows.ends)
+    unit = surface.normals / np.linalg.norm(surface.normals, axis=1)[:, None]
+    reaction = sp.csr_matrix(together @ held.normal_reaction[kept])
+    return Surface(**replace(surface, normals=unit).columns, normal_reaction=reaction)
 
 
 # The limits of one-sided contact, over all nodal values and for a System; what presses on friction.
@@ -341,9 +323,9 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     """The limits of all obstacles, whose rows are in the `table`, where something can move."""
     points = supports.points
     compliance = np.concatenate([np.zeros(0), *(o.compliance for o in obstacles)])
-    first, limit = _limits(table.jumps, table.normals, compliance)
+    first, limit = _limits(table, compliance)
     every = table.joined(first, limit)
-    rows = normal_rows(every.jumps, every.normals, points)
+    rows = normal_rows(every, points)
     moves = np.diff(on_free(rows, supports).indptr) > 0
     # Gaps are differences of lengths as large as coordinates, each rounded, and so are they: 3/2 EPS of these, and as
     # much again for what lengths are computed from. Gaps that are negative by no more than this are zero.
@@ -366,12 +348,12 @@ def gathered(obstacles: Sequence[Obstacle], table: ContactRows, supports: Suppor
     return replace(those(np.flatnonzero(moves)), prescribed=those(np.flatnonzero(~moves)))
 
 
-def _limits(jumps: Jumps, normals: Floats, compliance: Floats) -> tuple[Ints, Ints]:
+def _limits(table: ContactRows, compliance: Floats) -> tuple[Ints, Ints]:
     """The first row of every limit, in order, and the limit of every row."""
     rigid = np.flatnonzero(compliance == 0)
-    first, limit = np.arange(len(jumps)), np.arange(len(jumps))
+    first = np.arange(len(table))
     if len(rigid):
-        leads, mine = merged(jumps[rigid], normals[rigid], signed=True)
+        leads, mine = merged((table.nodes[rigid], table.partners[rigid]), table.normals[rigid], signed=True)
         first[rigid] = rigid[leads][mine]
     first, limit = np.unique(first, return_inverse=True)
     return first, limit
@@ -385,7 +367,7 @@ def pressing(obstacles: Obstacles, friction: Friction, rows: ContactRows, suppor
     SceneError
         Nothing presses where friction depends on the pressure and the node is free to move.
     """
-    M, free = rows.shares(obstacles), normal_is_free(rows.jumps, rows.normals, supports)
+    M, free = rows.shares(obstacles), normal_is_free(rows, supports)
     bare = (np.diff(M.indptr) == 0) & (free | (len(obstacles) == 0))
     if bare.any():
         raise SceneError(
@@ -423,5 +405,6 @@ def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports
     if terms.dragged is not None:
         moving = moving | terms.dragged
     held = [f.subject for f in terms.frictions if not np.isin(f.nodes, terms.nodes[moving]).any()]
-    held += [o.subject for o in obstacles if not normal_is_free(Jumps.of([o]), o.normals, supports).any()]
+    dim = supports.points.shape[1]
+    held += [o.subject for o in obstacles if not normal_is_free(ContactRows.of([o], dim), supports).any()]
     return [f"{subject}: all its nodes are held otherwise" for subject in held]

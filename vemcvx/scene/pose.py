@@ -36,10 +36,10 @@ from vemcvx.scene.contact import (
     pressures,
     warn_of_free_normals,
 )
-from vemcvx.scene.jumps import ContactRows
+from vemcvx.scene.contact_table import ContactRows, straightened
 from vemcvx.scene.rigid import floating_motions, seen_from_bodies
 from vemcvx.scene.scene import InitialStresses, Scene, active_parts, compose, initial_stresses
-from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve, straightened
+from vemcvx.scene.supports import Supports, by_precedence, on_free, resolve
 from vemcvx.vem import Space, rigid_modes
 
 # What drives a posed scene, over its free unknowns: the load, and the motion of its supports.
@@ -50,10 +50,13 @@ def load_of(
 ) -> Callable[[float], Floats]:
     """The load of a System; loads on a part of the body touch its unknowns alone."""
     n = supports.P.shape[1]
-    touched = [(load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)]
+    touched: list[tuple[Callable[[float], Floats], Ints, sp.csr_matrix]] = [
+        (load.values, *_rows_of(supports.gather(load.matrix))) for load in loads if isinstance(load, Load)
+    ]
     others = [load for load in loads if not isinstance(load, Load)]
     if not supports.still:
-        touched.append((supports.moves, *_rows_of(-_moving(A, supports))))
+        values, own, matrix = _moving(A, supports)
+        touched.append((values, own, -matrix))
     rows = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(own for _, own, _ in touched)]))
     places = [np.searchsorted(rows, own) for _, own, _ in touched]
 
@@ -74,9 +77,10 @@ def load_of(
     return load if others else part
 
 
-def _moving(A: sp.csr_matrix, supports: Supports) -> sp.csr_matrix:
-    """P'A on the nodal values that supports move."""
-    return sp.csr_matrix(supports.gather(A[:, supports.moved]))
+def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
+    """The values that supports move, in time, and the rows with entries of P'A on them: P'A u_D without zeros."""
+    moved = supports.moved
+    return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(A[:, moved]))
 
 
 def _rows_of(matrix: sp.csr_matrix) -> tuple[Ints, sp.csr_matrix]:
@@ -94,9 +98,9 @@ def motion_of(
     seen: Callable[[Floats], Floats],
 ) -> Motion:
     """The Motion of moving supports for a System with the stiffness A, whose norm terms and limits have these rows."""
-    rows, matrix = _rows_of(_moving(A, supports))
+    values, rows, matrix = _moving(A, supports)
     return Motion(
-        dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ supports.moves(t)),
+        dirichlet_force=ForceOnPart(supports.P.shape[1], rows, lambda t: matrix @ values(t)),
         prescribed_slip=lambda t: tangential @ supports.motion(t),
         stored=lambda s, t: float(supports.motion(s) @ (A @ supports.motion(t))),
         frame=lambda t, y: seen(supports.P @ y + supports.motion(t)),
@@ -331,14 +335,13 @@ def _damping(A: sp.csr_matrix | None, supports: Supports, seen: Callable[[Floats
 
 def _order(A: sp.csr_matrix, supports: Supports, points: Floats) -> Ints:
     """Nested dissection of the sites, all unknowns of a site together."""
-    dim, sites = points.shape[1], supports.sites
-    n = len(points)
-    graph = sp.csr_matrix((np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr), shape=(A.shape[0], n))[
-        ::dim
-    ]
-    if sites.count < n:
-        joined = sp.csr_matrix((np.ones(n, dtype=np.int8), (np.arange(n), sites.of_node)))
-        graph, points = sp.csr_matrix(joined.T @ graph @ joined), points[sites.first]
-    rank = np.empty(sites.count, dtype=np.int64)
-    rank[nested_dissection(graph, points)] = np.arange(sites.count)
+    dim, n = points.shape[1], len(points)
+    entries = np.ones(len(A.indices), dtype=np.int8), A.indices // dim, A.indptr
+    graph = sp.csr_matrix(entries, shape=(A.shape[0], n))[::dim]
+    sites, first = np.unique(supports.sites, return_index=True)
+    if len(sites) < n:
+        joined = sp.csr_matrix((np.ones(n, dtype=np.int8), (np.arange(n), supports.sites)))
+        graph, points = sp.csr_matrix(joined.T @ graph @ joined), points[first]
+    rank = np.empty(len(sites), dtype=np.int64)
+    rank[nested_dissection(graph, points)] = np.arange(len(sites))
     return np.argsort(rank[supports.owner], kind="stable")

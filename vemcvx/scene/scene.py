@@ -15,8 +15,8 @@ from vemcvx.errors import SceneError, VemcvxError
 from vemcvx.meshes import AnyMesh
 from vemcvx.outline import Outline
 from vemcvx.program.system import DRAG_ROUNDING
-from vemcvx.scene.jumps import Jumps
-from vemcvx.scene.supports import STRAIGHT, along
+from vemcvx.scene.contact_table import STRAIGHT, pairs_of
+from vemcvx.scene.supports import along
 from vemcvx.vem import MirrorPlanes, Space, elastic_matrix, stress_load, tangents_of, upper_triangle
 
 # The body put together from its materials: every cell has exactly one.
@@ -137,19 +137,18 @@ def contributions(effects: Iterable[Effect], space: Space) -> list[tuple[Effect,
     return [(effect, effect.contribute(mirrored) if len(_contact(part)) else part) for effect, part in parts]
 
 
-def _contact(part: Contribution) -> Jumps:
-    """The parts of the boundary where an effect contributes contact."""
+def _contact(part: Contribution) -> Ints:
+    """The nodes where an effect contributes contact, partners among them, which are -1 without."""
     bilateral = [support for support in part.supports if support.contact]
-    return Jumps.of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral])
+    return np.concatenate(pairs_of([*part.frictions, *part.obstacles, *part.surfaces, *bilateral]))
 
 
 def _mirrors(parts: list[Contribution], space: Space) -> MirrorPlanes | None:
     """The planes of symmetry at nodes of contact; None where supports hold none of these, or all of them altogether."""
     still = [s for part in parts for s in part.supports if s.value is None and not s.contact]
-    contact = [jumps for part in parts if len(jumps := _contact(part))]
-    if not still or not contact:
+    touching = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(_contact, parts)]))
+    if not still or not len(touching):
         return None
-    touching = np.unique(np.concatenate([np.append(jumps.nodes, jumps.partners) for jumps in contact]))
     held = _spans(np.concatenate([s.nodes for s in still]), np.concatenate([s.directions for s in still]))
     altogether = np.trace(held.projections, axis1=1, axis2=2) > space.dim - 0.5
     if not np.isin(held.nodes[~altogether], touching).any():

@@ -1,6 +1,6 @@
 """The lowest-order virtual element method of Section 3: spaces, local matrices, loads, strains."""
 
-from vemcvx.vem.boundary import BoundaryPart, BoundaryRows, EdgeEnds, FacePart, MirrorPlanes, Part, SideRule
+from vemcvx.vem.boundary import BoundaryRows, EdgeEnds, MirrorPlanes, Part, SideRule, edge_part
 from vemcvx.vem.elasticity import (
     anisotropic_stiffness,
     component_names,
@@ -24,11 +24,9 @@ from vemcvx.vem.projection import CellGroup, tangents_of
 from vemcvx.vem.space import Space
 
 __all__ = [
-    "BoundaryPart",
     "BoundaryRows",
     "CellGroup",
     "EdgeEnds",
-    "FacePart",
     "MirrorPlanes",
     "Part",
     "SideRule",
@@ -38,6 +36,7 @@ __all__ = [
     "cell_quadrature",
     "component_names",
     "edge_load",
+    "edge_part",
     "elastic_matrix",
     "equivalent",
     "isotropic_stress",

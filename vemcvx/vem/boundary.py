@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -28,7 +28,8 @@ class SideRule:
     """(m, n, q) weights times the sides' lengths or areas times the basis function of each node"""
 
 
-class Part(ABC):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
     """A closed set of sides of the boundary: edges in the plane, faces in space.
 
     A node gets the length (in space the area) int phi_i ds over the part, with functions on faces as in
@@ -36,27 +37,16 @@ class Part(ABC):
     nodes there are *rows*: see :class:`BoundaryRows`.
     """
 
-    @property
-    @abstractmethod
-    def sides(self) -> Ints:
-        """The edges (m, 2), or the numbers (m,) of the faces, ascending."""
-
-    @property
-    @abstractmethod
-    def normals(self) -> Floats:
-        """Outward unit normal of each side, (m, dim)."""
-
-    @abstractmethod
-    def rules(self, count: int = 4) -> tuple[SideRule, ...]:
-        """Quadrature with `count` Gauss points an edge; on the triangles of a face exact for degree 5, in any case.
-
-        Four points are exact for g phi_i with g of degree 6.
-        """
-
-    @property
-    @abstractmethod
-    def ends(self) -> SideEnds:
-        """The nodes of all sides, in the order of the rules."""
+    sides: Ints
+    """the edges (m, 2), each as it runs in its counter-clockwise cell, or the numbers (m,) of the faces, ascending"""
+    normals: Floats
+    """(m, dim) outward unit normal of each side"""
+    measures: Floats
+    """(m,) the length, or area, of each side"""
+    rules: Callable[[int], tuple[SideRule, ...]]
+    """quadrature with as many Gauss points an edge; on the triangles of a face exact for degree 5, in any case"""
+    ends: SideEnds
+    """the nodes of all sides, in the order of the rules"""
 
     @cached_property
     def nodes(self) -> Ints:
@@ -78,7 +68,7 @@ class Part(ABC):
     def node_normals(self) -> BoundaryRows:
         """The rows of this part: where sides meet at an angle, one for each normal."""
         points, blocks = [], []
-        for rule in self.rules():
+        for rule in self.rules(4):  # exact for g phi_i with g of degree 6 on edges
             m, n, q = rule.shares.shape
             columns = np.repeat(np.arange(m * q).reshape(m, 1, q), n, axis=1)
             starts = np.arange(0, m * n * q + 1, q)
@@ -87,117 +77,71 @@ class Part(ABC):
         return self.ends.rows(np.concatenate(points), sp.csr_matrix(sp.block_diag(blocks, format="csr")))
 
 
-@dataclass(frozen=True, eq=False)
-class BoundaryPart(Part):
-    """A closed set of boundary edges."""
+def edge_part(edges: Ints, points: Floats, across: Ints | None = None, mirrors: MirrorPlanes | None = None) -> Part:
+    """The part of the boundary that edges (m, 2) make.
 
-    edges: Ints
-    """(m, 2) each as it runs in its counter-clockwise cell, once"""
-    points: Floats
-    """(n_nodes, 2) the points of the whole mesh"""
-    across: Ints | None = None
-    """(m, 2) the nodes of other bodies that an interface joins to those of each edge; -1 for an edge of no interface"""
-    mirrors: MirrorPlanes | None = None
-    """of symmetry, at its nodes"""
+    Parameters
+    ----------
+    edges : (m, 2) array
+    points : (n_nodes, 2) array
+        Of the whole mesh.
+    across : (m, 2) array, optional
+        The nodes of other bodies that an interface joins to those of each edge; -1 for an edge of no interface.
+    mirrors : MirrorPlanes, optional
+        Of symmetry, at its nodes.
+    """
+    start, chords = points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
+    lengths = np.sqrt(np.einsum("ea,ea->e", chords, chords))
+    normals = np.column_stack([chords[:, 1], 0.0 - chords[:, 0]]) / lengths[:, None]
 
-    @property
-    def sides(self) -> Ints:
-        """The edges (m, 2)."""
-        return self.edges
-
-    @cached_property
-    def chords(self) -> Floats:
-        """End minus start of each edge, (m, 2)."""
-        return read_only(self.points[self.edges[:, 1]] - self.points[self.edges[:, 0]])
-
-    @cached_property
-    def lengths(self) -> Floats:
-        """Length of each edge, (m,)."""
-        return read_only(np.sqrt(np.einsum("ea,ea->e", self.chords, self.chords)))
-
-    @cached_property
-    def normals(self) -> Floats:
-        """Outward unit normal of each edge, (m, 2)."""
-        return read_only(np.column_stack([self.chords[:, 1], 0.0 - self.chords[:, 0]]) / self.lengths[:, None])
-
-    def rules(self, count: int = 4) -> tuple[SideRule, ...]:
-        """One rule for all edges, with `count` Gauss points."""
+    def rules(count: int) -> tuple[SideRule, ...]:
         node, weight = np.polynomial.legendre.leggauss(count)
         s = 0.5 + 0.5 * node
-        points = self.points[self.edges[:, 0]][:, None, :] + s[:, None] * self.chords[:, None, :]
-        shares = self.lengths[:, None, None] * (0.5 * weight * np.stack([1.0 - s, s]))
-        return (SideRule(np.arange(len(self.edges)), self.edges, points, shares),)
+        at = start[:, None, :] + s[:, None] * chords[:, None, :]
+        shares = lengths[:, None, None] * (0.5 * weight * np.stack([1.0 - s, s]))
+        return (SideRule(np.arange(len(edges)), edges, at, shares),)
 
-    @cached_property
-    def ends(self) -> SideEnds:
-        """Both ends of every edge, one after the other."""
-        length = np.repeat(self.lengths, 2)
-        return SideEnds(
-            nodes=self.edges.ravel(),
-            normals=np.repeat(self.normals, 2, axis=0),
-            curvature=1.0 / length,
-            noise=NORMAL_ROUNDING * np.abs(self.points).max() / length,
-            lengths=0.5 * length,
-            beyond=self.edges[:, ::-1].ravel(),
-            partners=np.full(len(length), -1) if self.across is None else self.across.ravel(),
-            mirrors=self.mirrors,
-        )
+    length = np.repeat(lengths, 2)
+    ends = SideEnds(
+        nodes=edges.ravel(),
+        normals=np.repeat(normals, 2, axis=0),
+        curvature=1.0 / length,
+        noise=NORMAL_ROUNDING * np.abs(points).max() / length,
+        lengths=0.5 * length,
+        beyond=edges[:, ::-1].ravel(),
+        partners=np.full(len(length), -1) if across is None else across.ravel(),
+        mirrors=mirrors,
+    )
+    return Part(sides=edges, normals=read_only(normals), measures=read_only(lengths), rules=rules, ends=ends)
 
 
-@dataclass(frozen=True, eq=False)
-class FacePart(Part):
-    """A closed set of boundary faces."""
+def face_part(faces: Ints, mesh: PolyhedralMesh, mirrors: MirrorPlanes | None = None) -> Part:
+    """The part of the boundary that faces (m,), ascending numbers, make; `mirrors` are of symmetry, at its nodes."""
+    groups = list(face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, faces))
+    places = [np.searchsorted(faces, group.faces) for group in groups]
+    vectors, outline = np.empty((len(faces), 3)), np.empty(len(faces))
+    for group, at in zip(groups, places, strict=True):
+        corners = group.corners[:, :-1]
+        vectors[at] = group.vectors.sum(axis=1)
+        outline[at] = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
+    areas = np.linalg.norm(vectors, axis=1)
+    normals = vectors / areas[:, None] + 0.0
 
-    faces: Ints
-    """(m,) face numbers, ascending"""
-    mesh: PolyhedralMesh
-    mirrors: MirrorPlanes | None = None
-    """of symmetry, at its nodes"""
+    def rules(count: int) -> tuple[SideRule, ...]:
+        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in zip(groups, places, strict=True))
 
-    @property
-    def sides(self) -> Ints:
-        """The numbers (m,) of the faces."""
-        return self.faces
-
-    @cached_property
-    def normals(self) -> Floats:
-        """Outward unit normal of each face, (m, 3)."""
-        vectors = np.empty((len(self.faces), 3))
-        for group, at in self._groups:
-            vectors[at] = group.vectors.sum(axis=1)
-        return read_only(vectors / np.linalg.norm(vectors, axis=1)[:, None] + 0.0)
-
-    def rules(self, count: int = 4) -> tuple[SideRule, ...]:
-        """A rule for each number of corners, exact for degree 5 on triangles."""
-        return tuple(SideRule(at, group.nodes, *group.quadrature()) for group, at in self._groups)
-
-    @cached_property
-    def _groups(self) -> tuple[tuple[FaceGroup, Ints], ...]:
-        """Faces cut into triangles, and their places in the part."""
-        mesh = self.mesh
-        found = face_groups(mesh.points, mesh.face_offsets, mesh.face_vertices, self.faces)
-        return tuple((group, np.searchsorted(self.faces, group.faces)) for group in found)
-
-    @cached_property
-    def ends(self) -> SideEnds:
-        """The corners of all faces, in the order of the groups."""
-        groups = [group for group, _ in self._groups]
-        side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in self._groups])
-        noise = np.empty(len(self.faces))
-        for group, at in self._groups:
-            corners = group.corners[:, :-1]
-            outline = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(axis=1)
-            noise[at] = outline / np.linalg.norm(group.vectors.sum(axis=1), axis=1)
-        return SideEnds(
-            nodes=np.concatenate([group.nodes.ravel() for group in groups]),
-            normals=self.normals[side],
-            curvature=np.concatenate([_curvature(group).ravel() for group in groups]),
-            noise=(NORMAL_ROUNDING * np.abs(self.mesh.points).max() * noise)[side],
-            lengths=np.concatenate([group.shares.ravel() for group in groups]),
-            beyond=self.faces[side],
-            partners=np.full(len(side), -1),
-            mirrors=self.mirrors,
-        )
+    side = np.concatenate([np.repeat(at, group.nodes.shape[1]) for group, at in zip(groups, places, strict=True)])
+    ends = SideEnds(
+        nodes=np.concatenate([group.nodes.ravel() for group in groups]),
+        normals=normals[side],
+        curvature=np.concatenate([_curvature(group).ravel() for group in groups]),
+        noise=(NORMAL_ROUNDING * np.abs(mesh.points).max() * outline / areas)[side],
+        lengths=np.concatenate([group.shares.ravel() for group in groups]),
+        beyond=faces[side],
+        partners=np.full(len(side), -1),
+        mirrors=mirrors,
+    )
+    return Part(sides=faces, normals=read_only(normals), measures=read_only(areas), rules=rules, ends=ends)
 
 
 def _curvature(group: FaceGroup) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 from vemcvx.arrays import Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
-from vemcvx.vem.boundary import BoundaryPart, FacePart, MirrorPlanes, Part
+from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
 from vemcvx.vem.projection import CellGroup, polyhedron_groups
 
 
@@ -120,14 +120,14 @@ class Space:
                 raise SceneError(f"{subject}: the boundary {name!r} of this mesh has no {sides}; it has {known}.")
         edges = np.unique(np.concatenate([mesh.boundaries[name] for name in names]), axis=0)
         if isinstance(mesh, PolyhedralMesh):
-            return FacePart(read_only(edges), mesh, self.mirrors)
+            return face_part(read_only(edges), mesh, self.mirrors)
         across = self._across(edges)
         if across is not None and not contact and (across >= 0).any():
             raise SceneError(
                 f"{subject}: on={on!r} has edges of an interface ({', '.join(mesh.interfaces)}) between two bodies, "
                 "where contact and friction act and nothing else; name boundaries that are on the outside."
             )
-        return BoundaryPart(read_only(edges), mesh.points, across, self.mirrors)
+        return edge_part(read_only(edges), mesh.points, across, self.mirrors)
 
     def _across(self, edges: Ints) -> Ints | None:
         """The nodes of the other body beside each edge (m, 2) of the first one; -1 where there is none."""

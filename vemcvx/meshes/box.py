@@ -232,12 +232,18 @@ def check_edges(name: str, edges: ArrayLike, n_nodes: int) -> Ints:
     return edges.astype(np.int64)
 
 
+def check_datum_name(name: object) -> str:
+    """Return a name that a cell datum may have, or raise MeshError."""
+    if not isinstance(name, str) or not name:
+        raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
+    return name
+
+
 def check_cell_data(cell_data: Mapping[str, ArrayLike] | None, n_cells: int) -> dict[str, NDArray[Any]]:
     """Read-only copies of arrays with one row a cell, or MeshError."""
     checked = {}
     for name, values in check_mapping(cell_data, "cell_data", f"arrays of {n_cells} rows").items():
-        if not isinstance(name, str) or not name:
-            raise MeshError(f"the name of a cell datum must be a non-empty string; got {name!r}.")
+        check_datum_name(name)
         array = _array(values).copy()
         if array.ndim == 0 or len(array) != n_cells or array.dtype.kind not in "biuf":
             raise MeshError(

@@ -23,7 +23,17 @@ from numpy.typing import ArrayLike, NDArray
 from vemcvx.arrays import Bools, Floats, Ints, brief, plain, read_only
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes import polyhedra
-from vemcvx.meshes.box import SIDES, WHOLE, Box, check_cell_data, check_edges, check_mapping, check_name, chosen_parts
+from vemcvx.meshes.box import (
+    SIDES,
+    WHOLE,
+    Box,
+    check_cell_data,
+    check_datum_name,
+    check_edges,
+    check_mapping,
+    check_name,
+    chosen_parts,
+)
 from vemcvx.meshes.checks.plane import checked
 from vemcvx.meshes.checks.space import checked_in_space
 from vemcvx.meshes.interfaces import Interface, on_boundary, outside
@@ -213,7 +223,7 @@ class Mesh(ABC):
 
     def with_cell_data(self, name: str, values: ArrayLike) -> Self:
         """Return this mesh with one more (or another) array (n_cells, ...) of data on cells."""
-        added = check_cell_data({name: values}, self.n_cells)
+        added = check_cell_data({check_datum_name(name): values}, self.n_cells)
         return self._replace(cell_data=MappingProxyType({**self.cell_data, **added}))
 
     def _replace(self, **fields: object) -> Self:

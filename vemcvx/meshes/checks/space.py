@@ -292,7 +292,7 @@ def check_faces(points: Floats, offsets: Ints, vertices: Ints, cells: Ints) -> F
     if len(several):
         rows, corners = rows_in_order(offsets, np.arange(len(vertices)), several)
         polygons = outlines(places[:, :2], rows, corners)
-        check_simple(places[:, :2], rows, corners, polygons, lambda k: named(several[k]), vertices)
+        check_simple(places[:, :2], rows, corners, polygons, named=lambda k: named(several[k]), nodes=vertices)
     return shapes
 
 

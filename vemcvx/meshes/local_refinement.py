@@ -223,8 +223,8 @@ def _split_runs(sides: Sides, right: Bools) -> Ints:
 #     an arrow           (four sides, right turn at x_1) the middle of its inner diagonal, (x_1 + x_3) / 2: two children
 #                        are arrows of the same shape, two are parallelograms
 #     convex             the centroid, from which every side is at least a third of the width away
-#     else               the centroid of the kernel (the points that see the whole cell), an intersection of
-#                        half-planes, which comes from clipping a square by one side after the other
+#     else               the centroid if it is .1 of the diameter in front of the lines of all sides, else the centroid
+#                        of the kernel (the points that see the whole cell), an intersection of half-planes
 #
 # A cell whose kernel is empty, or so small that it would be seen under flat angles, has no such point.
 

@@ -1,4 +1,4 @@
-"""Convex polygons: their intersections, kernels of polygons, and simple polygons cut into convex pieces."""
+"""Kernels of polygons, and simple polygons cut into convex pieces."""
 
 from __future__ import annotations
 
@@ -6,26 +6,6 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.meshes.polygons.geometry import clip_ears
-
-
-def clip(subject: Floats, window: Floats) -> Floats:
-    """Intersections (p, w, 2) of convex polygons (p, m, 2) and (p, n, 2), counter-clockwise.
-
-    The last vertex is repeated up to the common width w, also in what is given; a point where they do not meet.
-    """
-    import shapely
-
-    # Relative to a vertex of the window: differences of neighbouring coordinates are exact.
-    origin = window[:, :1]
-    met = shapely.intersection(shapely.polygons(subject - origin), shapely.polygons(window - origin))
-    met = shapely.orient_polygons(np.where(shapely.area(met) > 0.0, met, shapely.Polygon()))
-    corners, polygon = shapely.get_coordinates(met, return_index=True)
-    counts = np.bincount(polygon, minlength=len(met))
-    slot = np.minimum(np.arange(max(counts.max(initial=2) - 1, 1)), np.maximum(counts - 2, 0)[:, None])
-    corners = np.concatenate([corners, np.zeros((1, 2))])
-    first = np.where(counts > 0, np.cumsum(counts) - counts, len(corners) - 1)
-    met_at: Floats = corners[first[:, None] + slot]
-    return met_at + origin
 
 
 def kernel_centroids(corners: Floats) -> tuple[Floats, Floats]:

@@ -29,6 +29,13 @@ def simulated(scene, kind, *args):
     return vx.simulate(scene(), kind(*args), TIMES, store="last")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def forgotten():
+    """The memory of the truths is given back after this file."""
+    yield
+    simulated.cache_clear()
+
+
 def truth_of(case):
     return simulated(case.scene, case.fine.func, *case.fine.args)
 

@@ -1,13 +1,13 @@
-"""Arrays and other arguments that users hand in, checked; sums and lengths of arrays."""
+"""Types of arrays, sums and lengths, and checks of what users hand in: one sentence for each kind of mistake."""
 
 from __future__ import annotations
 
 import contextlib
 import inspect
-import math
 import numbers
 import re
 import reprlib
+import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeGuard, TypeVar, get_args, get_type_hints
@@ -18,16 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.errors import SceneError, VemcvxError
 
-# Arrays: types, what users hand in made real numbers of or refused in one sentence, powers of two, sums, sizes.
-
-
 EPS = float(np.finfo(float).eps)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 MatrixLike = ArrayLike | sp.sparray | sp.spmatrix
-"""What is taken for a matrix."""
+"""A matrix as users give it, dense or sparse."""
 Array = TypeVar("Array", bound=np.ndarray[Any, Any])
 
 
@@ -39,16 +36,13 @@ def read_only(array: Array) -> Array:
 
 def power_of_two(x: Floats | float) -> Floats:
     """The power of two next above |x|, elementwise; 1 for 0."""
-    if isinstance(x, float):  # As a few are in every step.
-        power: Floats = np.ldexp(1.0, math.frexp(x)[1] if x else 0)
-        return power
     mantissa, exponent = np.frexp(x)
     return np.ldexp(1.0, np.where(mantissa == 0, 0, exponent))
 
 
 def lengths(x: Floats) -> Floats:
     """The Euclidean length of each row of x (k, components)."""
-    # Of one component in a fifth of the time, a few of which are a step's in the plane.
+    # |x| takes a fifth of the time of a norm, of which a step in the plane takes a few.
     size: Floats = np.abs(x[:, 0]) if x.shape[1] == 1 else np.linalg.norm(x, axis=1)
     return size
 
@@ -72,21 +66,17 @@ def summed_columns(values: Floats, numbers: Ints, count: int) -> Floats:
 
 
 def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
-    """A new array of the floats, finite or not, that `raw` holds.
+    """A new array of the floats, finite or not, that `raw` holds, or SceneError.
 
-    Numpy would read "1" as 1, None as NaN, time spans as numbers and what is masked as if it were not, and drop
-    imaginary parts with a warning: all are refused.
-
-    Raises
-    ------
-    SceneError
-        It holds no real numbers, or rows of different lengths.
+    Numpy would read "1" as 1, None as NaN, time spans and masked entries as numbers, and drop imaginary parts: all are
+    refused.
     """
     if type(raw) is np.ndarray and raw.dtype == np.float64:
-        return raw.astype(float)  # As nearly all are, in every step.
+        return raw.astype(float)
     array = plain(raw)
     with contextlib.suppress(Exception), np.errstate(over="ignore"):
-        if array is not None and (array.dtype.kind in "biuf" or (array.dtype.kind == "O" and _numbers(array))):
+        kind = "" if array is None else array.dtype.kind
+        if array is not None and (kind in "biuf" or (kind == "O" and all(map(is_real, array.flat)))):
             return array.astype(float)
     raise SceneError(
         f"{subject}: found {brief(raw)}, which does not read as an array of real numbers; wanted {wanted}."
@@ -94,7 +84,7 @@ def as_real_array(raw: Any, subject: str, wanted: str) -> Floats:
 
 
 def plain(raw: Any) -> NDArray[Any] | None:
-    """The array that `raw` is or makes; None where it makes none, or is masked: it may answer with any error."""
+    """The array that `raw` is or makes; None where it makes none, whatever its error, or has masked entries."""
     with contextlib.suppress(Exception):
         return None if _masked(raw) else np.asarray(raw)
     return None
@@ -107,14 +97,10 @@ def _masked(raw: Any) -> bool:
     return isinstance(raw, np.ma.MaskedArray)
 
 
-def _numbers(array: NDArray[np.object_]) -> bool:
-    return all(isinstance(number, numbers.Real) and not isinstance(number, np.timedelta64) for number in array.flat)
-
-
 def fading(value: Callable[[float], Floats], times: Sequence[float]) -> Callable[[float], Floats]:
-    """A datum in time, zero where it vanishes beside its largest value at the instants of a run.
+    """A datum in time, zero where it is less than 1e-60 of its largest value at the instants of a run.
 
-    So is what a pulse leaves before and after it: exp(-x^2) is 1e-150 at x = 18.6.
+    Before and after a pulse exp(-x^2) is such a datum, 1e-150 at x = 18.6: energies of it are no numbers beside others.
     """
 
     @cache
@@ -182,17 +168,11 @@ def sizes_of(record: type) -> dict[str, tuple[tuple[str, ...], str]]:
     return {name: found[:2] for name, found in quantities(record).items()}
 
 
-# What kind of thing a setting must be, and how a user's functions are called: one sentence for each kind of mistake.
-#
-# Numbers in arrays are read by :mod:`vemcvx.arrays`. Truth is asked of nothing but flags, equality of nothing but
-# words: what a user hands in may answer both with an array, or with an error.
-
-
-LARGEST = float(np.finfo(float).max)
+# Truth is asked of nothing but flags, equality of nothing but words: other values may answer with arrays or errors.
 
 
 def flag(raw: Any, name: str) -> bool:
-    """True or False, and nothing that merely counts as such: "False" would be true."""
+    """True or False; other values are refused, as "False" would be true."""
     if not isinstance(raw, (bool, np.bool_)):
         raise SceneError(f"{name}: found {brief(raw)}; wanted True or False.")
     return bool(raw)
@@ -224,7 +204,7 @@ def part(raw: Any, subject: str, name: str, what: str, example: str) -> float:
 
 def number(raw: Any, found: str, wanted: str) -> float:
     """A finite number; `found` says what was asked for, such as "energy_distance: found time"."""
-    if not is_real(raw) or not abs(raw) <= LARGEST:
+    if not is_real(raw) or not abs(raw) <= sys.float_info.max:
         raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}.")
     return float(raw)
 
@@ -246,9 +226,7 @@ def instance(raw: Any, kinds: type | tuple[type, ...], found: str, wanted: str) 
 
 def function(raw: Any, found: str, wanted: str) -> Any:
     """A function, or None."""
-    if raw is not None and not callable(raw):
-        raise SceneError(f"{found} = {brief(raw)}; wanted {wanted}, or None.")
-    return raw
+    return instance(raw, Callable, found, wanted)  # type: ignore[arg-type]
 
 
 def check_takes(function: Callable[..., object] | None, count: int, subject: str, wanted: str) -> None:
@@ -264,22 +242,14 @@ def check_takes(function: Callable[..., object] | None, count: int, subject: str
 
 
 def called(function: Callable[..., Any], arguments: tuple[Any, ...], failed: str, wanted: str) -> Any:
-    """function(*arguments), arrays among them read-only; or a SceneError that says how it failed.
-
-    A function that ends the process, or runs out of memory, fails like any other.
-    """
+    """function(*arguments), with read-only arrays; or a SceneError that says how it failed, by SystemExit too."""
     try:
-        return function(*(sealed(x) if isinstance(x, np.ndarray) else x for x in arguments))
+        return function(*(read_only(x.view()) if isinstance(x, np.ndarray) else x for x in arguments))
     except VemcvxError:
         raise
     except (Exception, SystemExit) as error:
         words = " ".join(str(error).split()).rstrip(".")
         raise SceneError(f"{failed}: {type(error).__name__}: {words}. It must {wanted}.") from error
-
-
-def sealed(x: Array) -> Array:
-    """The same numbers, for somebody else to read."""
-    return read_only(x.view())
 
 
 def at_instant(data: ArrayLike | Callable[[float], ArrayLike], t: float, subject: str) -> ArrayLike:
@@ -326,8 +296,7 @@ def check_compressed(matrix: sp.csr_matrix) -> None:
 
 def of_shape(raw: ArrayLike, subject: str, shape: tuple[int, ...]) -> Floats:
     """An array of real numbers of that shape, which may be given flat."""
-    wanted = f"numbers of shape {shape}"
-    return shaped(raw, subject, wanted, shape, (int(np.prod(shape)),)).reshape(shape)
+    return shaped(raw, subject, f"numbers of shape {shape}", shape, (int(np.prod(shape)),)).reshape(shape)
 
 
 def finite(values: Floats, subject: str) -> Floats:

@@ -10,8 +10,6 @@ import signal
 import sys
 import threading
 
-CODE = 128 + signal.SIGINT
-
 
 def as_usual() -> None:
     """Let Ctrl-C raise KeyboardInterrupt again."""
@@ -21,7 +19,7 @@ def as_usual() -> None:
 
 def _end(*_: object) -> None:
     os.write(2, b"vemcvx: interrupted.\n")
-    os._exit(CODE)
+    os._exit(128 + signal.SIGINT)
 
 
 def _starts() -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import Floats, brief, flag, shaped
+from vemcvx.arrays import brief, flag, shaped
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
@@ -24,6 +24,8 @@ from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import checked_times, march
 from vemcvx.stepping.programs import programs_of_march
 from vemcvx.stepping.trajectory import Folder, Memory, Storage
+
+log = logging.getLogger("vemcvx")
 
 
 def simulate(
@@ -99,7 +101,7 @@ def simulate(
     start = time.perf_counter()
     posed = pose_scene(scene, mesh, instants.tolist())
     for words in posed.inactive:
-        logging.getLogger("vemcvx").info("left out: %s", words)
+        log.info("left out: %s", words)
     assembled = time.perf_counter() - start
     with _storage(stream, resume) as storage:
         trajectory = march(
@@ -111,7 +113,7 @@ def simulate(
             check=check,
             condense=condense,
             linear=linear,
-            progress=_reported(progress),
+            progress=_log if progress is True else progress or None,
             storage=storage,
         )
         return History.of(record(posed, trajectory, assembled, storage))
@@ -157,12 +159,6 @@ def programs(
     return with_origin(found, [effect.describe() for effect in scene.canonical], mesh)
 
 
-def _reported(progress: bool | Callable[[int, int], None] | None) -> Callable[[int, int], None] | None:
-    if isinstance(progress, (bool, np.bool_)):
-        return _log if progress else None
-    return progress
-
-
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:
     """The storage of rows; a folder that is held already stays so."""
     resume = flag(resume, "resume")
@@ -189,7 +185,10 @@ def _free(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> Array
         return initial
     held = posed.supports.motion(t)
     points = posed.space.mesh.points
-    u = np.zeros(points.shape) if initial is None else _given(initial, points.shape)
+    wanted = f"displacements of shape {points.shape}, one row a node, or None, 'equilibrium' or 'settled'"
+    u = np.zeros(points.shape) if initial is None else shaped(initial, "initial", wanted, points.shape)
+    if (bad := ~np.isfinite(u).all(axis=1)).any():
+        raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")
     P = posed.supports.P
     y = P.T @ (u.ravel() - held)
     off = np.abs(P @ y + held - u.ravel())
@@ -202,15 +201,6 @@ def _free(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> Array
     return y
 
 
-def _given(initial: ArrayLike, shape: tuple[int, ...]) -> Floats:
-    wanted = f"displacements of shape {shape}, one row a node, or None, 'equilibrium' or 'settled'"
-    u = shaped(initial, "initial", wanted, shape)
-    bad = ~np.isfinite(u).all(axis=1)
-    if bad.any():
-        raise SceneError(f"initial: found NaN or infinity at node {int(np.argmax(bad))}; wanted finite {wanted}.")
-    return u
-
-
 def _log(step: int, steps: int) -> None:
     if step * 10 // steps > (step - 1) * 10 // steps:
-        logging.getLogger("vemcvx").info("step %d of %d", step, steps)
+        log.info("step %d of %d", step, steps)

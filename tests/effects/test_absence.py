@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from test_conformance_effects import HELD, PULLED, RUBBING, SAMPLES, STEEL, TOUCHING
 
 import vemcvx as vx
-from vemcvx.linear import factor
+from vemcvx.linear import superlu
 from vemcvx.program.condensation import MOST_FIELDS, Condensation
 from vemcvx.scene import pose_scene
 from vemcvx.testing.effects import TIMES, mesh
@@ -190,7 +190,7 @@ def counted(monkeypatch):
     """Counts of factorisations and back-substitutions."""
     counts = {"factorised": 0, "solved": 0}
 
-    class Counting(factor.PositiveFactor):
+    class Counting(superlu.SuperLUFactor):
         def __init__(self, *args):
             counts["factorised"] += 1
             super().__init__(*args)
@@ -199,7 +199,7 @@ def counted(monkeypatch):
             counts["solved"] += bool(b.any())
             return super().solve(b)
 
-    monkeypatch.setattr(factor, "PositiveFactor", Counting)
+    monkeypatch.setattr(superlu, "SuperLUFactor", Counting)
     return counts
 
 

@@ -191,7 +191,7 @@ def test_cells_of_many_vertices_make_no_block_that_pardiso_cannot_take(size):
 
 OF_MANY_FACTORS = """
 import numpy as np, vemcvx as vx
-from vemcvx.linear.factor import minimum_degree
+from vemcvx.linear import minimum_degree
 from vemcvx.results.files import peak_memory_mb
 from vemcvx.vem import Space, stiffness
 mesh = vx.meshes.squares(48)

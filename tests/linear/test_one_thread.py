@@ -11,7 +11,7 @@ from scenes import paper_scene, small
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 import vemcvx as vx
-from vemcvx.linear.default import MANY, one_thread
+from vemcvx.linear.default import one_thread
 
 
 def threads():
@@ -66,5 +66,5 @@ def test_runs_within_runs_nest(before):
 
 
 def test_large_matrices_keep_all_threads(before):
-    with one_thread(MANY):
+    with one_thread(2_000):
         assert threads() == before

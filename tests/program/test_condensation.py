@@ -10,7 +10,7 @@ from scenes import paper_scene, small
 
 import vemcvx as vx
 from vemcvx.arrays import EPS
-from vemcvx.linear.factor import nested_dissection
+from vemcvx.linear import nested_dissection
 from vemcvx.program.condensation import Condensation
 from vemcvx.scene import pose_scene
 

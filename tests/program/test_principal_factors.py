@@ -7,7 +7,8 @@ import pytest
 from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
-from vemcvx.linear.factor import DenseCholesky, SparseFactor
+from vemcvx.linear import DenseCholesky
+from vemcvx.linear.superlu import SuperLUFactor
 from vemcvx.program.condensation import Condensation
 from vemcvx.program.operators import Operators, restricted
 from vemcvx.scene import pose_scene
@@ -20,7 +21,7 @@ CONDENSED = pytest.mark.parametrize("condense", [True, False], ids=["condensed",
 def factorised(monkeypatch):
     """The sets of unknowns on which a factor was made, in turn."""
     found = []
-    for kind in (DenseCholesky, SparseFactor):
+    for kind in (DenseCholesky, SuperLUFactor):
 
         def within(self, K_FF, F, own=kind.within):
             found.append(F.copy())

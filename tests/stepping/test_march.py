@@ -123,11 +123,11 @@ def test_weak_pull_is_held_at_the_start():
 
 
 def test_without_friction_one_solve_serves_all_proportional_loads(monkeypatch):
-    from vemcvx.linear.factor import SparseFactor
+    from vemcvx.linear.superlu import SuperLUFactor
 
     calls = []
-    original = SparseFactor.solve
-    monkeypatch.setattr(SparseFactor, "solve", lambda self, b: (calls.append(1), original(self, b))[1])
+    original = SuperLUFactor.solve
+    monkeypatch.setattr(SuperLUFactor, "solve", lambda self, b: (calls.append(1), original(self, b))[1])
     scene = vx.Scene(vx.Elasticity(200.0, 0.3), vx.Clamp(on="right"), vx.Traction(paper_load(cyclic), on="left"))
     history = vx.simulate(scene, small("triangles"), TIMES, store="last")
     assert history.solver.startswith("Direct")

@@ -127,7 +127,7 @@ WALKS = {
     ),
     "`u`, from the answer to a step to a VTU file": (
         displacement_to_file,
-        "linear/factor.py linear/factor.py solvers/newton.py program/step_program.py program/operators.py "
+        "linear/factor.py linear/superlu.py solvers/newton.py program/step_program.py program/operators.py "
         "stepping/ledger.py program/operators.py program/certificate.py program/condensation.py "
         "program/iterative_refinement.py results/contact.py history.py vem/elasticity.py",
     ),

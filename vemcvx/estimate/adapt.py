@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import LARGEST, Bools, Floats, Ints, brief, check_takes, is_real, part
+from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, is_real, part
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.budget import ErrorBudget, budget_of, check_estimable, in_time
 from vemcvx.estimate.finer_steps import ACROSS, Finer, beside_finer, course
@@ -280,7 +280,7 @@ def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, th
 def _check(target: object, theta: object, most: object, progress: object) -> None:
     part(target, "adapt", "target", "a relative error,", "0.02")
     part(theta, "adapt", "theta", "a part,", "0.6")
-    if not (is_real(most) and 1 <= most <= LARGEST):
+    if not (is_real(most) and 1 <= most <= np.finfo(float).max):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
     if not (progress is None or callable(progress)):
         raise SceneError(f"adapt: found progress = {brief(progress)}; it is a function that is told of each Pass.")

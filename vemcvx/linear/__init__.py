@@ -1,4 +1,4 @@
-"""Linear algebra: factors of symmetric positive definite matrices, behind one seam."""
+"""Linear algebra: factors of symmetric positive definite matrices, behind one interface."""
 
 from vemcvx.linear.default import choose_linear, direct_solver
 from vemcvx.linear.factor import (
@@ -10,11 +10,12 @@ from vemcvx.linear.factor import (
     LinearSolver,
     Matrix,
     Scaled,
-    SuperLU,
     corrected,
+    singular,
 )
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
+from vemcvx.linear.superlu import SuperLU, minimum_degree, nested_dissection
 
 __all__ = [
     "SAMPLES",
@@ -31,4 +32,7 @@ __all__ = [
     "choose_linear",
     "corrected",
     "direct_solver",
+    "minimum_degree",
+    "nested_dissection",
+    "singular",
 ]

@@ -11,42 +11,15 @@ from threading import current_thread, main_thread
 
 from threadpoolctl import ThreadpoolController
 
-from vemcvx.linear.factor import LinearSolver, SuperLU
+from vemcvx.linear.factor import LinearSolver
 from vemcvx.linear.multigrid import Multigrid
 from vemcvx.linear.pardiso import Pardiso
+from vemcvx.linear.superlu import SuperLU
 
-# One thread for the dense matrices of steps: of a few hundred unknowns, for which threads wait longer than they work.
-#
-# The number of threads belongs to the process, so that only a run in its main thread sets it.
-
-
-MANY = 2_000
-"""Unknowns from which on threads pay. On two cores 256 steps with 256 unknowns take .76 s with one thread, and .88 s of
-wall and 1.3 s of CPU time with two."""
-
-
-@cache
-def _libraries() -> ThreadpoolController:
-    """The BLAS libraries that are there at the first run, NumPy's and SciPy's; to look for them takes milliseconds."""
-    return ThreadpoolController()
-
-
-@contextmanager
-def one_thread(unknowns: int) -> Iterator[None]:
-    """Within, BLAS has one thread, unless matrices have many unknowns."""
-    if unknowns >= MANY or current_thread() is not main_thread():
-        yield
-        return
-    with _libraries().limit(limits=1, user_api="blas"):
-        yield
-
-
-# It takes less time from 300 unknowns on (.5 of it at 10,000); of a thousand both take five milliseconds.
-SMALLEST_PARDISO = 1_000
-# A million unknowns on squares take 22 s to factorise and 5.6 GB at the peak; three million would take 20 GB.
 LARGEST_FACTOR = 2_000_000
+"""Unknowns in the plane. A million on squares take 22 s to factorise and 5.6 GB at the peak, three would take 20 GB."""
 MOST_MEMORY = 8e9
-"""Of factors in space."""
+"""Bytes of factors in space."""
 log = logging.getLogger("vemcvx")
 
 
@@ -75,7 +48,7 @@ def choose_linear(
         # A dense system of 6,000 unknowns of contact takes seconds, and there are a few of them in every step.
         fits, takes = memory <= MOST_MEMORY and retained <= 6_000, f" in space take {memory / 1e9:.2g} GB"
     if fits:
-        if takes and unknowns >= SMALLEST_PARDISO:
+        if takes and unknowns >= 1_000:
             log.info("linear solver: %s; factors for %d unknowns%s", type(direct).__name__, unknowns, takes)
         return direct
     if importlib.util.find_spec("pyamg") is None:
@@ -87,5 +60,25 @@ def choose_linear(
 
 
 def direct_solver(unknowns: int) -> Pardiso | SuperLU:
-    """The fastest one that is installed."""
-    return Pardiso() if unknowns >= SMALLEST_PARDISO and Pardiso.installed() else SuperLU()
+    """The fastest one that is installed; of a thousand unknowns both take five milliseconds."""
+    return Pardiso() if unknowns >= 1_000 and Pardiso.installed() else SuperLU()
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """The BLAS libraries that are there at the first run, NumPy's and SciPy's; to look for them takes milliseconds."""
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_thread(unknowns: int) -> Iterator[None]:
+    """Within, BLAS has one thread for dense matrices of fewer than 2,000 unknowns.
+
+    On two cores 256 steps with 256 unknowns take .76 s with one thread, and .88 s of wall and 1.3 s of CPU time with
+    two. The number of threads belongs to the process, so that only a run in its main thread sets it.
+    """
+    if unknowns >= 2_000 or current_thread() is not main_thread():
+        yield
+        return
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield

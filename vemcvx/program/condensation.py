@@ -37,8 +37,7 @@ import scipy.sparse as sp
 
 from vemcvx.arrays import EPS, Floats, Ints, power_of_two
 from vemcvx.errors import NotAccepted
-from vemcvx.linear import Factor, Halves, LinearSolver, Matrix
-from vemcvx.linear.factor import minimum_degree
+from vemcvx.linear import Factor, Halves, LinearSolver, Matrix, minimum_degree
 from vemcvx.program.kernel import anchors
 from vemcvx.program.operators import Operators, shifted
 from vemcvx.program.scaling import unit_diagonal

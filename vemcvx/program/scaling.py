@@ -38,7 +38,7 @@ from vemcvx.linear import Matrix, Scaled
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import Answer, StepProgram
 
-SMALLEST, LARGEST = 1e-125, 1e125
+SMALLEST_NORM, LARGEST_NORM = 1e-125, 1e125
 """Energy norms outside have squares that are no numbers any more, or gaps beneath them that are not."""
 MOST = 1e150
 """Of scaled weights and of what limits leave free: beyond, they are as good as infinite, and products overflow."""
@@ -52,12 +52,12 @@ def checked_norm(norm: float, t: float) -> float:
     SceneError
         It is not.
     """
-    if SMALLEST <= norm <= LARGEST:
+    if SMALLEST_NORM <= norm <= LARGEST_NORM:
         return norm
     raise SceneError(
-        f"data: what drives the step to t = {t:.6g} has an energy norm of {norm:.1e}; between {SMALLEST:.0e} and "
-        f"{LARGEST:.0e} energies, and errors beside them, are numbers. Take other units of force or length, or zero "
-        "for loads and motions that are meant to be none."
+        f"data: what drives the step to t = {t:.6g} has an energy norm of {norm:.1e}; between {SMALLEST_NORM:.0e} "
+        f"and {LARGEST_NORM:.0e} energies, and errors beside them, are numbers. Take other units of force or length, "
+        "or zero for loads and motions that are meant to be none."
     )
 
 

@@ -34,8 +34,7 @@ from vemcvx.arrays import (
     shaped,
 )
 from vemcvx.errors import SceneError
-from vemcvx.linear import LinearSolver, choose_linear, direct_solver
-from vemcvx.linear.factor import singular
+from vemcvx.linear import LinearSolver, choose_linear, direct_solver, singular
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import Kernel, rank_on
 from vemcvx.program.operators import DraggedTerms, Limits, Norms

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from vemcvx.arrays import Floats, Ints, read_only
 from vemcvx.effects import ContactSurface, Contribution, Friction, Load, Material, Obstacle
 from vemcvx.errors import SceneWarning
-from vemcvx.linear.factor import nested_dissection
+from vemcvx.linear import nested_dissection
 from vemcvx.meshes import AnyMesh
 from vemcvx.program.kernel import Kernel
 from vemcvx.program.system import Damping, ForceOnPart, Motion, System

@@ -120,7 +120,7 @@ def _moves_to_least_energy(program: StepProgram, d: Floats, v: Floats) -> float:
     near, far = 0.0, 1.0
     while far < MOST_MOVES and falls(far):
         near, far = far, 2.0 * far
-    while near < (middle := 0.5 * (near + far)) < far:
+    while far * MOST_MOVES > 1.0 and near < (middle := 0.5 * (near + far)) < far:
         near, far = (middle, far) if falls(middle) else (near, middle)
     return far
 

@@ -43,7 +43,7 @@ import numpy as np
 from vemcvx.arrays import Floats, lengths
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.iterative_refinement import residual
-from vemcvx.program.scaling import LARGEST, checked_norm
+from vemcvx.program.scaling import LARGEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer
 from vemcvx.program.system import System, on_part
 
@@ -168,7 +168,7 @@ def step_data(system: System, condensation: Condensation, t: float) -> StepData:
 
 def in_range(force: Reduced, t: float) -> Reduced:
     """The force, if the energy of what it causes is not too large to be a number."""
-    if not force.norm <= LARGEST:
+    if not force.norm <= LARGEST_NORM:
         checked_norm(force.norm, t)
     return force
 

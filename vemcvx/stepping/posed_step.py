@@ -34,7 +34,7 @@ from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.iterative_refinement import needs_refinement
 from vemcvx.program.operators import Norms, Operators
-from vemcvx.program.scaling import LARGEST, SMALLEST, checked_norm
+from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers import Solver
@@ -256,7 +256,7 @@ class PosedStep:
                 return still
         accuracy = share * self.run.accuracy
         norm = float(np.sqrt(scales.kappa)) * alpha
-        if norm < SMALLEST and norm <= accuracy * self.before.unit(accuracy):
+        if norm < SMALLEST_NORM and norm <= accuracy * self.before.unit(accuracy):
             return self._still(self.before.lam - self.bias, "nothing pushes that counts")
         checked_norm(norm, self.data.t)
         size = max(self.before.unit(accuracy), norm)
@@ -282,7 +282,7 @@ class PosedStep:
     def ordinary(self) -> bool:
         """True if contact has pressed before, and what drives the step has an energy that numbers can hold."""
         norm = float(np.sqrt(self.run.scaling.kappa)) * self.run.scaling.size(self.program)
-        return bool(self.before.p.any()) and SMALLEST <= norm <= LARGEST
+        return bool(self.before.p.any()) and SMALLEST_NORM <= norm <= LARGEST_NORM
 
     def _still(self, lam: Floats, status: str) -> State:
         """The state where it was, exactly."""

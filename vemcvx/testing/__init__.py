@@ -75,8 +75,8 @@ def _cases(name: str, solver: Solver, must_answer: bool) -> Iterator[Any]:
         yield pytest.param(partial(of_any, solver), id=f"{name}: {of_any.__name__}")
     for instance in INSTANCES.values():
         able = instance.features <= solver.accepts
+        case = Case(solver, instance, must_answer)
         for sentence in OF_EACH_INSTANCE if able else (refuses_what_it_does_not_accept,):
-            case = Case(solver, instance, must_answer)
             yield pytest.param(partial(sentence, case), id=f"{name}: {instance.name}: {sentence.__name__}")
 
 

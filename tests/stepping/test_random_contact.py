@@ -149,11 +149,13 @@ def shows_its_own(history, posed, viscous):
     rest = (history.forces - contact_forces(history))[int(viscous) :]
     mesh = history.mesh
     corner = np.flatnonzero(np.abs(mesh.points).max(axis=1) < 1e-12)
-    holding = posed.supports.holding(np.arange(mesh.n_nodes))
-    held, own = holding.rows, holding.contact
+    given = posed.supports.given
+    nodes, along = (np.concatenate([getattr(one, name) for one in given]) for name in ("nodes", "directions"))
     # Of what holds a node the part of contact is in its pressure; the rest is along what else holds it.
-    outer = held * ~own[:, :, None]
-    free = ~outer.any(axis=(1, 2))
+    of_contact = np.concatenate([np.full(len(one.nodes), one.contact) for one in given])
+    outer = ~of_contact & ~posed.supports.depends
+    count = np.bincount(nodes[outer], minlength=mesh.n_nodes)
+    free = count == 0
     free[corner] = False
     stiffest = np.sqrt(posed.A.diagonal().max())
     open_ = slack_of(history)[int(viscous) :].max() * stiffest * 2 + 1e-11 * np.abs(history.forces).max()
@@ -162,9 +164,8 @@ def shows_its_own(history, posed, viscous):
         stiffest = np.sqrt((posed.A + posed.viscosity / np.diff(TIMES).min()).diagonal().max())
         open_ = slack_of(history).max() * stiffest * 2 + 1e-11 * np.abs(history.forces).max()
     assert np.abs(rest[:, free]).max() < open_
-    single = np.flatnonzero(outer.any(axis=2).sum(axis=1) == 1)
-    single = np.setdiff1d(single, corner)
-    across = outer[single].sum(axis=1) @ [[0, 1], [-1, 0]]
+    rows = np.flatnonzero(outer & (count[nodes] == 1) & ~np.isin(nodes, corner))
+    single, across = nodes[rows], along[rows] @ [[0, 1], [-1, 0]]
     assert np.abs(np.einsum("sia,ia->si", rest[:, single], across)).max(initial=0.0) < open_
 
 
@@ -185,7 +186,8 @@ def obeys(history):
 def check(seed, frictional=False):
     """Build, run, and hold a scene to everything above."""
     scene, mesh, viscous = random_scene(seed, frictional)
-    history = vx.simulate(scene, mesh, TIMES, initial=None if viscous else "settled", solver=vx.Newton())
+    # By the solver that is chosen: steps at their rounding floor, 1.2e-8 in scene 16, are good enough then.
+    history = vx.simulate(scene, mesh, TIMES, initial=None if viscous else "settled")
     posed = pose_scene(scene, mesh, TIMES)
     balances(history, posed, viscous)
     closes(history, posed)

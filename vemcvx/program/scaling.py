@@ -87,8 +87,9 @@ class Scaling:
         """An answer of the scaled program in the units of the unscaled one."""
         lam = self.kappa * alpha * answer.lam / self.sigma[:, None]
         p = self.kappa * alpha * answer.p / self.tau
-        d = alpha * self.delta * answer.d
-        return Answer(d, lam, answer.iterations, answer.status, safeguards=answer.safeguards, p=p)
+        return Answer(
+            alpha * self.delta * answer.d, lam, answer.iterations, answer.status, safeguards=answer.safeguards, p=p
+        )
 
     def shrink(self, d: Floats, alpha: float) -> Floats:
         """Increments (n,) in scaled units."""

@@ -139,8 +139,9 @@ class Rubbed:
         """
         (before, after), (bias_before, bias) = self.weights, self.biases
         rubs = np.einsum("mb,mb->m", self.lam - bias, self.slip)
-        mean = 0.5 * before * lengths(self.slip)  # where the bound has vanished at the end of the step
-        np.divide(0.5 * (before + after) * rubs, after, out=mean, where=after > 0)
+        # |s|, by the forces that slip takes; by itself where the bound has vanished at the end of the step.
+        way = np.divide(rubs, after, out=lengths(self.slip).copy(), where=after > 0)
+        mean = 0.5 * rubs + 0.5 * before * way
         tilted = np.einsum("mb,mb->m", 0.5 * (bias_before + bias), self.slip)
         loss: Floats = np.maximum(mean + tilted, 0.0)
         return loss

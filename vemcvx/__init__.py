@@ -47,6 +47,7 @@ from vemcvx.errors import (
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
+from vemcvx.estimate.quantities import Quantity, quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
@@ -100,6 +101,7 @@ __all__ = [
     "Prestress",
     "ProblemError",
     "ProgramError",
+    "Quantity",
     "Scene",
     "SceneError",
     "SceneWarning",
@@ -126,6 +128,7 @@ __all__ = [
     "measures",
     "meshes",
     "programs",
+    "quantities",
     "read_history",
     "read_program",
     "simulate",

@@ -247,6 +247,10 @@ def in_words(history: Results) -> Outline:
     at = f"an estimate at {estimated} of {len(run.estimated)} instants, {WHY_ESTIMATED}; else a bound"
     kind = [("", at)] if estimated else []
     energy = f"stored {run.energy[-1]:.6g}, dissipated {run.dissipated[-1]:.6g}, work {run.work[-1]:.6g}"
+    between = (
+        f"dissipated {run.dissipated_second_order[-1]:.6g}, work {run.work_second_order[-1]:.6g} between the instants, "
+        "of second order in the steps"
+    )
     lines = [
         *(("left out", words) for words in history.inactive),
         ("solver", history.solver),
@@ -255,6 +259,7 @@ def in_words(history: Results) -> Outline:
         *_errors(history.errors),
         ("iterations", iterations),
         ("energy", energy),
+        ("", between),
         ("contact", f"{sticks} nodes stick, {slips} slip{gone} in the last step"),
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]

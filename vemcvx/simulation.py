@@ -23,7 +23,7 @@ from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.solvers import Solver, Solves
 from vemcvx.stepping.backward_euler import checked_times, march
 from vemcvx.stepping.programs import programs_of_march
-from vemcvx.stepping.trajectory import Folder, Memory, Storage
+from vemcvx.stepping.trajectory import Folder, Memory, Storage, Trajectory
 
 log = logging.getLogger("vemcvx")
 
@@ -116,7 +116,30 @@ def simulate(
             progress=_log if progress is True else progress or None,
             storage=storage,
         )
+        _warn_of_lost_work(trajectory)
         return History.of(record(posed, trajectory, assembled, storage))
+
+
+LOST = 0.05
+"""Part of the work that time stepping may lose without a word: on 16 x 16 squares the paper's scene loses .015 of it in
+64 steps, .058 in 16."""
+
+
+def _warn_of_lost_work(run: Trajectory) -> None:
+    """Log a warning where end-of-step forces times increments are far above the work that was done."""
+    first, second = float(run.work[-1]), float(run.work_second_order[-1])
+    # A body that is still has rounding for its work.
+    if abs(first - second) > LOST * abs(second) and abs(first) > 1e-12 * float(run.energy.max()):
+        log.warning(
+            "time steps: the work that backward Euler sums up, %.6g, is %.3g %% off that of second order, %.6g, "
+            "and dissipated are %.6g and %.6g. Quote history.work_second_order and dissipated_second_order, "
+            "or take more steps.",
+            first,
+            100.0 * abs(first - second) / abs(second) if second else np.inf,
+            second,
+            float(run.dissipated[-1]),
+            float(run.dissipated_second_order[-1]),
+        )
 
 
 def programs(

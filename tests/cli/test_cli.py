@@ -389,7 +389,7 @@ try:
 except SystemExit:
     pass
 try:
-    app(["run", {PROBLEM!r}, "--n", "4", "--steps", "2"])
+    app(["run", {PROBLEM!r}, "--n", "4", "--steps", "32"])
 except SystemExit as end:
     assert not end.code
 print("heavy", sorted({{"cvxpy", "matplotlib", "meshio", "clarabel", "osqp"}} & set(sys.modules)))

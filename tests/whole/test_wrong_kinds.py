@@ -196,6 +196,7 @@ def of_history(history):
         "count": (lambda v: history.along((0, 0), (1, 1), v), set()),
         "field": (lambda v: history.along((0, 0), (1, 1), 3, v), set()),
         "budget": (vx.error_budget, set()),
+        "quantities": (vx.quantities, set()),
         "budget's steps": (lambda v: vx.error_budget(history, v), {"None", "flags"}),
         "error": (lambda v: measures.l2_error(history, v), VALUES),
         "distance": (lambda v: measures.energy_distance(v, history), set()),
@@ -247,7 +248,16 @@ def test_every_parameter_is_asked():
     Programs and their certificates are made by runs, and answers by solvers, which
     tests/whole/test_contributing.py asks.
     """
-    made_by_runs = {"Adapted", "ErrorBudget", "Operators", "StepProgram", "SolvedProgram", "Answer", "Certificate"}
+    made_by_runs = {
+        "Adapted",
+        "ErrorBudget",
+        "Quantity",
+        "Operators",
+        "StepProgram",
+        "SolvedProgram",
+        "Answer",
+        "Certificate",
+    }
     asked = {place.partition(".")[0]: set() for place in PLACES}
     for place in PLACES:
         owner, _, name = place.partition(".")
@@ -263,5 +273,5 @@ def test_every_parameter_is_asked():
     }
     assert left == {
         *("Scene.effects", "march.progress", "simulate.progress", "simulate.stream", "adapt.progress"),
-        *("error_budget.history", "error_budget.steps", "read_history.folder"),
+        *("error_budget.history", "error_budget.steps", "quantities.history", "read_history.folder"),
     }

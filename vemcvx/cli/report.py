@@ -173,6 +173,8 @@ def _results(history: History, points: Floats | None) -> str:
         ("stored energy", f"{run.energy[-1]:.6g}", ENERGY),
         ("dissipated by friction since the beginning", f"{run.dissipated[-1]:.6g}", ENERGY),
         ("work of forces and supports since the beginning", f"{run.work[-1]:.6g}", ENERGY),
+        ("dissipated, of second order in the steps", f"{run.dissipated_second_order[-1]:.6g}", ENERGY),
+        ("work, of second order in the steps", f"{run.work_second_order[-1]:.6g}", ENERGY),
     ]
     for one in history.extremes:
         place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"

@@ -44,6 +44,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -51,6 +52,7 @@ from vemcvx.arrays import Floats, Ints, brief, plain, totals
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.data_oscillation import POINCARE, DataOscillation
 from vemcvx.estimate.finer_steps import Finer, beside_finer
+from vemcvx.estimate.quantities import Quantity, quantities
 from vemcvx.estimate.skeleton import Instant, Skeleton, body_forces, instant, skeleton, surface_forces
 from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
@@ -161,6 +163,8 @@ class ErrorBudget(Outlined):
         A sentence for each instant at which data jump.
     scale : float
         The energy norm to which all are relative, the root of force times length.
+    history : History
+        The run.
     """
 
     steps: Ints
@@ -172,6 +176,15 @@ class ErrorBudget(Outlined):
     added: Floats
     jumps: tuple[str, ...]
     scale: float
+    history: History
+
+    @cached_property
+    def quantities(self) -> dict[str, Quantity]:
+        """Friction work, work and wear of second order in the steps, with estimated errors: two more simulations.
+
+        See :func:`vemcvx.quantities`.
+        """
+        return quantities(self.history)
 
     def outline(self) -> Outline:
         """The outline for prompts and notebooks: the parts where their sum is largest."""
@@ -254,6 +267,7 @@ def budget_of(posed: PosedScene, history: History, rows: Sequence[int], finer: F
         added=finer.added / unit,
         jumps=finer.jumps,
         scale=scale,
+        history=history,
     )
 
 

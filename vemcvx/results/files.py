@@ -33,7 +33,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Set
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ from vemcvx.vem import component_names
 from vemcvx.version import __version__
 
 NAME = "vemcvx history"
+ENERGIES = "energy", "dissipated", "work", "dissipated_second_order", "work_second_order"
 FORMAT = f"{NAME} 4"
 SHAPES = {prefix + name: shape for prefix, record in RECORDS.items() for name, shape in sizes_of(record).items()}
 ARCHIVE, SERIES, SUMMARY = "history.npz", "history.pvd", "summary.json"
@@ -224,11 +225,18 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "certified_energy_error": finite_or_none(run.certified.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
-        **{name: finite_or_none(getattr(run, name)[-1]) for name in ("energy", "dissipated", "work")},
+        **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
-        "extremes": [
-            asdict(one) | {"value": finite_or_none(one.value), "place": one.place.tolist()} for one in history.extremes
-        ],
+        "extremes": {
+            one.key: {
+                "value": finite_or_none(one.value),
+                "place": one.place.tolist(),
+                "t": one.time,
+                "step": one.step,
+                "unit": one.unit,
+            }
+            for one in history.extremes
+        },
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
     }

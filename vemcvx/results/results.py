@@ -33,8 +33,11 @@ class Extreme:
 
     Attributes
     ----------
+    key : str
+        "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction" or
+        "pressure".
     name : str
-        Such as "largest von Mises stress" or "smallest principal stress".
+        The same in words, such as "largest von Mises stress".
     value : float
     unit : str
         In words, such as "force/length²".
@@ -46,6 +49,7 @@ class Extreme:
         The step that ends there.
     """
 
+    key: str
     name: str
     value: float
     unit: str
@@ -302,12 +306,12 @@ class Results:
         # Squares beyond the largest number are infinite, as are the extremes then.
         with np.errstate(over="ignore", invalid="ignore"):
             for row, step in enumerate(self.stored.tolist()):
-                for name, unit, values, points in _fields(self, row, step):
-                    sign = -1.0 if name.startswith("smallest") else 1.0
+                for key, (name, unit, values, points) in _fields(self, row, step):
+                    sign = -1.0 if key.startswith("smallest") else 1.0
                     k = int(np.argmax(sign * values))
-                    if name not in found or sign * values[k] > sign * found[name].value:
+                    if key not in found or sign * values[k] > sign * found[key].value:
                         at = {"place": points[k], "time": float(self.times[row]), "step": step}
-                        found[name] = Extreme(name, float(values[k]), unit, **at)
+                        found[key] = Extreme(key, name, float(values[k]), unit, **at)
         return tuple(found.values())
 
     def row(self, step: int) -> int:
@@ -320,21 +324,24 @@ class Results:
         return stored.index(wanted)
 
 
-def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, str, Floats, Floats]]:
-    """Name, unit, values and places of every field that has extremes, at a stored step."""
+def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
+    """Every field that has extremes, at a stored step: its key, and its name, unit, values and places."""
     mesh, contact = history.mesh, history.contact
-    yield "largest displacement", "length", np.linalg.norm(history.displacement[row], axis=1), mesh.points
+    size, stress = np.linalg.norm(history.displacement[row], axis=1), "force/length²"
+    yield "displacement", ("largest displacement", "length", size, mesh.points)
     cells = history.on_cells(step)
     # A material of the plane that does not give the stress across it has no von Mises stress.
     if "von_mises" in cells:
-        yield "largest von Mises stress", "force/length²", cells["von_mises"], mesh.centroids
-    yield "largest principal stress", "force/length²", cells["principal_stresses"][:, 0], mesh.centroids
-    yield "smallest principal stress", "force/length²", cells["principal_stresses"][:, -1], mesh.centroids
+        yield "von_mises", ("largest von Mises stress", stress, cells["von_mises"], mesh.centroids)
+    principal = cells["principal_stresses"]
+    yield "largest_principal_stress", ("largest principal stress", stress, principal[:, 0], mesh.centroids)
+    yield "smallest_principal_stress", ("smallest principal stress", stress, principal[:, -1], mesh.centroids)
     if len(contact.nodes):
         over, unit = SPREAD[mesh.points.shape[1]]
-        yield "largest slip", "length", np.linalg.norm(contact.slip[row], axis=1), contact.points
-        yield f"largest friction per {over}", unit, np.linalg.norm(contact.traction[row], axis=1), contact.points
-        yield f"largest contact pressure per {over}", unit, contact.pressure[row], contact.points
+        slip, friction = np.linalg.norm(contact.slip[row], axis=1), np.linalg.norm(contact.traction[row], axis=1)
+        yield "slip", ("largest slip", "length", slip, contact.points)
+        yield "friction", (f"largest friction per {over}", unit, friction, contact.points)
+        yield "pressure", (f"largest contact pressure per {over}", unit, contact.pressure[row], contact.points)
 
 
 RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from vemcvx.errors import SceneError
-from vemcvx.meshes.io.files import load
+from vemcvx.arrays import brief
+from vemcvx.errors import MeshError, SceneError
+from vemcvx.meshes.io.files import load, load_bodies
 from vemcvx.meshes.io.objects import from_object
 from vemcvx.meshes.polygon_mesh import PolygonMesh
 from vemcvx.meshes.polyhedral_mesh import PolyhedralMesh
+from vemcvx.meshes.several_bodies import bodies as joined
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
 # Meshes of the plane or of space, and the sentence that refuses the latter where only the former will do.
@@ -37,7 +39,7 @@ def plane_mesh(mesh: AnyMesh, subject: str, instead: str = "") -> PolygonMesh:
 
 
 # To checkers of types, what is read may be anything beside a PolygonMesh: scripts that know their files need no cast.
-def read(path: str | Path) -> PolygonMesh | Any:
+def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
     """Read a mesh from a file of Gmsh (.msh), VTK (.vtu, .vtk, .vtp), Abaqus (.inp) or Nastran (.bdf, .nas, .fem).
 
     Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
@@ -56,6 +58,9 @@ def read(path: str | Path) -> PolygonMesh | Any:
     ----------
     path : str or Path
         The file; its suffix tells the format. What others wrote, `meshio convert a.xyz a.vtu` makes a file of VTK.
+    bodies : "physical", optional
+        Make a body of every physical group of cells, as :func:`vemcvx.meshes.bodies` joins them: where groups meet, in
+        nodes that they share or that are double, there is an interface. Boundaries are called "plate.rim".
 
     Returns
     -------
@@ -72,7 +77,13 @@ def read(path: str | Path) -> PolygonMesh | Any:
     MeshWarning
         Cells were turned, unused nodes dropped, named lines or faces inside the mesh left out, or sides named.
     """
-    return _with_methods(load(path))
+    if bodies is None:
+        return _with_methods(load(path))
+    if not isinstance(bodies, str) or bodies != "physical":
+        raise MeshError(f"read: found bodies = {brief(bodies)}; there is 'physical', or None for one mesh.")
+    # Those of space are refused there, with a sentence.
+    meshes: dict[str, Any] = {name: _with_methods(mesh) for name, mesh in load_bodies(path).items()}
+    return joined(meshes)
 
 
 def convert(other: Any) -> PolygonMesh | Any:

@@ -296,8 +296,10 @@ def _check_points_of_contact(whole: SideBySide[Mesh], place: Ints, interfaces: M
 def _data(meshes: Mapping[str, Mesh], body: Ints) -> dict[str, NDArray[Any]]:
     """Cell data of all bodies, zero where a body has none, the number of the body, and where each body is."""
     data: dict[str, NDArray[Any]] = {}
-    for number, mesh in enumerate(meshes.values()):
+    for number, (own, mesh) in enumerate(meshes.items()):
         for name, values in mesh.cell_data.items():
+            if name == own and np.array_equal(values, np.ones(mesh.n_cells)):
+                continue  # As files have a group of all cells that is called like the body.
             known = data.setdefault(name, np.zeros((len(body), *values.shape[1:]), dtype=values.dtype))
             if known.shape[1:] != values.shape[1:]:
                 raise MeshError(f"bodies: the cell datum {name!r} has rows of different shapes on different bodies.")
@@ -322,7 +324,10 @@ def _check_meshes(meshes: Mapping[str, Mesh]) -> None:
                 f"bodies: a body's name is a string without {' and '.join(SIGNS)}, not {BODY!r}; got {brief(name)}."
             )
         if not isinstance(mesh, Tessellation):
-            raise MeshError(f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh is wanted.")
+            raise MeshError(
+                f"bodies: found {brief(mesh)} for {name!r} where a PolygonMesh is wanted. Interfaces of bodies in "
+                "space are not available: mesh bodies that are bonded as one, or let one of them be a rigid obstacle."
+            )
         if mesh.interfaces:
             raise MeshError(f"bodies: {name!r} has interfaces itself; give all bodies at once, each with its own mesh.")
 

@@ -13,6 +13,7 @@ import os
 import re
 import tempfile
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ import numpy as np
 from vemcvx.errors import MeshError, MeshWarning
 from vemcvx.meshes.box import WHOLE
 from vemcvx.meshes.io.grid import PHYSICAL, AnyTessellation, Grid, finished, grid_of, mesh_of, named, translated
-from vemcvx.meshes.io.objects import from_meshio, to_meshio
+from vemcvx.meshes.io.objects import from_meshio, groups_of, to_meshio
 from vemcvx.meshes.io.vtk import read_legacy, read_xml, write_legacy, write_xml
 from vemcvx.meshes.tessellation import SpaceTessellation, Tessellation
 
@@ -45,10 +46,25 @@ UNSPEAKABLE = '"\\\r\n'
 def load(path: str | Path) -> AnyTessellation:
     """The mesh in a file: see :func:`vemcvx.meshes.read`."""
     path = _path(path)
-    return finished(str(path), lambda: _read(path))
+
+    def made() -> tuple[AnyTessellation, list[str]]:
+        grid = _read(path)
+        with named(str(path)):
+            return mesh_of(grid)
+
+    return finished(str(path), made)
 
 
-def _read(path: Path) -> tuple[AnyTessellation, list[str]]:
+def load_bodies(path: str | Path) -> dict[str, AnyTessellation]:
+    """The mesh of every physical group of cells in a file, by name."""
+    path = _path(path)
+    grid = _read(path)
+    with named(str(path)):
+        grids = groups_of(grid)
+    return {name: finished(f"{path}: {name}", partial(mesh_of, part)) for name, part in grids.items()}
+
+
+def _read(path: Path) -> Grid:
     # Unlike pathlib's, these know no names that are too long.
     if not os.path.isfile(path):
         folder = os.path.isdir(path)
@@ -59,8 +75,7 @@ def _read(path: Path) -> tuple[AnyTessellation, list[str]]:
             grid = read_xml(path.read_bytes(), "UnstructuredGrid" if suffix == ".vtu" else "PolyData")
         else:
             grid = read_legacy(path.read_bytes()) if suffix == ".vtk" else _read_by_meshio(path, suffix)
-    with named(str(path)):
-        return mesh_of(grid)
+    return grid
 
 
 def write(path: str | Path, mesh: AnyTessellation) -> None:

@@ -33,7 +33,7 @@ from vemcvx.meshes.io.grid import (
 )
 from vemcvx.meshes.io.vtk import read_xml, write_xml
 from vemcvx.meshes.polygons.geometry import polygon_centroids
-from vemcvx.meshes.polygons.topology import offsets_of, positions
+from vemcvx.meshes.polygons.topology import offsets_of, positions, rows_in_order
 from vemcvx.meshes.tessellation import SpaceTessellation
 
 if TYPE_CHECKING:
@@ -119,6 +119,48 @@ def _take_physical_groups(grid: Grid, names: Mapping[str, Any]) -> None:
             grid.data[name] = (tags == tag).astype(np.uint8)
     if not tags[inner].any():
         del grid.data[PHYSICAL]
+
+
+def groups_of(grid: Grid) -> dict[str, Grid]:
+    """The cells of each physical group alone, with the lines or faces that its nodes have, by the name of the group.
+
+    Nodes are numbered anew in their order; data that say which cells are in a group are left out.
+
+    Raises
+    ------
+    MeshError
+        There are no groups, or cells in none.
+    """
+    tags, (inner, outer) = grid.data.get(PHYSICAL), grid.bounding
+    if tags is None or grid.faces is not None or not tags[inner].all():
+        lacking = "" if tags is None else f"{np.count_nonzero(tags[inner] == 0)} of its cells are in none; "
+        raise MeshError(
+            f"bodies='physical' makes a body of every physical group of cells, and {lacking}wanted is a Gmsh file in "
+            "which each cell is in one."
+        )
+    members = {int(tag): inner & (tags == tag) for tag in np.unique(tags[inner])}
+    said = {
+        tag: [name for name, x in grid.data.items() if name != PHYSICAL and np.array_equal(x != 0, tags == tag)]
+        for tag in members
+    }
+    data = {name: x for name, x in grid.data.items() if name != PHYSICAL and not any(name in n for n in said.values())}
+    cell = np.repeat(np.arange(len(grid.kinds)), np.diff(grid.offsets))
+    found = {}
+    for tag, mine in members.items():
+        own = np.zeros(len(grid.points), dtype=bool)
+        own[grid.vertices[mine[cell]]] = True
+        kept = mine | (outer & (np.bincount(cell, ~own[grid.vertices], len(mine)) == 0))
+        rows = np.flatnonzero(kept)
+        offsets, vertices = rows_in_order(grid.offsets, grid.vertices, rows)
+        found[said[tag][0] if said[tag] else str(tag)] = Grid(
+            grid.points[own],
+            grid.kinds[rows],
+            offsets,
+            (np.cumsum(own) - 1)[vertices],
+            data={name: x[rows] for name, x in data.items()},
+            sides={name: chosen[rows] for name, chosen in grid.sides.items() if chosen[rows].any()},
+        )
+    return found
 
 
 def to_meshio(grid: Grid, *, in_order: bool, groups: bool = False) -> meshio.Mesh:

@@ -1,0 +1,87 @@
+"""One Gmsh file with several physical groups of cells, read as bodies."""
+
+import meshio
+import numpy as np
+import pytest
+
+import vemcvx as vx
+
+
+def write(path, double, outside=False, names=True):
+    """Two unit squares side by side, "plate" and "pin", which share their nodes or have double ones."""
+    made = vx.meshes.triangles(4, box=((0.0, 2.0), (0.0, 1.0)))
+    points, cells = made.points, np.array(made.cells)
+    right = points[cells].mean(axis=1)[:, 0] > 1
+    if double:
+        middle = np.flatnonzero(np.abs(points[:, 0] - 1) < 1e-12)
+        other = np.arange(len(points))
+        other[middle] = len(points) + np.arange(len(middle))
+        cells, points = np.where(right[:, None], other[cells], cells), np.vstack([points, points[middle]])
+    wall, rim = made.boundaries["left"], made.boundaries["right"]
+    tags = [np.repeat([1, 2], [len(wall), len(rim)]), np.where(right, 12, 11)]
+    if outside:
+        tags[1][0] = 0
+    groups = {"wall": [1, 1], "rim": [2, 1], "plate": [11, 2], "pin": [12, 2]} if names else {}
+    mesh = meshio.Mesh(
+        np.pad(points, ((0, 0), (0, 1))),
+        [("line", np.vstack([wall, rim])), ("triangle", cells)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={name: np.array(value) for name, value in groups.items()},
+    )
+    meshio.write(path, mesh, file_format="gmsh22", binary=False)
+    return path
+
+
+@pytest.mark.parametrize("double", [False, True], ids=["shared nodes", "double nodes"])
+def test_groups_become_bodies(tmp_path, double):
+    """Under uniform pressure, free to slide and to widen, pressure is that of the load all along the interface."""
+    mesh = vx.meshes.read(write(tmp_path / "two.msh", double), bodies="physical")
+    assert sorted(mesh.boundaries) == ["boundary", "pin.rim", "plate.wall", "plate|pin"]
+    assert list(mesh.interfaces) == ["plate|pin"]
+    assert sorted(mesh.cell_data) == ["body", "pin", "plate"]
+    assert (mesh.n_cells, mesh.n_nodes) == (64, 50)
+    scene = vx.Scene(
+        vx.Elasticity(10.0, 0.3, on="plate"),
+        vx.Elasticity(20.0, 0.3, on="pin"),
+        vx.Symmetry(on="plate.wall"),
+        vx.PrescribedDisplacement(0.0, on="plate.wall", direction=(0.0, 1.0)),
+        vx.Traction((-0.1, 0.0), on="pin.rim"),
+        vx.BilateralContact(on="plate|pin"),
+        vx.TrescaFriction(1.0, on="plate|pin"),
+    )
+    history = vx.simulate(scene, mesh, [0.0, 1.0], initial="settled")
+    weights = history.contact.lengths
+    assert history.contact.pressure[-1] @ weights == pytest.approx(0.1, rel=1e-12)
+
+
+def test_groups_without_names_are_called_by_their_numbers(tmp_path):
+    mesh = vx.meshes.read(write(tmp_path / "two.msh", False, names=False), bodies="physical")
+    assert list(mesh.interfaces) == ["11|12"]
+    assert {"11.1", "12.2"} < set(mesh.boundaries)
+
+
+def test_cells_in_no_group_are_refused(tmp_path):
+    path = write(tmp_path / "two.msh", False, outside=True)
+    with pytest.raises(vx.MeshError, match=r"two\.msh: bodies='physical' .* 1 of its cells are in none; wanted is"):
+        vx.meshes.read(path, bodies="physical")
+    vtu = tmp_path / "one.vtu"
+    vx.meshes.squares(2).write(vtu)
+    with pytest.raises(vx.MeshError, match=r"one\.vtu: bodies='physical' makes a body of every physical group"):
+        vx.meshes.read(vtu, bodies="physical")
+    with pytest.raises(vx.MeshError, match=r"read: found bodies = 'all'; there is 'physical', or None"):
+        vx.meshes.read(vtu, bodies="all")
+
+
+def test_a_datum_called_like_its_body_is_the_body(tmp_path):
+    plate = vx.meshes.squares(2).with_cell_data("plate", np.ones(4))
+    pin = vx.meshes.squares(2, box=((1.0, 2.0), (0.0, 1.0)))
+    mesh = vx.meshes.bodies({"plate": plate, "pin": pin})
+    assert mesh.cell_data["plate"].tolist() == [1] * 4 + [0] * 4
+    with pytest.raises(vx.MeshError, match="cell datum 'plate', which is to tell the bodies"):
+        vx.meshes.bodies({"plate": vx.meshes.squares(2).with_cell_data("plate", np.arange(4.0)), "pin": pin})
+
+
+def test_bodies_in_space_are_refused_with_a_way_out():
+    cube = vx.meshes.cubes(1)
+    with pytest.raises(vx.MeshError, match=r"Interfaces of bodies in space are not available: mesh bodies that are"):
+        vx.meshes.bodies({"one": cube, "two": cube})

@@ -37,6 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -125,7 +126,7 @@ class Rubbed:
     """before and after the step"""
     biases: tuple[Floats, Floats]
 
-    @property
+    @cached_property
     def loss(self) -> Floats:
         """(m,) lam . s: what friction loses under the forces at the end of the step."""
         loss: Floats = np.maximum(np.einsum("mb,mb->m", self.lam, self.slip), 0.0)
@@ -138,13 +139,16 @@ class Rubbed:
         (lam - c) . s is w |s| but for rounding, and stays small where a slip is rounding under a large weight.
         """
         (before, after), (bias_before, bias) = self.weights, self.biases
-        rubs = np.einsum("mb,mb->m", self.lam - bias, self.slip)
+        tilted = bias_before.any() or bias.any()
+        rubs = np.einsum("mb,mb->m", self.lam - bias, self.slip) if tilted else self.loss
+        if not tilted and np.array_equal(before, after):
+            return rubs
         # |s|, by the forces that slip takes; by itself where the bound has vanished at the end of the step.
         way = np.divide(rubs, after, out=lengths(self.slip).copy(), where=after > 0)
-        mean = 0.5 * rubs + 0.5 * before * way
-        tilted = np.einsum("mb,mb->m", 0.5 * (bias_before + bias), self.slip)
-        loss: Floats = np.maximum(mean + tilted, 0.0)
-        return loss
+        loss: Floats = 0.5 * rubs + 0.5 * before * way
+        if tilted:
+            loss = loss + np.einsum("mb,mb->m", 0.5 * (bias_before + bias), self.slip)
+        return np.maximum(loss, 0.0)
 
 
 def step_data(system: System, condensation: Condensation, t: float) -> StepData:

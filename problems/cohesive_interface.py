@@ -19,7 +19,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.effects import ContactSurface, Contribution, Friction, SlipLaw
+from vemcvx.effects import ContactSurface, Contribution, Friction, Law
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Glue(vx.Effect):
         def weights(t, forces, before, slip):
             return initial * np.maximum(1.0 - (before + slip) / self.way, 0.0)
 
-        law = SlipLaw(weights, softening=initial / self.way)
+        law = Law(weights, softening=initial / self.way)
         along = replace(Friction.of(rows, "Glue"), slip_law=law)
         across = replace(along, directions=rows.normals)
         return Contribution(frictions=(along, across), surfaces=(ContactSurface.of(rows),))

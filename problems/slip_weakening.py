@@ -22,7 +22,7 @@ import numpy as np
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.effects import ContactSurface, Contribution, Friction, SlipLaw
+from vemcvx.effects import ContactSurface, Contribution, Friction, Law
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SlipWeakening(vx.Effect):
         def weights(t, forces, before, slip):
             return rows.lengths * np.maximum(self.peak - k * (before + slip), self.residual)
 
-        law = SlipLaw(weights, softening=k * rows.lengths)
+        law = Law(weights, softening=k * rows.lengths)
         friction = replace(Friction.of(rows, "SlipWeakening"), slip_law=law)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 

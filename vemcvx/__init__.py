@@ -49,6 +49,7 @@ from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import Quantity, quantities
 from vemcvx.exchange import read_program, write_program
+from vemcvx.friction_law import Law
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
@@ -79,6 +80,7 @@ __all__ = [
     "ErrorBudget",
     "History",
     "HistoryError",
+    "Law",
     "Limits",
     "LinearSolver",
     "MeshError",

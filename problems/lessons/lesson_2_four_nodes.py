@@ -105,6 +105,7 @@ assert abs(dual.value - problem.value) < 4e-8
 assert np.linalg.norm(flexibility @ (f - force.value) - by_hand) < allowed
 print(f"least energy {problem.value:.8f}, best lower bound {dual.value:.8f}")
 
+
 # %%
 def chain_picture():
     figure = new_figure(7.0, 3.4)
@@ -133,6 +134,7 @@ chain_picture()
 # Now the four blocks stand on a table, and each may slide in both directions of the plane: $u_i \in \mathbb{R}^2$, the
 # springs alike in $x$ and $y$. $|s_i|$ is a length, $\{|s_i| \le t_i\}$ is the ice-cream cone, and $\lambda_i$ is a
 # vector in a **disc** of radius $w_i$. In the program, `(1,)` becomes `(2,)`:
+
 
 # %%
 def step_in_the_plane(pull, before):
@@ -168,6 +170,7 @@ print("slips of the second step\n", np.round(second - first, 4) + 0.0)
 # The picture: the disc of each block, in it the force $\lambda_i$ that friction takes, beside it the direction of the
 # slip. **Question:** in the second step block 1 is pulled at 60 degrees, and no force has that direction. Why not? And
 # could an absolute value for each component ($|s_x| + |s_y|$) give the same picture?
+
 
 # %%
 def discs_picture():

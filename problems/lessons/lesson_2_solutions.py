@@ -48,6 +48,7 @@ assert near(path(lambda time: time * f, [0.0, 1.0], np.zeros(4))[1], np.linalg.s
 # **3.** Every block before it must take its .5, and block 4 itself: the pull must exceed 2, however stiff the springs
 # are. At 2 exactly it is about to.
 
+
 # %%
 def last_block(pull):
     return path(lambda time: time * pull * f / 1.2, [0.0, 1.0])[1, 3]
@@ -61,6 +62,7 @@ assert last_block(2.0 + 1e-6) > 1e-8
 # $\sqrt 2$ times the disc. The friction of a sliding block then depends on how you lay the axes. $|s_x| + |s_y|$ is two
 # absolute values, each a pair of linear inequalities, and that a solver of quadratic programs (OSQP) can have; a disc
 # has no corners, and needs a second-order cone.
+
 
 # %%
 def first_block(separate):
@@ -84,6 +86,7 @@ print(f"friction on block 1: {disc:.4f} with the disc, {box:.4f} with the square
 # more bound does not change anything, and the derivative with respect to $w_3$ is $|s_3| = 0$. And with respect to
 # $u_{prev,3}$ it is $-\lambda_3 = -.2$ (put $s = u - u_{prev}$ into the dual): by .01 more, .002 less energy, up to a
 # term in $.01^2$. That is what a multiplier is worth.
+
 
 # %%
 def least_energy(bound=0.5, start=0.0):

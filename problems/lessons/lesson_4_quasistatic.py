@@ -98,6 +98,7 @@ print(f"energy lost in the loop: {lost:.12f}, by the formula {closed_form:.12f}"
 # with friction does is no function of the load. **Question:** between which points of the loop is the slider at rest,
 # and how does the picture show the number $2g$?
 
+
 # %%
 def loop_picture():
     figure = new_figure(5.6, 3.9)
@@ -129,6 +130,7 @@ loop_picture()
 # known: while it slips, $du = df/K$ in every step, the whole way is $5(F - g)/K$, so the sum is
 # $\tfrac12\, df \cdot 5 (F - g)/K$.
 
+
 # %%
 def account(steps):
     f = there_and_back(steps)
@@ -157,6 +159,7 @@ for _steps in (30, 60, 120):
 # `history.work`, `.energy` and `.dissipated`; the rest is the method's, and halves with the step. We assert between 1.9
 # and 2.1: at the corners of the path, where nodes start to slip in the middle of a step, the order is not exact.
 
+
 # %%
 def pull(x, t):
     return np.column_stack([8 * (1.25 - x[:, 1]) * course(t), np.full(len(x), -0.01 * course(t))])
@@ -182,6 +185,7 @@ for _steps, _history in histories.items():
     print(f"{_steps:4d} steps: friction {_history.dissipated[-1]:.6f}, the method {numerical(_history)[-1]:.6f}")
 for _coarse, _fine in ((40, 80), (80, 160)):
     assert 1.9 < numerical(histories[_coarse])[-1] / numerical(histories[_fine])[-1] < 2.1
+
 
 # %%
 def body_picture(history):
@@ -241,6 +245,7 @@ def distance(one, other):
 apart = distance(marched(3.0), marched(-2.0))
 assert (np.diff(apart) <= 1e-14).all()
 assert apart[-1] < 0.5 * apart[0]
+
 
 # %%
 def memory_picture():

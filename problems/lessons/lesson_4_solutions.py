@@ -26,6 +26,7 @@ def walk(loads, u=0.0, bound=g):
 # see nothing of the peak, and no certificate of a step can know. (`vemcvx` has an indicator for it: see
 # `missed_reversal.py` among the problems.)
 
+
 # %%
 def end(peak, seen):
     hit, missed = walk([0.0, peak, 0.0]), walk([0.0, seen, 0.0])
@@ -42,6 +43,7 @@ assert end(peak=3.0, seen=0.5) == g / K
 # so no block ever turns back, and the friction of the last step is that of the whole way. A stiffness matrix of
 # elasticity has positive entries too; then a node may turn back while the load only grows, and steps count.
 
+
 # %%
 def pulled(times):
     system = vx.System(chain, lambda t: np.array([2.4, 0, 0, 0]) * t, norms)
@@ -56,6 +58,7 @@ assert np.abs(one - hundred).max() < 100 * 30 * 2.2e-16
 # **3.** $c\,\dot u$ becomes $c\,(u - u_{n-1})/k$: in the program a term $\tfrac{c}{2k}(u - u_{n-1})^2$. A square does
 # not scale like a seminorm, and $k$ stays: slow films differ from fast ones. The account gets $c\,du^2/k$, what the
 # damper takes, of order one in sum. One step minimises $\tfrac12 (K + c/k) u^2 - (f + c u_{n-1}/k) u + g|u - u_{n-1}|$:
+
 
 # %%
 def damped(loads, k, c=0.5):

@@ -36,6 +36,7 @@ from vemcvx.plots.style import BACKWARD, COMPUTED, FORWARD, SECOND, STICK_AREA
 # - $|q_i| \le w_i$: node $i$ sticks, $y_i = b_i$;
 # - else it slips the way of $q_i$, and friction is $\lambda_i = w_i\,\mathrm{sign}(q_i)$.
 
+
 # %%
 def newton_step(program, y, lam, c):
     """Guess the sets at (y, lam), and solve on them."""
@@ -65,6 +66,7 @@ def active_sets(program, c, rounds=40):
 #
 # **A body.** The paper's Section 4 on squares, 32 nodes on the ground. The package keeps the program of every step;
 # all unknowns inside have been eliminated from it, and the 32 nodes on the ground are left, with a full matrix.
+
 
 # %%
 def pull(x, t):
@@ -100,6 +102,7 @@ print(f"{len(sides)} guesses; nodes that slip: {np.count_nonzero(sides, axis=1)}
 # strides, and stops. There are finitely many sets, and Newton's method on a piecewise linear function is *exact* once
 # the piece is right: no digits are left to gain. **Question:** why is the first row all blue?
 
+
 # %%
 def sets_picture():
     figure = new_figure(6.6, 2.6)
@@ -128,6 +131,7 @@ sets_picture()
 # its way, a spring of stiffness $h = cw/(|q| - w)$, for turning aside costs friction. The rest is as before. $P$ has a
 # kink on the rim, but it is *semismooth*: near a solution the linearisation at $q$ is good in the direction of the
 # solution, and that is all that Newton needs to converge superlinearly (Qi and Sun 1993).
+
 
 # %%
 def plane_step(K, f, w, b, iterate, c):
@@ -181,6 +185,7 @@ assert factors[-1] < 1e-3
 assert errors[-2] < 1e-12
 print("errors at the end", " ".join(f"{e:.0e}" for e in ends), "| factors", " ".join(f"{r:.0e}" for r in factors))
 
+
 # %%
 def errors_picture():
     figure = new_figure(5.6, 3.2)
@@ -227,6 +232,7 @@ print("large shift:", circle[:5].astype(int).tolist(), "...; small shift:", foun
 # is not beyond $\pm 1$ while $c_2 \le 2$. So choose $c$ small? It helps: the package takes a tenth of one over the
 # flexibility. It is no proof. Let us try 60 random programs.
 
+
 # %%
 def random_program(seed, n=8):
     """Eigenvalues over three orders, bounds over two."""
@@ -262,6 +268,7 @@ print("of 60, still running after 40 rounds:", unfinished)
 # step ended, and Newton again from there. **Theorem:** the best gap tends to zero. *Proof.* If it is halved
 # again and again, it does. If not, from some round on sure steps are taken for ever; they are those of the projected
 # gradient, which converges, and the gap of its points tends to zero: it is halved after all. $\square$
+
 
 # %%
 def gap(program, y, lam):
@@ -307,6 +314,7 @@ assert sum(needed) > 0
 assert safeguarded(blocks, shift(blocks[0], 100.0))[0].tolist() == [-2.0, 0.0]
 few = np.median([count for count in needed if count])
 print(f"all 60 end; {np.count_nonzero(needed)} needed sure steps, {few:.0f} at the median")
+
 
 # %%
 def safeguard_picture():

@@ -55,6 +55,7 @@ assert circles(2.0 + 1e-9)
 # $q = w + cs < -w$, the next guess is backward, with $s = (z + w)/K > 0$, and if $-w + cs > w$ it is forward again. A
 # shift $c \le K$, one over the flexibility, is safe: $q = w + cs \ge w + (z - w) = z$, which sticks.
 
+
 # %%
 def one(z, c, start):
     """K = 1, w = 1, b = 0: guesses from slips (and forces) of the given start."""
@@ -74,6 +75,7 @@ assert one(0.0, 3.0, pushed) == 40
 # in the end. On the body every node feels every other through the material, and the front leaps. A start from 9/10 of
 # the pull has the front at 63 already, and takes a tenth of the rounds. (So in time: steps start from the sets of the
 # last step.)
+
 
 # %%
 def rod(pull, n=100):
@@ -102,6 +104,7 @@ print(f"{len(cold)} rounds from rest, {len(warm)} from the answer to nine tenths
 # **4.** The projected gradient is sure to shrink its distance to the solution by $1 - 1/\kappa$ a step and no more; the
 # condition number $\kappa$ of $K$ is up to $10^3$ here, so thousands of steps for each factor of a thousand. Newton in
 # between saves them; a better sure method would not need them (the package uses proximal points).
+
 
 # %%
 def random_program(seed, n=8):
@@ -132,6 +135,7 @@ print(f"sure steps alone: {np.median(steps):.0f} at the median, {steps.max()} at
 # %% [markdown]
 # **5.** Follow the iteration until a set comes back; the rounds between are the length. (Sets determine the next
 # iterate, hence everything that follows, so one repetition is enough.) Two is the most frequent, but not the only one.
+
 
 # %%
 def length(program, c, rounds=200):

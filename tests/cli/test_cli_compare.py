@@ -346,7 +346,7 @@ def test_where_the_sum_bounds_nothing_it_says_so(tmp_path):
 def test_what_bounds_a_distance():
     K, load, one = np.eye(2), lambda t: np.ones(2), np.eye(2)[:1]
     norms, limits, damping = vx.Norms(one, [1.0]), vx.Limits(one, [1.0]), vx.Damping(np.eye(2))
-    law = vx.Norms(one, [1.0], law=lambda t, p: p)
+    law = vx.Norms(one, [1.0], law=vx.Law(lambda t, p, past, slip: p))
     for given, bounds in (
         ({}, True),
         ({"norms": norms}, True),

@@ -227,7 +227,7 @@ def test_coulomb_friction_in_closed_form(family, solver, cap):
 
 def wedge(coefficient):
     """One slider whose slip by u raises its pressure: p = 1 + .9 u, u = 3.5 - coefficient p while it slips."""
-    norms = vx.Norms([[1.0, 0.0]], 0.0, law=lambda t, p: coefficient * p)
+    norms = vx.Norms([[1.0, 0.0]], 0.0, law=vx.Law(lambda t, p, past, slip: coefficient * p, slips=False))
     stiffness = [[1.0, -0.9], [-0.9, 1.0]]
     return vx.System(stiffness, lambda t: [3.5 * t, t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
 

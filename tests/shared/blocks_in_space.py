@@ -114,8 +114,11 @@ def on_floor(
                 B,
                 np.zeros(m),
                 block=2,
-                law=lambda t, p: coefficient * p,
-                slope=lambda t, p: sp.csr_matrix(coefficient * sp.eye_array(m)),
+                law=vx.Law(
+                    lambda t, p, past, slip: coefficient * p,
+                    slope=lambda t, p, past: sp.csr_matrix(coefficient * sp.eye_array(m)),
+                    slips=False,
+                ),
             )
     x = body.points - 0.5
     rigid = np.zeros((n, 3, 6))

@@ -253,7 +253,7 @@ class Steps:
             w = norms.weights(t) if weights is None else weights
             return fixed(np.ldexp(w, self.sigma - a)), none
         base = norms.weights(t)
-        M = np.column_stack([norms.law(t, one) - base for one in np.eye(r)])
+        M = np.column_stack([norms.weights_under(t, one) - base for one in np.eye(r)])
         M = np.ldexp(M, self.sigma[:, None] - self.tau[None, :])
         return fixed(np.ldexp(base, self.sigma - a)), Matrix.of(sp.csr_matrix(M))
 

@@ -68,7 +68,7 @@ def dragged(mu=1.8, poisson=0.2, mesh=REPORTED):
 
 def without_slope(system):
     """The same law, not known to be piecewise affine."""
-    return replace(system, norms=replace(system.norms, slope=None))
+    return replace(system, norms=replace(system.norms, law=replace(system.norms.law, slope=None)))
 
 
 @pytest.mark.parametrize("proof", [True, False])
@@ -147,11 +147,11 @@ def test_25_scenes_by_a_conic_solver(monkeypatch, accuracy):
 def wedge(coefficient, power=None):
     """One slider whose slip by u raises its pressure: p = 1 + .9 u, u = 3.5 - w(p) while it slips."""
 
-    def law(t, p):
+    def weights(t, p, past, slip):
         return coefficient * (p if power is None else p**power)
 
-    slope = None if power is not None else lambda t, p: np.full((1, 1), coefficient)
-    norms = vx.Norms([[1.0, 0.0]], 0.0, law=law, slope=slope)
+    slope = None if power is not None else lambda t, p, past: np.full((1, 1), coefficient)
+    norms = vx.Norms([[1.0, 0.0]], 0.0, law=vx.Law(weights, slope=slope, slips=False))
     stiffness = [[1.0, -0.9], [-0.9, 1.0]]
     return vx.System(stiffness, lambda t: [3.5 * t, t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
 
@@ -177,7 +177,7 @@ def test_a_law_of_ones_own_has_estimates_that_hold():
 
 
 def test_the_derivative_of_a_law_has_a_row_a_term_and_a_column_a_limit():
-    norms = vx.Norms([[1.0]], 0.0, law=lambda t, p: p, slope=lambda t, p: np.ones((2, 1)))
+    norms = vx.Norms([[1.0]], 0.0, law=vx.Law(lambda t, p, past, slip: p, slope=lambda t, p, past: np.ones((2, 1))))
     system = vx.System([[1.0]], lambda t: [t], norms, limits=vx.Limits([[1.0]], 0.0))
     with pytest.raises(vx.SceneError, match=r"^Norms: slope: found a matrix of shape \(2, 1\); wanted \(1, 1\)"):
         vx.march(system, [0.0, 1.0])

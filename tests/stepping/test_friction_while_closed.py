@@ -78,13 +78,13 @@ def test_where_nothing_opens_it_is_friction_as_ever():
 def test_a_place_that_closes_without_friction_and_opens_with_it_grazes():
     """p = -.45 + .9 (1 - w) is .45 without friction, and negative with the bound 2: it slides at p = 0, w = 1/2."""
 
-    def law(t, p):
+    def weights(t, p, past, slip):
         return np.minimum(STEEP * p, 2.0)
 
-    def slope(t, p):
+    def slope(t, p, past):
         return np.diag(np.where(STEEP * p < 2.0, STEEP, 0.0))
 
-    norms = vx.Norms([[1.0, 0.0]], 0.0, law=law, slope=slope)
+    norms = vx.Norms([[1.0, 0.0]], 0.0, law=vx.Law(weights, slope=slope, slips=False))
     system = vx.System([[1.0, -0.9], [-0.9, 1.0]], lambda t: [t, -0.45 * t], norms, limits=vx.Limits([[0.0, 1.0]], 0.0))
     trajectory = vx.march(system, [0.0, 1.0])
     assert trajectory.state[-1] == pytest.approx([0.5, 0.0], abs=1 / STEEP)

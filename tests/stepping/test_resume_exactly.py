@@ -19,6 +19,7 @@ from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.archives import arrays_of, record_of
+from vemcvx.friction_law import Law
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.program.system import Damping, Motion, System
@@ -116,7 +117,7 @@ def test_all_data_are_looked_at():
 
     motion = functions(Motion)
     parts = {
-        "norms": functions(Norms, B=[[1.0]]),
+        "norms": functions(Norms, B=[[1.0]], law=functions(Law)),
         "limits": functions(Limits, D=[[1.0]]),
         "motion": motion,
         "dragged": functions(DraggedTerms, count=1),
@@ -124,11 +125,9 @@ def test_all_data_are_looked_at():
     }
     system = functions(System, K=[[1.0]], **parts)
     mark_of_data(system, 0.5)
-    # The one law is in place of the other.
-    mark_of_data(dataclasses.replace(system, norms=dataclasses.replace(system.norms, slip_law=None)), 0.5)
-    kinds = (System, Norms, Limits, Motion, DraggedTerms)
+    kinds = (System, Norms, Law, Limits, Motion, DraggedTerms)
     named = {(kind, name) for kind in kinds for name, hint in get_type_hints(kind).items() if "Callable" in str(hint)}
-    implied = {(Norms, "places"), (Limits, "places"), (Norms, "slope"), (Motion, "pair"), (System, "order")}
+    implied = {(Norms, "places"), (Limits, "places"), (Law, "slope"), (Motion, "pair"), (System, "order")}
     assert named - called == implied
 
 

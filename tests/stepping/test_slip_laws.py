@@ -264,7 +264,7 @@ def test_stability_is_that_of_a_spring_and_a_slider(distance):
     scene, rho = block(distance)
     system = vx.scene.pose.pose_scene(scene, vx.meshes.hexagons(4, box=((0, 1), (0, 0.5)))).system
     run = vx.stepping.state.prepare(system, None, True, True)
-    assert stability(run.operators, system.norms.softest).rho == pytest.approx(rho, rel=1e-10)
+    assert stability(run.operators, system.norms.softening).rho == pytest.approx(rho, rel=1e-10)
 
 
 def test_where_no_contraction_is_known_a_sentence_says_so():
@@ -463,7 +463,7 @@ def random_system(rng, n=6, healing=False):
     def load(t):
         return 3.0 * np.sin(4 * t) * push + t * turn
 
-    return vx.System(K, load, vx.Norms(B, peak, slip_law=law, softening=k)), law
+    return vx.System(K, load, vx.Norms(B, peak, law=vx.Law(law, softening=k))), law
 
 
 def marched_by_cvxpy(system, law, times):

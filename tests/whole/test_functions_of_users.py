@@ -92,7 +92,7 @@ def spoil(x, t=0.0):
             vx.Scene(vx.Elasticity(lambda x: spoil(x)[:, 0], 0.3), vx.Clamp("right")), mesh, TIMES
         ),
         lambda mesh: mesh.with_boundary("low", lambda x: spoil(x)[:, 1] < 0),
-        lambda mesh: vx.march(vx.System(K, load, vx.Norms(np.eye(2), 0.0, law=spoil_law), limits=FLOOR), TIMES),
+        lambda mesh: vx.march(vx.System(K, load, vx.Norms(np.eye(2), 0.0, law=vx.Law(spoil_law)), limits=FLOOR), TIMES),
     ],
     ids=["load", "modulus", "boundary", "law"],
 )
@@ -107,7 +107,7 @@ def test_points_cannot_be_changed(use):
 FLOOR = vx.Limits(np.eye(2), 0.1)
 
 
-def spoil_law(t, p):
+def spoil_law(t, p, past, slip):
     p += 1.0
     return p
 

@@ -107,13 +107,13 @@ def _terms(operators: Operators) -> str:
 
 def _certificate(norms: Norms | None, operators: Operators) -> str:
     """The kind of a step's certificate: see :mod:`vemcvx.stepping.fixed_point`."""
-    if norms is None or not norms.dependent:
+    if norms is None or norms.law is None:
         return "a bound"
-    if norms.slip_law is not None and norms.slope is None:
-        found = stability(operators, norms.softest)
+    if norms.remembers and not norms.sloped:
+        found = stability(operators, norms.softening)
         if found is not None and found.margin > 0:
             return f"a bound, because friction falls slowly with slip: softening over stiffness is {found.rho:.2g} < 1"
         said = "" if found is None else f": softening over stiffness is {found.rho:.2g}, where less than 1 proves more"
         return f"an estimate, because weights depend on slip{said}"
     bound = "a bound on the distance to a solution, by its sets; where they do not settle "
-    return (bound if norms.slope is not None else "") + "an estimate, because weights depend on pressures"
+    return (bound if norms.sloped else "") + "an estimate, because weights depend on pressures"

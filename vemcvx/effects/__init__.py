@@ -9,17 +9,16 @@ from vemcvx.effects.effect import (
     Eigenstrain,
     Friction,
     InitialStress,
-    Law,
     Load,
     Material,
     Obstacle,
-    SlipLaw,
     Support,
 )
 from vemcvx.effects.friction import CoulombFriction, TrescaFriction
 from vemcvx.effects.loads import BodyForce, PointLoad, Pressure, Traction
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
 from vemcvx.effects.supports import Clamp, ElasticFoundation, PrescribedDisplacement, Symmetry
+from vemcvx.friction_law import Law, SlipLaw
 
 __all__ = [
     "BilateralContact",

@@ -10,102 +10,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
+from vemcvx.friction_law import Law
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, elastic_matrix, softest_shear
-
-
-@dataclass(frozen=True)
-class Law:
-    """The law of weights that follow the answer of a step: the forces of contact, and slip, past and present.
-
-    A step is then a fixed point of convex programs with given weights (:mod:`vemcvx.stepping.fixed_point`). Where
-    weights fall slowly enough with the slip of the step it is the only one, and certificates are bounds. A law that
-    reads the slip before the step alone has `softening` zero.
-
-    One record serves from an effect, whose laws have a weight for each of its rows, to the terms of a posed scene,
-    where rows add up and the forces are those of all limits.
-    """
-
-    weights: Callable[[float, Floats, Floats, Floats], ArrayLike]
-    """(t, normal forces, sum of |slip| over the steps before, |slip| of the step), each (m,) -> (m,) weights >= 0"""
-    softening: ArrayLike | None = None
-    """one for all, or (m,), by which weights fall at most, per length that slip of the step grows: for laws that read
-    no normal forces. None: unknown, and certificates are estimates"""
-    pressed: bool = False
-    """True if weights depend on normal forces, which one-sided contact on the same boundary tells; without, that
-    argument is an empty array"""
-    slope: Callable[[float, Floats, Floats], Any] | None = None
-    """(t, normal forces, slip before the step) -> (m,), the derivative by the forces of a `pressed` law that is
-    piecewise affine in them (the right one at corners), and does not read the slip of the step: steps are certified as
-    those of Coulomb's law"""
-    slips: bool = True
-    """True if weights depend on slip, before the step or in it; without, those arguments are zero"""
-
-    def added(self, subject: str, nodes: Ints, t: float, forces: Floats, slips: tuple[Floats, Floats]) -> Floats:
-        """The weights (m,) of rows at these nodes, under normal forces (m,), after slips before the step and in it.
-
-        Raises
-        ------
-        SceneError
-            The law fails, or gives something else than a weight >= 0 for every row.
-        """
-        failed = f"{subject}: its slip law failed when called as f(t, forces, before, slip) with t = {t:.6g}"
-        arguments = (t, forces if self.pressed else np.zeros(0), *slips)
-        wanted = "take the values of all rows at once and return a weight for each"
-        if not self.pressed:
-            wanted += "; normal forces are told where pressed=True says that it reads them"
-        w = _of_rows(called(self.weights, arguments, failed, wanted), f"{subject}: slip law", nodes, "weights")
-        lawful = (w >= 0) & (w < np.inf)
-        if not lawful.all():
-            i = int(np.argmin(lawful))
-            raise SceneError(
-                f"{subject}: found the weight {w[i]:.6g} at node {nodes[i]} and t = {t:.6g}, where the slip is "
-                f"{slips[0][i]:.6g} before the step and {slips[1][i]:.6g} in it; slip laws give finite weights >= 0."
-            )
-        return w
-
-    def slope_at(self, subject: str, nodes: Ints, t: float, forces: Floats, before: Floats) -> Floats:
-        """The derivative (m,) of the weights of rows by the normal forces; zero if it is not known."""
-        if self.slope is None:
-            return np.zeros(len(nodes))
-        failed = f"{subject}: slope failed when called as f(t, forces, before) with t = {t:.6g}"
-        raw = called(self.slope, (t, forces, before), failed, "take the values of all rows at once")
-        return _of_rows(raw, f"{subject}: slope", nodes, "derivatives of weights")
-
-    def rate(self, subject: str, nodes: Ints) -> Floats:
-        """The largest rate (m,) at which weights fall with slip.
-
-        Raises
-        ------
-        SceneError
-            That is no number >= 0, or forces of contact change them, too.
-        """
-        rate = _of_rows(self.softening, f"{subject}: softening", nodes, "weights lost per length of slip")
-        lawful = (rate >= 0) & (rate < np.inf)
-        if self.pressed or not lawful.all():
-            found = "beside pressed=True" if self.pressed else f"{rate[np.argmin(lawful)]:.6g}"
-            raise SceneError(
-                f"{subject}: found softening {found}; it is a finite number >= 0 of a law that reads no normal forces, "
-                "or None, which makes certificates estimates."
-            )
-        return rate
-
-
-SlipLaw = Law
-"""The name under which effects of one's own take it."""
-
-
-def _of_rows(raw: object, subject: str, nodes: Ints, what: str) -> Floats:
-    m = len(nodes)
-    return np.array(np.broadcast_to(shaped(raw, subject, f"one number, or ({m},) {what}, one a row", (), (m,)), (m,)))
 
 
 @dataclass(frozen=True)
@@ -247,9 +160,65 @@ class Friction:
         return self.normals if self.directions is None else self.directions[:, ::-1] * (1.0, -1.0) + 0.0
 
     def weights_under(self, t: float, forces: Floats, before: Floats, slip: Floats) -> Floats:
-        """The weights (m,) under normal forces (m,), after slips (m,) before the step and in it."""
+        """The weights (m,) under normal forces (m,), after slips (m,) before the step and in it.
+
+        Raises
+        ------
+        SceneError
+            The law fails, or gives something else than a weight >= 0 for every row.
+        """
         w, law = self.weights(t), self.slip_law
-        return w if law is None else w + law.added(self.subject, self.nodes, t, forces, (before, slip))
+        if law is None:
+            return w
+        failed = f"{self.subject}: its slip law failed when called as f(t, forces, before, slip) with t = {t:.6g}"
+        wanted = "take the values of all rows at once and return a weight for each"
+        if not law.pressed:
+            wanted += "; normal forces are told where pressed=True says that it reads them"
+        told = forces if law.pressed else np.zeros(0)
+        added = self._of_rows(called(law.weights, (t, told, before, slip), failed, wanted), "slip law", "weights")
+        lawful = (added >= 0) & (added < np.inf)
+        if not lawful.all():
+            i = int(np.argmin(lawful))
+            raise SceneError(
+                f"{self.subject}: found the weight {added[i]:.6g} at node {self.nodes[i]} and t = {t:.6g}, where the "
+                f"slip is {before[i]:.6g} before the step and {slip[i]:.6g} in it; slip laws give finite weights >= 0."
+            )
+        return w + added
+
+    def slope_under(self, t: float, forces: Floats, before: Floats) -> Floats:
+        """The derivative (m,) of the weights by the normal forces; zero if it is not known."""
+        if self.slip_law is None or self.slip_law.slope is None:
+            return np.zeros(len(self.nodes))
+        failed = f"{self.subject}: slope failed when called as f(t, forces, before) with t = {t:.6g}"
+        raw = called(self.slip_law.slope, (t, forces, before), failed, "take the values of all rows at once")
+        return self._of_rows(raw, "slope", "derivatives of weights")
+
+    @property
+    def softening(self) -> Floats:
+        """The largest rate (m,) at which weights fall with slip; zero without a law.
+
+        Raises
+        ------
+        SceneError
+            That is no number >= 0, or forces of contact change them, too.
+        """
+        law = self.slip_law
+        if law is None:
+            return np.zeros(len(self.nodes))
+        rate = self._of_rows(law.softening, "softening", "weights lost per length of slip")
+        lawful = (rate >= 0) & (rate < np.inf)
+        if law.pressed or not lawful.all():
+            found = "beside pressed=True" if law.pressed else f"{rate[np.argmin(lawful)]:.6g}"
+            raise SceneError(
+                f"{self.subject}: found softening {found}; it is a finite number >= 0 of a law that reads no normal "
+                "forces, or None, which makes certificates estimates."
+            )
+        return rate
+
+    def _of_rows(self, raw: object, name: str, what: str) -> Floats:
+        m = len(self.nodes)
+        given = shaped(raw, f"{self.subject}: {name}", f"one number, or ({m},) {what}, one a row", (), (m,))
+        return np.array(np.broadcast_to(given, (m,)))
 
     @classmethod
     def of(cls, rows: BoundaryRows, subject: str) -> Friction:

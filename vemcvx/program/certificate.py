@@ -19,11 +19,11 @@ Where K has a kernel N (:mod:`vemcvx.program.kernel`) all this holds in the semi
 K on balanced forces; where N'r does not vanish, the gap is infinite.
 
 Signs: friction acts on the body with the forces -B'lam, limits with -D'p. Where friction is one-way its bias c is part
-of the load, g contains -B'c, and lam is what is left of the multipliers: a history's are lam + c, |lam_i - c_i| <= w_i.
+of the load: g contains -B'c, and a history's multipliers are lam + c, with lam those of the program, |lam_i| <= w_i.
 
-The gap is linear in a slip that should be none: with |lam| < w it is w|s| - lam.s, 1e-16 for a slip of that size, and
-the error that it certifies is the root, 1e-8. Where a row reads one unknown of its own such slips are exact zeros;
-where it reads several, rounding leaves them. Moved exactly in place, they are paid for quadratically instead:
+The gap is linear in the slip of a term that sticks: with |lam| < w it is w|s| - lam.s. A slip of 1e-16, left by
+rounding, makes a gap of that size, and certifies no more than its root, 1e-8. Where a row reads one unknown of its own
+such slips are exact zeros; where it reads several they are not. A move v that puts them in place enters quadratically:
 
     Theorem 2.  For every field v, |r|^2 = r'K^{-1}r at d, and T(v) the parts of norm terms and limits in the gap at
     d - v,  |d - d*|_K <= 2 |v|_K + sqrt(|r|^2 + 2 T(v)).
@@ -49,8 +49,8 @@ from vemcvx.arrays import EPS, Floats, directions, lengths
 from vemcvx.outline import ArrayRecord
 
 BOUND_ROUNDING = 4 * EPS
-"""What the length of w lam / |lam| may lack of w: a root, a quotient, a product, and a root again. A multiplier so near
-its bound stands for the one on it, which is admissible, too, and as few floats are."""
+"""Rounding of |w lam / |lam|| relative to w: a root, a quotient, a product, and a root again. A multiplier that near to
+its bound counts as one on the bound, which few floats are exactly."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)

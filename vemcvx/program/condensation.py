@@ -12,17 +12,18 @@ A state with the retained displacements y_c under the total force f, and the wor
     y = xi_f + K^{-1} (0, S y_c),     K y = f + (0, S y_c - tau_f),
     y'Ky = f'xi_f + y_c'S y_c,        phi'y = phi'xi_f + tau_phi'y_c:
 
-no energies are subtracted from each other. All this is asked of the two halves of a solve, forward and backward
-substitution (:class:`vemcvx.linear.Halves`); :class:`Held` makes them of factors that solve for all unknowns only.
+so that no energies are subtracted from each other. The two halves of a solve, forward and backward substitution
+(:class:`vemcvx.linear.Halves`), give all of these; :class:`Held` makes them from a factor that solves for all unknowns
+only.
 
 Where K has a kernel (:mod:`vemcvx.program.kernel`), retained unknowns are anchored: K + E is factorised, E the diagonal
-of the anchors' stiffness, of which S + E is the Schur complement. E is taken away where S is wanted; K_ii, K_ci, xi and
-tau do not know it.
+of the anchors' stiffness, and its Schur complement is S + E. S is that less E; K_ii, K_ci, xi and tau do not depend on
+E.
 
-A load that keeps its shape, or changes between a few, has the responses of these shapes, and products phi'x of
-combinations are those of the shapes. A step then works with as many numbers as there are shapes, and with vectors of
-all unknowns only where somebody asks for them. Shapes are orthogonalised as they come, on the unknowns that any force
-has loaded; what of a force is rounding beside the shapes seen before is dropped, and only the rest is solved for.
+The loads of a run are combinations of few shapes. Each shape is solved for once, and energies of combinations are sums
+over products of shapes: a step works with as many numbers as there are shapes, and forms vectors of all unknowns only
+when they are asked for. A load is orthogonalised against the shapes known so far, on the unknowns that any force has
+loaded; a remainder at the rounding of the load is dropped, a larger one becomes a new shape.
 """
 
 from __future__ import annotations
@@ -53,18 +54,18 @@ MOST_FIELDS = 6
 
 @dataclass(frozen=True, eq=False)
 class SolvedForce:
-    """A force, its unit taken off, that was solved for.
+    """A force of size one with its response.
 
     Attributes
     ----------
     phi, z : (n,) arrays
-        The force, and the first half of a solve (:class:`vemcvx.linear.Halves`): what it does inside.
+        The force, and the first half of a solve (:class:`vemcvx.linear.Halves`), which stands for xi.
     retained, released : (m,) arrays
-        tau, the force that phi makes on the retained unknowns; how far it moves them if nothing holds them.
+        tau, the force on the retained unknowns that stands for phi; their displacements under it.
     number : int or None
-        Which of those that are remembered; None if it is not.
+        The number of the shape; None if the force is not remembered as one.
     respond : callable () -> (n,)
-        K^{-1} phi, which few ask for.
+        K^{-1} phi, computed when it is first asked for.
     product : callable
         phi'xi of two forces from their first halves.
     """
@@ -98,15 +99,15 @@ Parts = dict[SolvedForce, float]
 
 
 class Reduced:
-    """A force phi (n,), and what it does.
+    """A force phi (n,) as a combination of solved ones.
 
     Parameters
     ----------
     phi : callable () -> (n,)
     parts : dict of SolvedForce to float
-        The combination that the force is, but for rounding.
+        Their shares, which sum to phi up to rounding.
     retained : (m,) array
-        tau, the force that it makes there.
+        tau, the force on the retained unknowns that stands for phi.
     """
 
     def __init__(self, phi: Callable[[], Floats], parts: Parts, retained: Floats):
@@ -124,12 +125,12 @@ class Reduced:
 
     @property
     def inner(self) -> Floats:
-        """The first half of a solve (n,), what it does inside."""
+        """The first half of a solve (n,), which stands for xi."""
         return combined([(share, one.z) for one, share in self.parts.items()], self.phi)
 
     @cached_property
     def norm(self) -> float:
-        """(phi'K^{-1}phi)^{1/2}, the energy norm of what it causes."""
+        """(phi'K^{-1}phi)^{1/2}, the energy norm of the response."""
         largest = max(map(abs, self.parts.values()), default=0.0)
         if not 0 < largest < np.inf:
             return largest
@@ -141,13 +142,13 @@ class Reduced:
         return largest * float(np.sqrt(abs(square)))
 
     def work_inside(self, other: Reduced) -> float:
-        """phi'xi, the work on what another force does inside."""
+        """phi'xi, the work on the displacement xi of another force."""
         pairs = ((one, a, two, b) for one, a in self.parts.items() for two, b in other.parts.items())
         # Each share carries the unit of its force: the product of two may be no number where that of all three is.
         return float(sum(a * (b * one.products(two)[1]) for one, a, two, b in pairs))
 
     def same(self, other: Reduced) -> bool:
-        """Return True if the forces are equal; most that are not differ by far more than rounding in what they do."""
+        """Return True if the forces are equal; tau, at hand, tells most of them apart before phi is formed."""
         apart = np.abs(self.retained - other.retained).max(initial=0.0)
         near = apart <= 1e-6 * np.abs(self.retained).max(initial=0.0)
         return bool(near) and np.array_equal(self.phi, other.phi)
@@ -181,8 +182,8 @@ class SolvedForces:
     n : int
     solve : callable (force (n,), number) -> SolvedForce
     ease : (n,) array
-        How far a force moves its own unknown, in energy: what is left of a load is as nothing where it is so both as a
-        force and by what it does. Of a load on a stiff part 1e-15 on a part that is softer by 1e16 is not.
+        The root of each unknown's flexibility. A remainder of a load is rounding if it is so both as a force and in
+        the energy of its response: 1e-15 of a load on a stiff part, acting on a part softer by 1e16, is not.
     """
 
     def __init__(self, n: int, solve: Callable[[Floats, int | None], SolvedForce], ease: Floats):
@@ -192,9 +193,9 @@ class SolvedForces:
         self._basis: list[tuple[Floats, float, tuple[float, float], SolvedForce]] = []
 
     def parts(self, phi: Floats, rows: Ints | None = None) -> Parts:
-        """The combination that a force is, (n,) or on some rows; what is new in it is solved for.
+        """The shares of solved forces in a force (n,), or in one on some rows.
 
-        That is remembered while there is room.
+        A new shape is solved for, and remembered while there is room.
         """
         entries = self._on_loaded(phi, rows)
         # Squares of forces, of any unit, are numbers when the largest is of size one.
@@ -239,17 +240,17 @@ class SolvedForces:
 
 
 HELD = 1e-30
-"""Retained unknowns are held well enough when the energy of what they still move is this part of the whole: on K's
-kernel tau is the force that xi makes there, whose error is K times that motion."""
+"""Part of the energy of a response that the retained unknowns may keep: rounds that pull them back stop there. On K's
+kernel tau is read off K xi, and its error is K times that motion."""
 
 
 class Held:
     """The halves of a solve, from a factor that solves for all unknowns only; z is xi itself.
 
-    The retained unknowns are pulled back to where they were: K^{-1} (phi - (0, tau)) leaves them there for tau =
-    S (K^{-1} phi)_c, but for what solves lose; that much tau was not exact yet. Two rounds are usual; slender bodies,
-    which bend far when they are let go, take one more. Where K is definite the tau handed out is that of the first
-    round, rounded as S is: what no term holds back moves as far as K lets it, whatever digits S has lost.
+    Forces tau pull the retained unknowns back to zero: K^{-1} (phi - (0, tau)) vanishes there for tau = S (K^{-1}
+    phi)_c, up to the error of the solves, which further rounds remove. Two rounds are usual; slender bodies, whose
+    unheld response is large, take one more. Where K is definite the tau handed out is that of the first round, rounded
+    as S is, so that S^{-1} tau is the response of unknowns that no term holds, whatever digits S has lost.
 
     Parameters
     ----------
@@ -260,8 +261,8 @@ class Held:
         With the anchors.
     K : (n, n) sparse matrix
     motions : (n, k) array
-        The kernel of K, orthonormal on the retained unknowns. Of the rounding there anchors, soft as they are, leave
-        most in these motions, which go everywhere lest they become strain.
+        The kernel of K, orthonormal on the retained unknowns. Anchors are soft, so that rounding there shows mostly as
+        these motions; they are added to all unknowns, lest they become strain.
     """
 
     def __init__(self, factor: Factor, retained: Ints, S: Matrix, K: sp.csr_matrix, motions: Floats):

@@ -1,6 +1,6 @@
 """K with a kernel N: motions that cost no energy, held by norm terms and limits alone.
 
-So it is with a body that nothing but friction, or its weight on an obstacle, keeps in place.
+That is a body without supports, held by friction, or by its weight on an obstacle.
 
 A step min 1/2 d'Kd - g'd + sum_i w_i |B_i d - b_i| subject to Dd <= e then has a solution if no motion Nc pays,
 
@@ -116,7 +116,7 @@ class KernelBalance:
         In the metric sum |dlam_i|^2 / a_i + sum dp_j^2 / b_j, with G the friction modes and H the contact modes:
         lam(c) = P_w(lam + a G c), p(c) = (p + b H c)_+ with c the minimiser of a convex, piecewise smooth function of
         k unknowns whose gradient is G'lam(c) + H'p(c) - push: a line-searched Newton method. Where there are no such
-        multipliers, c grows without bound and what is left points along a motion that nothing can hold.
+        multipliers, c grows without bound, and the remainder is a motion that friction and limits cannot hold.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class _Point:
         return bool((np.abs(self.left) <= EPS * self.size).all())
 
     def better(self, before: _Point, descent: float, spread: float) -> bool:
-        """Armijo's rule; near the end the value changes by less than its rounding, but what is left still tells."""
+        """Armijo's rule; where the value changes by less than its rounding, the gradient must halve instead."""
         nearer = np.abs(self.left).max() <= 0.5 * np.abs(before.left).max()
         return bool(self.value <= before.value - 1e-4 * descent or (self.level(before, spread) and nearer))
 

@@ -27,10 +27,12 @@ from vemcvx.arrays import (
     checked_matrix,
     finite,
     function,
+    instance,
     is_whole,
     shaped,
 )
 from vemcvx.errors import SceneError
+from vemcvx.friction_law import Law, PressureLaw
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
@@ -116,37 +118,24 @@ class Norms(ArrayRecord):
         Components of one vector: 1 on a curve in the plane, 2 on a surface in space.
     places : callable i -> str, optional
         Where term i acts, in words, for messages.
-    law : callable (t, p) -> (m,), optional
-        Weights that depend on the forces p (r,) of the limits, found by a fixed point in every step (Coulomb); `w` are
-        then the weights without limits acting.
+    law : Law, optional
+        Weights that follow the answer of a step, found by a fixed point (:mod:`vemcvx.friction_law`); `w` are then
+        the weights where no limit acts.
     bias : (m * block,) array, or callable t -> (m * block,), optional
-        c, by which one direction costs more than the other: w + c forwards and w - c backwards, |c_i| <= w_i. It acts
-        as a force -B'c, whose work is friction's.
-    slope : callable (t, p) -> (m, r), optional
-        The derivative of a `law` that is piecewise affine (of the piece towards larger forces, where two meet): steps
-        are then solved whole, and certificates are bounds instead of estimates. Of a `slip_law` that does not depend on
-        the slip of the step, it is a function of (t, p, past).
+        c, half the difference of the bounds of the two directions: slip costs w + c forwards and w - c backwards,
+        |c_i| <= w_i. It enters a program as the force -B'c; its work counts as friction's.
     ground : callable t -> (m * block,), optional
-        How far what they rub on has moved: slips are those relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|,
-        and it does work.
-    slip_law : callable (t, p, past, slip) -> (m,), optional
-        Weights, in place of `law`, that also depend on the sum of |s_i| over the steps before, (m,), and on |s_i| of
-        the step: another fixed point.
-    softening : number or (m,) array, optional
-        How fast the weights of a `slip_law` that does not depend on p fall at most, as |s_i| of the step grows. Where
-        that is slow enough (:mod:`vemcvx.stepping.fixed_point`), certificates are bounds instead of estimates.
+        The displacement g of the ground: slips are relative to it, w_i |B_i (y - y_prev) - (g_i - g_i,prev)|, and its
+        motion does work.
     """
 
     B: sp.csr_matrix
     w: ArrayLike | Callable[[float], ArrayLike]
     block: int = 1
     places: Callable[[int], str] | None = None
-    law: Callable[[float, Floats], ArrayLike] | None = None
+    law: Law | None = None
     bias: ArrayLike | Callable[[float], ArrayLike] | None = None
-    slope: Callable[..., MatrixLike] | None = None
     ground: Callable[[float], ArrayLike] | None = None
-    slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None
-    softening: ArrayLike | None = None
 
     if TYPE_CHECKING:  # B is given as any matrix
 
@@ -156,12 +145,9 @@ class Norms(ArrayRecord):
             w: ArrayLike | Callable[[float], ArrayLike],
             block: int = 1,
             places: Callable[[int], str] | None = None,
-            law: Callable[[float, Floats], ArrayLike] | None = None,
+            law: Law | None = None,
             bias: ArrayLike | Callable[[float], ArrayLike] | None = None,
-            slope: Callable[..., MatrixLike] | None = None,
             ground: Callable[[float], ArrayLike] | None = None,
-            slip_law: Callable[[float, Floats, Floats, Floats], ArrayLike] | None = None,
-            softening: ArrayLike | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -173,16 +159,12 @@ class Norms(ArrayRecord):
             )
         object.__setattr__(self, "B", B)
         object.__setattr__(self, "block", int(self.block))
-        for name, wanted in (
-            ("places", "i that says where term i acts"),
-            ("law", "(t, p) that gives weights"),
-            ("slope", "(t, p) that gives the law's derivative"),
-            ("ground", "t that says how far the ground has moved"),
-            ("slip_law", "(t, p, past, slip) that gives weights"),
-        ):
-            function(getattr(self, name), f"Norms: found {name}", f"a function of {wanted}")
-        if self.softening is not None:
-            object.__setattr__(self, "softening", self._checked(self.softening, "softening"))
+        function(self.places, "Norms: found places", "a function of i that says where term i acts")
+        function(self.ground, "Norms: found ground", "a function of t that says how far the ground has moved")
+        instance(self.law, Law, "Norms: found law", "a Law(weights)")
+        if self.law is not None and self.law.softening is not None:
+            softening = self._checked(self.law.softening, "softening")
+            object.__setattr__(self, "law", replace(self.law, softening=softening))
         if not callable(self.w):
             object.__setattr__(self, "w", self._checked(self.w))
         if self.bias is not None and not callable(self.bias):
@@ -204,37 +186,43 @@ class Norms(ArrayRecord):
         return w if isinstance(w, np.ndarray) else self._checked(at_instant(w, t, "Norms: w"))
 
     @property
-    def softest(self) -> Floats | None:
-        """`softening` (m,), if it is known."""
-        return None if self.softening is None else np.asarray(self.softening, dtype=float)
+    def softening(self) -> Floats | None:
+        """The rate (m,) at which weights fall with slip at most, if it is known."""
+        known = None if self.law is None else self.law.softening
+        return None if known is None else np.asarray(known, dtype=float)
 
     @property
-    def dependent(self) -> bool:
-        """True if weights depend on the answer of the step."""
-        return self.law is not None or self.remembers
+    def sloped(self) -> bool:
+        """True if the derivative of the law by the forces of the limits is known."""
+        return self.law is not None and self.law.slope is not None
 
     @property
     def remembers(self) -> bool:
         """True if weights depend on slips."""
-        return self.slip_law is not None
+        return self.law is not None and self.law.slips
 
     def weights_under(self, t: float, p: Floats, past: Floats | None = None, slip: Floats | None = None) -> Floats:
         """Weights (m,) at `t` under forces `p` (r,) of the limits, after slips (m,) before the step and in it."""
-        if self.slip_law is not None:
-            slips = (np.zeros(self.count) if given is None else given for given in (past, slip))
-            return self._checked(self._ask("slip_law", t, p, *slips))
-        return self.weights(t) if self.law is None else self._checked(self._ask("law", t, p))
+        if self.law is None:
+            return self.weights(t)
+        none = np.zeros(self.count)
+        slips = none if past is None else past, none if slip is None else slip
+        failed = f"Norms: law: its function failed when called as f(t, p, past, slip) with t = {t:.6g}"
+        return self._checked(called(self.law.weights, (t, p, *slips), failed, "return weights"))
 
-    def slope_under(self, t: float, p: Floats, past: Floats | None = None) -> sp.csr_matrix:
-        """The derivative (m, r) of the weights there; `slope` must be given."""
-        slips = () if self.slip_law is None else (np.zeros(self.count) if past is None else past,)
-        return checked_matrix(self._ask("slope", t, p, *slips), "Norms: slope", (self.count, len(p)))
+    def pressure_law(self, t: float, past: Floats) -> PressureLaw:
+        """The law as one of the forces of the limits alone, at `t` after slips (m,) before the step.
 
-    def _ask(self, name: str, t: float, *answer: Floats) -> ArrayLike:
-        given = ", ".join(("t", "p", "past", "slip")[: 1 + len(answer)])
-        failed = f"Norms: {name}: its function failed when called as f({given}) with t = {t:.6g}"
-        value: ArrayLike = called(getattr(self, name), (t, *answer), failed, "return weights, or their derivative")
-        return value
+        It must be `sloped`.
+        """
+
+        def slope(p: Floats) -> sp.csr_matrix:
+            given = self.law and self.law.slope
+            failed = f"Norms: slope: its function failed when called as f(t, p, past) with t = {t:.6g}"
+            J = called(given, (t, p, past), failed, "return the law's derivative")  # type: ignore[arg-type]  # sloped
+            return checked_matrix(J, "Norms: slope", (self.count, len(p)))
+
+        return PressureLaw(lambda p: self.weights_under(t, p, past), slope)
 
     def bias_at(self, t: float) -> Floats:
         """The bias (m * block,) at the instant `t`; zero if there is none.
@@ -450,7 +438,7 @@ class Operators(ArrayRecord):
         return factor
 
     def force(self, d: Floats) -> Floats:
-        """K d, which does no work on K's kernel: what it rounds to does not either."""
+        """K d, without the part along K's kernel, which is rounding."""
         force: Floats = self.K @ d
         return force if self.kernel is None else force - self.kernel @ (self.kernel.T @ force)
 

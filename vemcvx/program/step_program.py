@@ -236,7 +236,7 @@ class StepProgram(ArrayRecord):
     def admissible(self, lam: Floats, p: Floats, d: Floats) -> tuple[Floats, Floats]:
         """The multipliers nearest to (lam, p): |lam_i| <= w_i, p >= 0, in balance on K's kernel.
 
-        For the balance those are changed that cost little gap at the increments `d`: where d sticks or touches.
+        Balance changes multipliers where it costs little gap at the increments `d`: where d sticks or touches.
         """
         if self.operators.kernel is not None:
             push = self.operators.kernel.T @ self.g
@@ -342,9 +342,9 @@ class StepProgram(ArrayRecord):
     def _put_in_place(self, gaps: Gaps, d: Floats, lam: Floats, p: Floats) -> tuple[float, Gaps]:
         """2 |v|_K of a move v that puts in place what sticks and acts, and the parts of the gap at d - v; `gaps` at d.
 
-        That is theorem 2 of :mod:`vemcvx.program.certificate`. A row seems to stick or act if its part of the gap is at
-        least x_i^2 / f_i, f_i = (A K^{-1}A')_ii, the energy that it costs to put it alone in place, and if x_i is
-        rounding: larger slips are for solvers to mend.
+        That is theorem 2 of :mod:`vemcvx.program.certificate`. A row is taken to stick or act if x_i is rounding and
+        its part of the gap is at least x_i^2 / f_i, f_i = (A K^{-1}A')_ii, the energy of a move that puts this row
+        alone in place. Larger slips are errors of the solver, and stay in the gap.
         """
         operators, slip, z = self.operators, self.slip(d), self.excess(d)
         over = z - operators.compliance * p
@@ -553,7 +553,7 @@ def _there(raw: Any) -> bool:
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SolvedProgram(StepProgram):
-    """The program of one step of a run as it was solved, and the answer.
+    """The program of one step of a run, with its answer.
 
     In the units of the scene; where weights depend on pressures (Coulomb) they are those of the solved step. Signs and
     methods are those of :class:`vemcvx.program.step_program.StepProgram`.
@@ -569,7 +569,7 @@ class SolvedProgram(StepProgram):
     slope : (m, r) sparse matrix, optional
         Where weights follow the forces of the limits: their derivative at the answer; coefficients of friction.
     origin : mapping
-        What it is the program of, in words and numbers: "scene", "mesh", "solver".
+        Where the program comes from, in words and numbers: "scene", "mesh", "solver".
     """
 
     answer: Answer
@@ -585,12 +585,12 @@ class SolvedProgram(StepProgram):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """The certificate of the answer as the answer to this very program."""
+        """The certificate of the answer to this program."""
         return self.certify(self.answer.d, self.answer.lam, self.answer.p)
 
     @cached_property
     def norm(self) -> float:
-        """|d|_K, the energy norm of the increments: what errors may be held against."""
+        """|d|_K, the energy norm of the increments, which errors may be compared with."""
         return self.operators.energy_norm(self.answer.d)
 
     @cached_property

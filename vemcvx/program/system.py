@@ -96,7 +96,7 @@ class Motion:
                 raise SceneError(f"Motion: found {name} = {brief(value)}; wanted a function.")
 
     def sized(self, n: int, rows: int, limits: int) -> Motion:
-        """The same, whose functions are checked whenever they are called; what they give is kept by nobody else."""
+        """The same motion with functions that check, and copy, every value that they return."""
         shapes: dict[str, tuple[int, ...]] = {
             "dirichlet_force": (n,), "prescribed_slip": (rows,), "stored": (), "pair": (), "remaining_gap": (limits,)
         }  # fmt: skip
@@ -170,7 +170,7 @@ class System(ArrayRecord):
     damping : Damping, optional
         A force C y' of the rate; the lengths of steps then matter.
     dragged : DraggedTerms, optional
-        Norm terms whose argument is given; they change no state, and what they lose counts.
+        Norm terms whose slip is given by the supports; they change no state, and their losses are in the ledger.
     """
 
     K: sp.csr_matrix
@@ -282,7 +282,7 @@ class System(ArrayRecord):
     @property
     def follows_answer(self) -> bool:
         """True if weights of norm terms depend on the answer of the step."""
-        return self.norms is not None and self.norms.dependent
+        return self.norms is not None and self.norms.law is not None
 
     @property
     def retained(self) -> Ints:

@@ -171,19 +171,12 @@ def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None
         return total
 
     def slope(t: float, p: Floats, past: Floats) -> sp.csr_matrix:
-        steep = [
-            np.zeros(len(f.nodes)) if f.slip_law is None else f.slip_law.slope_at(f.subject, f.nodes, t, *under)
-            for f, under in each(p, past)
-        ]
-        entries = np.repeat(np.concatenate(steep), np.diff(press.indptr)) * press.data
+        steep = np.concatenate([f.slope_under(t, *under) for f, under in each(p, past)])
+        entries = np.repeat(steep, np.diff(press.indptr)) * press.data
         return sp.csr_matrix(gather @ sp.csr_matrix((entries, press.indices, press.indptr), shape=press.shape))
 
-    softening = None
-    if all(law.softening is not None for law in laws):
-        rates = [
-            np.zeros(len(f.nodes)) if f.slip_law is None else f.slip_law.rate(f.subject, f.nodes) for f in frictions
-        ]
-        softening = gather @ np.concatenate(rates)
+    soft = all(law.softening is not None for law in laws)
+    softening = gather @ np.concatenate([f.softening for f in frictions]) if soft else None
     known = all(law.slope is not None for law in laws)
     return Law(weights, softening, any(law.pressed for law in laws), slope if known else None, slips)
 
@@ -196,26 +189,19 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
 
 def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> Norms | None:
     """The terms that some unknown moves; `press` says which limits press on which rows of frictions, if laws follow."""
-    m, none = terms.acting, np.zeros(terms.acting)
+    m = terms.acting
     if m == 0:
         return None
-    law, ground = law_of(terms, slice(0, m), press), terms.ground
-    block = terms.rows.shape[0] // len(terms.nodes)
-    norms = Norms(
+    block, ground = terms.rows.shape[0] // len(terms.nodes), terms.ground
+    return Norms(
         B=on_free(acting_rows(terms), supports),
         w=terms.weights(0.0)[:m] if all(f.steady for f in terms.frictions) else lambda t: terms.weights(t)[:m],
         block=block,
         places=supports.places(terms.nodes),
+        law=law_of(terms, slice(0, m), press),
         bias=(lambda t: terms.bias(t)[: m * block]) if terms.one_way else None,
         ground=None if ground is None else lambda t: ground(t)[: m * block],
     )
-    if law is None:
-        return norms
-    under, slope = law.weights, law.slope
-    if law.slips:
-        return replace(norms, slip_law=under, slope=slope, softening=law.softening)
-    by_forces = None if slope is None else lambda t, p: slope(t, p, none)
-    return replace(norms, law=lambda t, p: under(t, p, none, none), slope=by_forces)
 
 
 def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> DraggedTerms | None:

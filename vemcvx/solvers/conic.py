@@ -85,9 +85,9 @@ class Setting:
 
 
 TIGHT = OfGap(CONIC_TOLERANCE, 1e-14)
-"""Of solvers whose tolerances are the same for gap and residuals; what they mean differs from solver to solver."""
+"""The tolerance of solvers with one for gap and residuals, whose meaning differs from solver to solver."""
 SHORT = OfGap(CONIC_TOLERANCE, 1e-13)
-"""The same, of solvers that reach no less."""
+"""The same for solvers that break down below 1e-13."""
 
 _ECOS = (
     Setting("abstol", TIGHT, "by default, 1e-8, certified 5e-5"),
@@ -170,14 +170,14 @@ class KeptMatrices:
         return getattr(self._solver, name)
 
     def update(self, **data: Any) -> None:
-        """Hand on what is new of P, q, A, b and settings."""
+        """Hand on those of P, q, A, b and settings that have changed."""
         new = {name: item for name, item in data.items() if not _same(item, self._given.get(name))}
         self._solver.update(**new)
         self._given |= {name: item for name, item in new.items() if sp.issparse(item)}
 
 
 def keep_matrices(solvers: dict[str, Any]) -> None:
-    """See to it that Clarabel, among the solvers that cvxpy keeps by name, is told what has changed alone."""
+    """Wrap the Clarabel that cvxpy keeps, so that it is handed only the data that have changed."""
     solver = solvers.get("CLARABEL")
     if hasattr(solver, "update") and not isinstance(solver, KeptMatrices):
         solvers["CLARABEL"] = KeptMatrices(solver)

@@ -14,7 +14,7 @@ All unknowns but the multipliers are eliminated: with A = [B; D], x = [lam; p] a
 are A K^{-1} g - W x - [b; e]. Where K has a kernel, K = K_r - R' diag(a) R with the stiffness a of the anchors R d, and
 R joins A as limits of compliance -1/a that always act: a body that nothing else holds costs what any other does. Sets
 leave open what sticks, what slipping terms carry across q_i, and what acting limits carry, y. With these in their
-places, Z y, and what slipping terms gain along q_i, F x = x + q J p,
+places, Z y, and the increase of slipping terms along q_i, F x = x + q J p,
 
     (Z'W F Z + C) y = Z' (A K^{-1} g - [b; e]) - Z'W F x_known,     C: compliances, 1 / h_i across q_i, else 0,
 
@@ -31,12 +31,12 @@ not, and W at p is what the system took it for, then it solves (Q). Proof. Every
 system or one of these inequalities.  QED  Where rows follow from one another, at corners, the system is singular and
 what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 nevertheless is looked at afterwards.
 
-So whoever found another d knows how far it is from *a* solution: |d - d_sets|_K, plus the error of d_sets, the last
-correction of its iterative refinement. (Where coefficients are not small there may be more solutions than one.)
+Any other d is thus at a known distance from *a* solution: |d - d_sets|_K, plus the error of d_sets, the last correction
+of its iterative refinement. (Where coefficients are not small there may be more solutions than one.)
 
-In blocks of two and more directions turn with the answer, and no system is linear. Let x_0 = (lam, p) solve the system
-M x = r of some sets, which takes terms that slip by their directions q_i and curvatures h_i. What it misses of the law
-are, on these terms,
+In blocks of two and more the directions of slip turn with the answer, and the step is no linear system. Let x_0 =
+(lam, p) solve the system M x = r of some sets, linearised with directions q_i and curvatures h_i on slipping terms. The
+residual of the law on these terms is
 
     psi_i(s, p) = W_i(p) s_i / |s_i| - q_i (W(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
 
@@ -63,7 +63,7 @@ inequalities; no coefficient need be small.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -74,6 +74,7 @@ import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints
+from vemcvx.friction_law import Piece, PressureLaw
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
@@ -104,36 +105,9 @@ class Response:
 
 
 SOLVED = 1e-6
-"""Corrections larger than this part of the answer say that the system is all but singular: its sets hold nothing."""
+"""Part of the answer above which a correction shows a nearly singular system, whose sets leave a motion free."""
 ROUNDINGS = 64.0
-"""Roundings that an inequality may miss."""
-
-
-@dataclass(frozen=True)
-class WeightLaw:
-    """A law of weights (m,), piecewise affine in the forces p (r,) of the limits, with the derivative (m, r)."""
-
-    weights: Callable[[Floats], Floats]
-    slope: Callable[[Floats], sp.csr_matrix]
-
-    def scaled(self, up: Floats, down: Floats) -> WeightLaw:
-        """The law in units in which weights are `up` (m,) times as many, and forces are `down` (r,) of these."""
-
-        def slope(p: Floats) -> sp.csr_matrix:
-            J = self.slope(down * p)
-            entries = np.repeat(up, np.diff(J.indptr)) * J.data * down[J.indices]
-            return sp.csr_matrix((entries, J.indices, J.indptr), shape=J.shape)
-
-        return WeightLaw(lambda p: up * self.weights(down * p), slope)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """The affine piece of a law at the forces p_0 (r,): weights (m,) there, and their derivative (m, r)."""
-
-    weights: Floats
-    slope: sp.csr_matrix
-    forces: Floats
+"""Rounding units by which an inequality may fail."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +123,7 @@ class Found:
     """(m * block + r,) what s and z may be off by"""
     system: SetsSystem
 
-    def holds(self, program: StepProgram, law: WeightLaw, sets: Sets) -> bool:
+    def holds(self, program: StepProgram, law: PressureLaw, sets: Sets) -> bool:
         """Return True if the inequalities that the sets stand for hold, to rounding."""
         point, operators = self.point, program.operators
         if not np.isfinite(self.error):
@@ -166,12 +140,12 @@ class Found:
         still = ~sets.stick | (slips <= self.motions.max(initial=0.0))
         return bool(within.all() and forth.all() and pressed.all() and still.all())
 
-    def next_point(self, program: StepProgram, law: WeightLaw, sets: Sets) -> Iterate:
+    def next_point(self, program: StepProgram, law: PressureLaw, sets: Sets) -> Iterate:
         """The point to take the next sets at, where others decide what discs do that share their nodes, at edges.
 
-        A disc that sticks, but is moved by others, is to slip that way: one that slides along another face until it
-        meets its own moves by the gap that was left there. A disc that slips, but is held by others, is to slip again:
-        two of them that together are too weak would stick in turns.
+        A disc that sticks, but is moved by others, is made to slip that way: one that slides along another face until
+        it meets its own moves by the remaining gap there. A disc that slips, but is held by others, is made to slip
+        again: two of them that together are too weak would stick in turns.
         """
         point, s = self.point, program.slip(self.point.d)
         if program.operators.block == 1:
@@ -186,8 +160,8 @@ class Found:
 def _balances(program: StepProgram, lam: Floats, p: Floats) -> bool:
     """Return True if forces balance, to SOLVED of the loads, on motions that K does not feel.
 
-    Sets that leave such a motion free make a system singular but for rounding, whose solution is far away: nothing that
-    is measured against that solution would show it.
+    Sets that leave such a motion free make the system singular up to rounding. Its solution is huge, and residuals that
+    are measured relative to it look small.
     """
     operators = program.operators
     if operators.kernel is None:
@@ -219,12 +193,12 @@ def on_sets(program: StepProgram, law: Piece, sets: Sets, response: Response, ne
         error = operators.energy_norm(step)
     size, last = np.abs(x[: limits.stop]), np.abs(more[: limits.stop]).max(initial=0.0)
     force, free = np.abs(program.g).max(initial=0.0), program.g @ operators.factor.solve(program.g)
-    # What anchors answer to a motion is no force of the step: it is as large as any error of that motion.
+    # Multipliers of anchors are no forces of the step: they are proportional to any error of a rigid motion.
     held = x[: limits.stop]
     norm = np.sqrt(abs(free)) + np.sqrt(abs(held @ response.matrix[: limits.stop, : limits.stop] @ held))
     solved = last <= SOLVED * max(force, size.max(initial=0.0)) and error <= SOLVED * norm
     reach, off = (response.absolute @ np.abs(d))[: limits.stop], (response.A @ step)[: limits.stop]
-    # Sets that hold no motion without energy lead anywhere along it; its sign is that of rounding, and its work is not.
+    # Sets that leave a rigid motion free put the body anywhere along it; the work of multipliers on it shows that.
     solved = solved and size @ np.abs(off) <= SOLVED * norm**2
     if not solved or not _balances(program, operators.blocks(x[norms]), x[limits]):
         raise LinAlgError("singular")
@@ -394,7 +368,7 @@ def _blocks(matrix: Floats, block: int) -> Floats:
 
 
 def distance_to_a_solution(
-    program: StepProgram, law: WeightLaw, sets: Sets, found: Found, response: Response
+    program: StepProgram, law: PressureLaw, sets: Sets, found: Found, response: Response
 ) -> float | None:
     """A bound on |d - d*|_K to a solution d* of (Q), from what the sets miss of it; None if there is no proof."""
     p, s = np.where(found.sets.act, np.maximum(found.point.p, 0.0), 0.0), program.slip(found.point.d)
@@ -424,7 +398,7 @@ def distance_to_a_solution(
     return None
 
 
-def _hold(program: StepProgram, law: WeightLaw, sets: Sets, found: Found, ball: tuple[_Answers, Floats]) -> bool:
+def _hold(program: StepProgram, law: PressureLaw, sets: Sets, found: Found, ball: tuple[_Answers, Floats]) -> bool:
     """True if the sets' inequalities hold, to rounding, wherever psi is at most t, and the law is affine there."""
     answers, t = ball
     act, pressure, pi = found.sets.act, found.point.p, answers.forces @ t
@@ -444,8 +418,8 @@ def _hold(program: StepProgram, law: WeightLaw, sets: Sets, found: Found, ball: 
 
 
 STEEPER = 10**0.5
-"""Laws that are softened at first become steeper by this factor at a time: of 180 random problems with a steep law
-sets did not settle in 4, in 18 of the first 60 where the law was steep at once, in 6 with a factor of 10."""
+"""The factor by which softened laws become steeper at a time. Of 180 random problems with a steep law, sets did not
+settle in 4; of the first 60 in 6 with a factor of 10, and in 18 where the law was steep at once."""
 
 
 @dataclass(frozen=True)
@@ -461,14 +435,14 @@ class SetsSolution:
 
 
 def solution_near(
-    program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
+    program: StepProgram, law: PressureLaw, start: Iterate, response: Response, rounds: Iterator[int]
 ) -> SetsSolution | None:
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
-    A law that rises steeply and levels off is met on its level or at zero, in turns, and never on its slope. The softer
-    law W(share p), share = 1e-6, is met on its slope, and steeper ones from its answer, up to share = 1: with
-    p / STEEPER in place of p each begins on the same piece. And what slips with given weights seems to stick beside the
-    larger ones that its forces ask for: the sets are those of the given weights then.
+    Newton's method on a law that rises steeply and levels off jumps between its level and zero, and misses its slope.
+    The softer law W(share p), share = 1e-6, is solved on its slope, and steeper ones are begun from its answer, up to
+    share = 1: with p / STEEPER in place of p each begins on the same piece. Terms that slip under given weights may
+    seem to stick under the larger weights of their own pressures: a second attempt takes the sets of the given weights.
 
     Parameters
     ----------
@@ -495,7 +469,7 @@ SWEEPS = 100
 without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 
 
-def swept(program: StepProgram, law: WeightLaw, start: Iterate, response: Response) -> Iterate:
+def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
     x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius W(p) and on p >= 0, y
@@ -524,7 +498,7 @@ def swept(program: StepProgram, law: WeightLaw, start: Iterate, response: Respon
 
 
 def _by_softer_laws(
-    program: StepProgram, law: WeightLaw, start: Iterate, response: Response, rounds: Iterator[int]
+    program: StepProgram, law: PressureLaw, start: Iterate, response: Response, rounds: Iterator[int]
 ) -> _Settled | None:
     """A solution by way of laws that are softened at first."""
     share, point, factor = 1e-6, start, STEEPER
@@ -549,7 +523,7 @@ class _Settled(NamedTuple):
     sets: Sets
     found: Found
 
-    def point(self, program: StepProgram, law: WeightLaw) -> Iterate:
+    def point(self, program: StepProgram, law: PressureLaw) -> Iterate:
         """The point, admissible."""
         at, p = self.found.point, np.maximum(self.found.point.p, 0.0)
         d = program.feasible(_stuck_in_place(program, self.sets, at.d))
@@ -558,7 +532,7 @@ class _Settled(NamedTuple):
 
 def _from_sets(
     program: StepProgram,
-    law: WeightLaw,
+    law: PressureLaw,
     start: Iterate,
     response: Response,
     rounds: Iterator[int],
@@ -611,11 +585,11 @@ def _stuck_in_place(program: StepProgram, sets: Sets, d: Floats) -> Floats:
 
 
 def _sets(
-    program: StepProgram, law: WeightLaw, at: Iterate, shift: Shifts, w: Floats | None = None
+    program: StepProgram, law: PressureLaw, at: Iterate, shift: Shifts, w: Floats | None = None
 ) -> tuple[Sets, Piece]:
     """The sets at a point, and the piece of the law there."""
     pressed = np.maximum(at.p + shift.limits * (program.excess(at.d) - program.operators.compliance * at.p), 0.0)
-    piece = Piece(law.weights(pressed), law.slope(pressed), pressed)
+    piece = law.piece(pressed)
     w = piece.weights if w is None else w
     sets = sets_at(replace(program, w=w), at, shift)
     # A weight of nothing holds nothing: as a row that sticks it may double another one, at a corner.

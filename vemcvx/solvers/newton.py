@@ -11,9 +11,9 @@ p_j = (D_j d - e_j) / c_j where it is soft, so that
 That is a Newton step on F(d, lam) = (K d - g + B'lam, lam - P_w(lam + a s)), s = B d - b, and likewise for limits. On
 absolute values (block 1) H vanishes, and the answer on the right sets is the solution itself.
 
-Dependent rows, at edges, corners and beside supports, make that system singular: what each of them carries is not
-determined. Bounds that follow from others carry nothing. The forces of discs that share a node are those nearest to
-what they carried before, in the metric sum_i |dlam_i|^2 / w_i^2: with a dependence nu among their rows,
+Dependent rows, at edges, corners and beside supports, make that system singular: the multiplier of each of them is not
+determined. Bounds that follow from others get the multiplier zero. The multipliers of discs that share a node are those
+nearest to the previous ones in the metric sum_i |dlam_i|^2 / w_i^2: with a dependence nu among their rows,
 sum_i nu_i . dlam_i / w_i^2 = 0.
 
 The safeguard is the proximal point method on the multipliers. With centre (lam, p) and shifts a > 0, minimise the
@@ -88,7 +88,7 @@ class Sets:
     idle: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     """(k,) rows of sticking terms that follow from others' rows"""
     shares: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    """(k, m * block): how those share what they carry, shares @ lam = shares @ (what they carried before)"""
+    """(k, m * block) of their equations shares @ lam = shares @ (previous lam), which determine their multipliers"""
 
     def same(self, other: Sets) -> bool:
         """Return True if the other sets lead to the same answer."""

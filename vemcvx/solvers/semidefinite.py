@@ -17,14 +17,14 @@ from vemcvx.program.tolerances import FURTHER_GAP
 from vemcvx.solvers.solver import Solver
 
 MOST_MOVES = 2.0**40
-"""Moves that a centre may go at a time, and the part of the way below which moves are rounding."""
+"""Lengths of the last move that a centre may go at a time; its inverse is the part of a way that is rounding."""
 
 
 class ProximalPoints:
     """A solver of positive definite programs, prepared for semidefinite ones.
 
-    Points go on below the target while one in six halves the gap; but not with a solver that does not count its
-    iterations: it may take long for each, stops at the target itself, and has two points to halve the gap.
+    Iteration goes on below the target while one point in six halves the gap. With a solver that does not count its
+    iterations, each of which may be long, it stops at the target, or when two points do not halve the gap.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class ProximalPoints:
     operators : Operators
         With a kernel.
     follows : bool
-        True begins at the motion without energy that goes best with b, instead of at none.
+        True begins at the rigid motion nearest to b, instead of at rest.
     """
 
     def __init__(self, solver: Solver, operators: Operators, follows: bool):
@@ -75,7 +75,7 @@ class ProximalPoints:
 
 
 def _motion_nearest_to_b(program: StepProgram) -> Floats:
-    """The motion without energy that goes best with b."""
+    """The rigid motion whose slips are nearest to b."""
     N = program.operators.kernel
     if N is None or program.operators.count == 0:
         return np.zeros(len(program.g))
@@ -149,8 +149,8 @@ class _Centres:
         if len(self._moves) > 1:
             dx, df = np.diff(self._centres, axis=0).T, np.diff(self._moves, axis=0).T
             length = np.linalg.norm(move)
-            # A move that changes by less than .01 is that of a constant force: all terms are far from where they bend,
-            # and the centre goes where that ends.
+            # A move that changes by less than .01 comes from a constant force: no term is near a kink, and the centre
+            # goes on along it up to the next one.
             self.steady = bool(np.linalg.norm(df[:, -1]) < 0.01 * length and np.linalg.norm(x) < MOST_MOVES * length)
             step = move - (dx + df) @ np.linalg.lstsq(df, move, rcond=1e-10)[0]
             # Where points diverge, secants of them are rounding: no more than four lengths of the last move.

@@ -41,7 +41,7 @@ class Prepared(Protocol):
 
 
 class Solver(ABC):
-    """A solver of steps' programs with its settings; what belongs to a run is in what it prepares.
+    """A solver of steps' programs: its settings alone; the object that `prepare` returns belongs to a run.
 
     A subclass has an attribute `accuracy`, a class attribute or property `accepts`, and `prepare`; the rest may stay as
     it is here. A frozen dataclass of settings serves well: its accuracy is checked when it is made.
@@ -124,7 +124,7 @@ class Solver(ABC):
         return self
 
     def after(self, iterations: int) -> Solver:
-        """The same solver with what is left of its iterations after so many; itself if it does not count them."""
+        """The same solver with its iterations less so many; itself if it does not count them."""
         if iterations == 0 or not np.isfinite(self.max_iterations):
             return self
         return self.limited(max(int(self.max_iterations) - iterations, 1))

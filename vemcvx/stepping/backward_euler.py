@@ -15,13 +15,13 @@ measured here: u_0 is at most jump + (certified error of that step) away from a 
 certificate of step 0. The step maps are nonexpansive, so later states are off by no more, beside their own errors:
 it counts in the total.
 
-Friction on what supports drag along has a given slip, so it enters no program, and yet rubs. With c(t) where
-supports have the norm terms that no unknown moves, and s = c(t_n) - c(t_{n-1}) their slip,
+Nodes that supports move along the contact have a given slip: their friction enters no program, but it dissipates. With
+c(t) the position of these norm terms, and s = c(t_n) - c(t_{n-1}) their slip,
 
     multiplier = w s / |s| + bias,    loss = w |s| + bias . s,
 
-which is work of the supports, too: their reactions pull against minus the multiplier. Where s = 0, any multiplier
-up to the bound would do, and 0 is taken. Weights under pressure are those of the forces p that end the step.
+which is also work of the supports, whose reactions balance minus the multiplier. Where s = 0 any multiplier up to the
+bound is admissible, and 0 is taken. Weights that follow pressures are those of the forces p at the end of the step.
 
 With viscosity, a(u_n, v) + b((u_n - u_{n-1}) / k, v) + ..., the length k of the step does not drop out. In the
 increment d, with K_0 of a and K_1 of b, and u_D the motion of the supports (u = P y + u_D),
@@ -106,8 +106,8 @@ class QuasistaticSteps:
 def refined_step(attempt: PosedStep, state: State, n: int) -> State:
     """The state refined; once more, posed with what the first time has shown to act, if it must be.
 
-    Soft limits give way to what the forces of a program lack. Bounds take it and hold their place, but where weights
-    follow pressures these were read before they were refined, and no gap sees that: on springs of 1e-6 of the body's
+    Soft limits yield to the error of a program's forces. Bounds take that error and hold their place; but weights that
+    follow pressures were evaluated before these were refined, which no gap shows: on springs of 1e-6 of the body's
     modulus they were off by 3e-8 under a certificate of 1e-12.
     """
     run, state = attempt.run, refined_state(attempt, state)
@@ -121,7 +121,7 @@ def refined_step(attempt: PosedStep, state: State, n: int) -> State:
 def solved(attempt: PosedStep, n: int) -> State:
     """The step; weights that depend on the answer begin with those it was posed with."""
     norms = attempt.run.system.norms
-    if norms is not None and norms.dependent:
+    if norms is not None and norms.law is not None:
         return resolved(DependentStep(attempt, norms, n))
     return attempt.solve_balanced(n)
 
@@ -155,8 +155,8 @@ class ViscousSteps:
         accuracy = self._run.solver.accuracy
         state, asked = self._stepped(before, n, t, 1.0)
         if not state.accepted(accuracy) and state.unit(accuracy) < asked:
-            # Asked was a part of the increment's norm, which is that of K_0 + K_1 / k; meant, of the state's in K_0.
-            # A solver at the end of its digits gives nothing better, or nothing at all.
+            # The accuracy asked was relative to the increment's norm in K_0 + K_1 / k; it is meant relative to the
+            # state's in K_0. A solver at its rounding floor gives nothing better, or fails.
             with suppress(NotContracting):
                 sharper, _ = self._stepped(before, n, t, VISCOUS * state.unit(accuracy) / asked)
                 best = min(state, sharper, key=lambda found: found.certificate.gap)
@@ -166,7 +166,7 @@ class ViscousSteps:
         return state
 
     def _stepped(self, before: State, n: int, t: float, share: float) -> tuple[State, float]:
-        """The state where `share` of the accuracy is asked for, and the norm that this was a part of."""
+        """The state solved to `share` of the accuracy, and the energy norm that this accuracy was relative to."""
         k, shared = t - before.t, float(self._lengths[n - 1])
         (run, lost), y = self._at(shared), before.unknowns
         run = replace(run, share=share)
@@ -191,7 +191,7 @@ class ViscousSteps:
         return state, stepped.unit(run.accuracy)
 
     def _at(self, k: float) -> tuple[PreparedRun, sp.csr_matrix]:
-        """The run for steps of length k, and what rounding takes off its stiffness."""
+        """The run for steps of length k, and the rounding error of its stiffness."""
         if k not in self._runs:
             system, rate, shared = self._run.system, self._damping.C, self._run.condensation
             stiffness = sp.csr_matrix(system.K + rate / k)
@@ -303,7 +303,7 @@ Steps = QuasistaticSteps | ViscousSteps
 
 
 def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
-    """Nothing has been dragged yet."""
+    """The friction of dragged terms before the first step: no slip, no loss."""
     terms = system.dragged
     if terms is None:
         return Dragged.nothing(0, 1 if system.norms is None else system.norms.block)
@@ -312,7 +312,7 @@ def nothing_dragged(system: System, t: float, p: Floats) -> Dragged:
 
 
 def with_dragged_friction(system: System, before: State, state: State) -> State:
-    """The state with the friction of what supports dragged along since `before`: a loss, and work of the supports."""
+    """The state with the friction of terms that supports dragged since `before`: a loss, and work of the supports."""
     terms = system.dragged
     if terms is None:
         return state
@@ -409,9 +409,7 @@ def _given(run: PreparedRun, now: StepData, initial: ArrayLike | str | None) -> 
 def state_given(run: PreparedRun, now: StepData, y: Floats) -> State:
     """The state y (n,), whatever led to it: as far as is known, nothing slipped or pressed."""
     norms, operators = run.system.norms, run.operators
-    weights = np.zeros(0) if norms is None else norms.weights(now.t)
-    if norms is not None and norms.slip_law is not None:
-        weights = norms.weights_under(now.t, np.zeros(len(operators.compliance)))
+    weights = np.zeros(0) if norms is None else norms.weights_under(now.t, np.zeros(len(operators.compliance)))
     y_c = y[run.condensation.retained]
     start = energy(run.condensation, y_c, now, np.zeros(len(operators.compliance)))
     return replace(State.still(operators, now, y_c, weights, start), full=y)

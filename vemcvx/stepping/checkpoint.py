@@ -51,7 +51,7 @@ def mark_of_data(system: System, t: float) -> int:
     parts = [system.force(t), system.remaining_gap(t)]
     if norms is not None:
         parts += [norms.bias_at(t), norms.weights(t), norms.moved(t)]
-        parts += _followed(system, norms.weights_under, t, norms) if norms.dependent else []
+        parts += _followed(system, norms.weights_under, t, norms) if system.follows_answer else []
     if dragged is not None:
         parts += [dragged.position(t), *_followed(system, dragged.weights, t, dragged)]
         parts += [] if dragged.bias is None else [dragged.bias(t)]

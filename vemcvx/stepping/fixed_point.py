@@ -5,35 +5,34 @@ With T(w) the answer of the step's convex program for the weights w, and p(T(w))
     w = law(p(T(w))),     w_{k+1} = law(p(T(w_k))),   beginning with the pressures of the step before.
 
 Existence, uniqueness and contraction are known for small coefficients (Necas, Jarusek and Haslinger 1980; Eck and
-Jarusek 1998); but increments of an iteration do not tell if it contracts. So an answer d_k = T(w_k) is judged by a
-solution of the step: what sticks, slips and touches at d_k makes one linear system, which
-:mod:`vemcvx.solvers.coulomb` solves, and whose solution d_s solves the step where it obeys the inequalities of its sets
-(theorems there, in the plane and in space). Then
+Jarusek 1998), but the increments of an iteration are no proof that it contracts. An answer d_k = T(w_k) is therefore
+compared with a solution of the step: the sets at d_k, of terms that stick or slip and limits that act, make one linear
+system. :mod:`vemcvx.solvers.coulomb` solves it; its solution d_s solves the step if it obeys the inequalities of the
+sets (theorems there, in the plane and in space). Then
 
     |d_k - d|_K <= |d_k - d_s|_K + (error of one linear solve)      for a solution d of the step:
 
-a *bound* on the distance to a solution; coefficients that are not small may have others. Solvers whose answers are
-active-set steps anyway answer with d_s itself, most often before any program, from the sets of the step before.
-Motions of all others stay their own; their forces are those of d_s, which balance and follow the law to rounding, as no
-solver's pressures do. To half the square of the bound comes what these forces miss of work on d_k, friction and limits,
-so that
+a *bound* on the distance to a solution; with coefficients that are not small there may be others. Active-set solvers
+answer with d_s itself, mostly found from the sets of the step before, without a program. Answers of all other solvers
+keep their d_k, with the forces of d_s, which balance and follow the law to rounding, as pressures of a solver do not.
+The gap is half the square of the bound plus the parts of friction and limits in the gap of these forces at d_k, so that
 
     work - dE - loss = 1/2 a(du, du) + p . dz     up to     |d_k - d_s|_K |d_k|_K + that work.
 
-Weights that follow the slip, of the step and before it, are proven by convexity instead, where that is known
-(:mod:`vemcvx.stepping.state`). Iterates are mixed then (Anderson 1965): what follows from weights is taken to be affine
-between those tried last, and the weights are sought that would follow from themselves. The proof is of answers, however
-they were found.
+Where weights follow the slip, of the step and before it, convexity proves the certificate, if the rate of softening is
+known and small (:mod:`vemcvx.stepping.state`). The iteration is accelerated then (Anderson 1965): law(T(w)) is taken to
+be affine between the last weights tried, and the next weights are the fixed point of that. The proof holds for any
+answer, whichever way it was found.
 
-Where there is no proof, sets do not settle or the law is not known to be piecewise affine, the certificate is an
+Without proof, because sets do not settle or the law is not known to be piecewise affine, the certificate is an
 *estimate*:
 
     CAUTION (i_k rate + e_k) / (1 - rate),     rate: the largest of the last WINDOW ratios of the increments
     i_k = |d_k - d_{k-1}|_K + sum |w_k - w_{k-1}| |s| / |u|_K,    s: the larger slips,  u: the largest state,
 
-(a body between walls may slip no further while weights still grow: the sum is the work of what they grow by), e_k the
-certified error of the program, and no sooner than after WINDOW ratios. (The last ratio alone does not do: a lucky small
-one passes for the constant of contraction.) An iteration that does not contract is an error.
+e_k the certified error of the program, and infinite before there are WINDOW ratios. (The sum is there because a body
+between walls may slip no further while weights still grow. The last ratio alone is no estimate of the constant of
+contraction: it may be small by chance.) An iteration that does not contract is an error.
 """
 
 from __future__ import annotations
@@ -62,13 +61,13 @@ CAUTION = 4.0
 SLOWEST = 0.98
 """Iterations that contract more slowly than this, ten times in a row, will not get there in MOST_PROGRAMS."""
 FEW_SETS = 10
-"""From the state before; of a bolted joint under cycles of load 4 to 6 are wanted."""
+"""Systems that may be solved from the sets of the step before; a bolted joint under cycles of load needs 4 to 6."""
 AT_BOUND = 1e-9
 """Part of a weight that its multiplier may lack and be at its bound, and of what weights may fall by beyond a law."""
 
 
 def mixed(tried: list[tuple[Floats, Floats]]) -> Floats:
-    """The weights to try next, after weights (m,) and what followed from them."""
+    """The weights to try next, after pairs (w, law(T(w))), by Anderson's acceleration."""
     last = tried[-6:]
     followed = np.array([f for _, f in last])
     missed = followed - [w for w, _ in last]
@@ -96,7 +95,8 @@ class DependentStep:
     def start(self) -> Floats:
         """Weights (m,) of the first program."""
         w = self.attempt.program.w
-        # Where nothing else holds the body, friction under the pressures before may not: begin with more than any load.
+        # Friction under the earlier pressures may be too weak to hold a body without supports: begin with weights above
+        # any load.
         held = self.run.operators.kernel is None
         return w if held else np.full(len(w), np.abs(self.attempt.program.g).sum())
 
@@ -121,8 +121,8 @@ class DependentStep:
     def from_before(self) -> tuple[State | None, int]:
         """A solution near the state before, if one is found in a few sets, and how many it took.
 
-        What stuck and slipped before is nearer than the answer of a program with the weights of before; in that of
-        bodies that nothing else holds, with the weights of `start`, all that touches sticks.
+        The sets of the step before are nearer than the answer to a program with its weights; for bodies without
+        supports that program has the weights of `start`, under which all contacts stick.
         """
         if not (self.replaces and self.attempt.ordinary):
             return None, 0
@@ -133,13 +133,13 @@ class DependentStep:
 
         None if no solution is found, in as many sets as are left of the iterations, or `most` of them.
         """
-        # Iteratively, how each place answers to each other one would take as many solves.
-        if self.norms.slope is None or not self.run.operators.factor.exact:
+        # With an iterative linear solver, W = A K^{-1} A' would take a solve for every row.
+        if not (self.norms.sloped and self.run.operators.factor.exact):
             return None, 0
         most = int(min(self.run.most - spent, most, sys.maxsize))
         rounds = iter(range(most))
         found = self.pose(state.weights).solution_near(state, self.norms, rounds)
-        if found is not None and self.norms.slip_law is not None:
+        if found is not None and self.norms.remembers:
             self._check_slope(found)
         return found, most - length_hint(rounds)
 
@@ -158,7 +158,7 @@ class DependentStep:
     def certified(self, state: State, increments: list[float]) -> State:
         """The state under the weights of its own pressures and slip, after increments of such states."""
         w = self.law(state)
-        posed, stability, rate = self.pose(w), self.run.stability, self.norms.softest
+        posed, stability, rate = self.pose(w), self.run.stability, self.norms.softening
         if self.convex and stability is not None and rate is not None:
             self._check_softening(state, w, rate)
             # A multiplier at its bound stays there: what that misses of forces counts by its square.
@@ -171,13 +171,13 @@ class DependentStep:
         accuracy = self.run.accuracy
         # Smaller increments than these measure the solver's tolerance, not the contraction; all that follow add up to
         # at most half the accuracy.
-        quiet = 0.0 if self.norms.slip_law is None else 0.5 * (1.0 - SLOWEST) * accuracy * state.unit(accuracy)
+        quiet = 0.5 * (1.0 - SLOWEST) * accuracy * state.unit(accuracy) if self.norms.remembers else 0.0
         return posed.under_own_weights(state, _estimated(state.certificate, last, quiet))
 
     @property
     def convex(self) -> bool:
         """True if weights follow the slip in a way that leaves the step convex."""
-        stability = self.run.stability if self.norms.slip_law is not None else None
+        stability = self.run.stability if self.norms.remembers else None
         return stability is not None and stability.margin > 0
 
     def _check_softening(self, state: State, w: Floats, rate: Floats) -> None:
@@ -205,11 +205,11 @@ class DependentStep:
     @property
     def subject(self) -> str:
         """The subject of messages: the quantity that contracts."""
-        return f"the fixed point of friction that {'follows contact' if self.norms.slip_law is None else 'sees slip'}"
+        return f"the fixed point of friction that {'sees slip' if self.norms.remembers else 'follows contact'}"
 
     def still_changing(self, last: State, own: State) -> str:
         """The quantities that still change, in words: a program's answer, and that answer under its own weights."""
-        if self.norms.slip_law is None:
+        if not self.norms.remembers:
             return "what sticks, slips and touches has not settled"
         change = (own.weights - last.weights) * np.sqrt(self.run.operators.norm_flexibility)
         i = int(np.argmax(np.abs(change)))
@@ -220,7 +220,7 @@ class DependentStep:
     @property
     def advice(self) -> str:
         """Advice where the fixed point does not contract."""
-        if self.norms.slip_law is None:
+        if not self.norms.remembers:
             return (
                 "Take a smaller coefficient or bound, a cap, NormalCompliance in place of UnilateralContact, smaller "
                 "steps, or a sharper solver (Newton)."
@@ -275,7 +275,7 @@ def resolved(step: DependentStep) -> State:
         if iterations >= step.run.most:
             return replace(own, status="iteration limit")
         followed = step.law(state)
-        if step.norms.slip_law is not None and np.array_equal(followed, w):
+        if step.norms.remembers and np.array_equal(followed, w):
             return own  # The same program would be answered alike.
         tried.append((w, followed))
         if _stagnates(increments):

@@ -7,8 +7,8 @@ work     = load_n . dy + a(u_n, du_D) + lam . dc + p . (dD^u_D - de)
            move towards limits, and of limits e that move themselves: obstacles push)
 loss     = sum_i lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, kept term by term, too: friction work, which
            wears what rubs (Archard 1953)
-identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e; the last, of
-           bounds, is -p . z_prev >= 0, that of soft limits, less what they store, c (dp)^2 / 2 and more
+identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e. For bounds
+           the last term is -p . z_prev >= 0; for soft limits, less the change of their energy, at least c (dp)^2 / 2
 
 Between the instants. Forces at the end of a step do O(k) too much work, even where the states at both ends are exact,
 and friction whose bound changes in a step loses O(k) too much or too little. Of second order are, with weights w and
@@ -55,7 +55,7 @@ class Carried:
 
     dirichlet_force: Reduced
     field: Floats
-    """(n_u,) u_m, what they alone bring about, seen from the body"""
+    """(n_u,) u_m, the displacement under these terms alone, less a rigid motion"""
     pair: Callable[[Floats, Floats], float]
     """a of two such fields"""
 
@@ -117,7 +117,7 @@ class Ledger:
 
 @dataclass(frozen=True)
 class Rubbed:
-    """What rubs in a step: multipliers and slips (m, block), weights (m,) and biases (m, block) at both its ends."""
+    """Friction in a step: multipliers and slips (m, block), weights (m,) and biases (m, block) at both its ends."""
 
     lam: Floats
     """c + lam of the program, at the end of the step"""
@@ -172,7 +172,7 @@ def step_data(system: System, condensation: Condensation, t: float) -> StepData:
 
 
 def in_range(force: Reduced, t: float) -> Reduced:
-    """The force, if the energy of what it causes is not too large to be a number."""
+    """The force, unless the energy of its response overflows, which is an error."""
     if not force.norm <= LARGEST_NORM:
         checked_norm(force.norm, t)
     return force
@@ -183,7 +183,7 @@ def energy(condensation: Condensation, y: Floats, now: StepData, p: Floats) -> f
     pressed = float(p @ (condensation.operators.compliance * p))
     carried, kernel = now.carried, condensation.operators.kernel
     if now.ground is not None and kernel is not None:
-        y = y - kernel @ (kernel.T @ y)  # What the ground carries along may go far, and strain nothing.
+        y = y - kernel @ (kernel.T @ y)  # A body on moving ground goes far without strain: digits of y would be lost.
     if carried is None:
         return 0.5 * (condensation.square(y, now.force) + pressed)
     z, load = y + carried.dirichlet_force.x[condensation.retained], now.force + carried.dirichlet_force

@@ -1,22 +1,22 @@
-"""A step posed, scaled and answered, the state after it, and what it takes to be accepted.
+"""A step posed, scaled and answered, the state after it, and the test by which it is accepted.
 
 With y_n = y_{n-1} + d_n, the force out of balance after a step, g_n - K d_n, is carried into the next one,
 g_{n+1} = (g_n - K d_n) + (load_{n+1} - load_n): increments keep their digits when steps are tiny beside y.
 
 Errors are relative to the largest energy norm of the states so far. A body that is carried without touching, or held
-completely, has none: its norm is rounding, and accuracy relative to it means nothing. What the data can cause then
-takes its place. With x = K^{-1} f the answer that nothing stops, f the load of the instant, Dirichlet force included
-(and so x with the rigid motion in it), friction in no way,
+completely, has no energy: its norm is rounding, and an accuracy relative to it means nothing. The energy norm that the
+data can cause then takes its place. With x = K^{-1} f the displacement without contact and friction, f the load of the
+instant, Dirichlet force included (so that x contains the rigid motion),
 
     size = x'x / |x|_{K^{-1}} = min { |v|_K : x'v = x'x },
 
-the least energy norm of a field that takes the motion back in the mean: what any contact or friction that is to stop it
-has to spend. (Proof: x'v <= |x|_{K^{-1}} |v|_K, Cauchy and Schwarz, with equality for v along K^{-1}x. QED) It is an
+the least energy norm of a field that takes the motion back in the mean, which contact or friction must spend to stop
+the body. (Proof: x'v <= |x|_{K^{-1}} |v|_K, Cauchy and Schwarz, with equality for v along K^{-1}x. QED) It is an
 energy norm in every system of units, at most |x|_K, zero for x = 0 only; and for the same motion it does not depend on
 h, as x'x has one sum over the nodes and x'K^{-1}x two (while |x|_K grows like h^{-1/2}: supports that move tear at one
 layer of cells). A state whose norm and certified error are both at most accuracy times the largest size so far is zero
-at the accuracy asked. A body that the ground carries along has no energy either: what the ground can cause counts
-likewise (:func:`ground_norm`).
+at the accuracy asked. A body that moving ground carries along has no energy either, and the energy norm that the
+ground can cause counts likewise (:func:`ground_norm`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers import Solver
-from vemcvx.solvers.coulomb import WeightLaw, solution_near
+from vemcvx.solvers.coulomb import solution_near
 from vemcvx.solvers.newton import Iterate
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Rubbed, StepData, advance
@@ -309,9 +309,7 @@ class PosedStep:
         if alpha == 0.0:
             return replace(state, certificate=state.certificate.away(0.0))
         up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
-        past = self.before.ledger.slipped
-        weights, slope = partial(norms.weights_under, t, past=past), partial(norms.slope_under, t, past=past)
-        law = WeightLaw(weights, slope).scaled(up, down)
+        law = norms.pressure_law(t, self.before.ledger.slipped).scaled(up, down)
         start = Iterate(
             scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam - self.bias, state.p, alpha)
         )

@@ -95,9 +95,9 @@ def _solved_program(steps: Steps, before: State, after: State, n: int) -> Solved
     if found.certificate.gap > after.certificate.gap + found.certificate.floor:
         # It has lost digits, to which gaps are linear where terms stick and limits touch; they are found again.
         found = SolvedProgram.of(program, polished(program, answer), n, after.t)
-    if norms is None or norms.slope is None:
+    if norms is None or not norms.sloped:
         return found
-    return replace(found, slope=norms.slope_under(after.t, after.p, before.ledger.slipped))
+    return replace(found, slope=norms.pressure_law(after.t, before.ledger.slipped).slope(after.p))
 
 
 def _check_stored(trajectory: Trajectory, n: int) -> None:

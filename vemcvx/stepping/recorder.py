@@ -41,7 +41,7 @@ def refined_state(attempt: PosedStep, state: State) -> State:
     # What was free to move may have moved a rounding error beyond its bound.
     bounds, beyond = operators.compliance == 0, operators.limits.read(y[retained]) - remaining_gap
     y[retained[operators.limits.columns]] -= np.where(bounds, np.maximum(beyond, 0.0), 0.0) / operators.D.data
-    # What sticks has not moved, and keeps its slip to the last bit; what slips may have lost its direction to rounding.
+    # Sticking terms keep their slip to the last bit; slipping ones may have lost their direction to rounding.
     slip = state.slip + operators.blocks(operators.rows.read(y[retained] - state.y))
     aligned = _aligned(attempt.run.operators, state.weights, lam=lam, slip=slip, stick=stick)
     y[retained[operators.rows.columns]] += (aligned - slip).ravel() / operators.B.data
@@ -74,10 +74,10 @@ def refined_state(attempt: PosedStep, state: State) -> State:
 
 
 def posed_sharply(attempt: PosedStep, refined: State) -> PosedStep:
-    """The step with the forces on the retained unknowns that a refined state shows to act there.
+    """The step posed with the forces g on the retained unknowns that a refined state balances.
 
-    g = K d + B'lam + D'p and what the residual does there. On weak springs the response x to a load goes far, and g,
-    taken as S x_c, is known to a rounding error of S times that: too little for sets and pressures.
+    g = K d + B'lam + D'p plus the reduced residual. On weak springs the response x to a load is large, and g = S x_c
+    carries the rounding of S times that: too much for sets and pressures.
     """
     run, d = attempt.run, refined.y - attempt.before.y
     held = run.system.multiplier_force(refined.lam, refined.p)
@@ -90,8 +90,8 @@ def posed_sharply(attempt: PosedStep, refined: State) -> PosedStep:
 def _aligned(operators: Operators, w: Floats, lam: Floats, slip: Floats, stick: Bools) -> Floats:
     """Slips (m, block) that point where their multipliers do, but for those that stick.
 
-    A slip that is turned by e costs an energy of about e^2 / 2 over the term's flexibility, and is left as it is where
-    it costs no more than that: where contact is open, the direction of a multiplier is that of rounding.
+    Turning a slip by e costs an energy of about e^2 / 2 over the term's flexibility. A slip whose gap is smaller than
+    that is left as it is: where contact is open, the direction of a multiplier is that of rounding.
     """
     square = np.einsum("ij,ij->i", lam, lam)
     share = np.divide(np.einsum("ij,ij->i", lam, slip), square, out=np.zeros_like(square), where=square > 0)
@@ -132,7 +132,7 @@ def _numbers(store: object, steps: int) -> TypeGuard[Sequence[int]]:
 
 
 def certified_in_full(run: PreparedRun, state: State, lost: sp.csr_matrix | None = None) -> State:
-    """The state with all its unknowns and the certificate of the full system; `lost` is what rounding took off K."""
+    """The state with all its unknowns and the certificate of the full system; `lost` is the rounding error of K."""
     if state.full is not None:
         return state
     y = run.condensation.recover(state.y, state.data.force)

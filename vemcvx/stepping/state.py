@@ -5,8 +5,8 @@ the step, a step minimises
 
     1/2 d'Kd - g'd + sum_i Phi_i(|s_i|),     s = B d - b.
 
-Weights that fall no faster than k_i per slip make Phi_i + k_i |s_i|^2 / 2 convex, and the sum is strongly convex where
-what they take is less than what the body gives back: with
+Weights that fall no faster than k_i per slip make Phi_i + k_i |s_i|^2 / 2 convex, and the step is strongly convex where
+the sum of these squares is less than the elastic energy: with
 
     rho = the largest eigenvalue of  k^{1/2} B K^{-1} B' k^{1/2},      sum_i k_i |(B d)_i|^2 <= rho d'Kd,
 
@@ -70,7 +70,7 @@ class Stability:
 
 def stability_of(operators: Operators, norms: Norms) -> Stability | None:
     """The stability of norm terms; a warning where they are not stable."""
-    found = stability(operators, norms.softest)
+    found = stability(operators, norms.softening)
     if found is not None and found.margin == 0.0:
         warnings.warn(
             f"friction: weights may fall faster with slip than the body gives way, most at {norms.name(found.worst)} "
@@ -86,8 +86,8 @@ def stability_of(operators: Operators, norms: Norms) -> Stability | None:
 def stability(operators: Operators, softening: Floats | None) -> Stability | None:
     """The stability of weights that fall with the slip of a step by `softening` (m,) at most; None if that is unknown.
 
-    Bodies that nothing but friction holds have none to give back: rho is infinite. Iteratively, how each place answers
-    to each other one would take as many solves: it is unknown.
+    For bodies without supports rho is infinite: their rigid motions have no elastic energy. With an iterative linear
+    solver it is unknown: B K^{-1} B' would take a solve for every row.
     """
     if softening is None or (softening.any() and not operators.factor.exact):
         return None

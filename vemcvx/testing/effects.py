@@ -220,7 +220,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
         assert friction.directions is None or _units(friction.directions)
         if friction.slip_law is not None:
             slip = np.linspace(0.0, 1.0, len(friction.nodes))
-            friction.slip_law.added(friction.subject, friction.nodes, 1.0, slip, (slip, slip))
+            friction.weights_under(1.0, slip, slip, slip)
 
 
 def _units(vectors: Floats) -> bool:

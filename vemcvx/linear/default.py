@@ -66,13 +66,13 @@ def direct_solver(unknowns: int) -> Pardiso | SuperLU:
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """The BLAS libraries that are there at the first run, NumPy's and SciPy's; to look for them takes milliseconds."""
+    """The BLAS libraries of NumPy and SciPy, found at the first run, because the search takes milliseconds."""
     return ThreadpoolController()
 
 
 @contextmanager
 def one_thread(unknowns: int) -> Iterator[None]:
-    """Within, BLAS has one thread for dense matrices of fewer than 2,000 unknowns.
+    """Limit BLAS to one thread while steps solve dense systems of fewer than 2,000 unknowns.
 
     On two cores 256 steps with 256 unknowns take .76 s with one thread, and .88 s of wall and 1.3 s of CPU time with
     two. The number of threads belongs to the process, so that only a run in its main thread sets it.

@@ -34,7 +34,7 @@ SAMPLES = 8
 class Halves(Protocol):
     """Forward and backward substitution with K = L L', the unknowns c eliminated last and all others i.
 
-    The force on c while it is held needs the first half alone, and what several forces do together the second one once.
+    The force on c while it is held needs the first half alone; a combination of forces needs the second half once.
     """
 
     def halved(self, b: Floats) -> tuple[Floats, Floats]:

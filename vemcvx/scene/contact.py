@@ -24,8 +24,8 @@ from vemcvx.vem import tangents_of
 # A friction effect brings one row a node and distinct normal; rows of one node with one normal are one term, whose
 # weights add up and whose length is that of all their edges; where they rub on grounds that move differently, each is
 # a term of its own. Over u the matrix of the terms is B^ (orthonormal tangents); over the free unknowns it is B = B^
-# P. Terms that no free unknown can move come last: they rub where supports drag their nodes along, and are shown
-# where contact presses them; held otherwise, they are dropped.
+# P. Terms that no free unknown moves come last. They are kept where supports drag their nodes along the contact, which
+# dissipates, or where contact presses on them, which is reported; all others are dropped.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,13 +121,13 @@ def _moved(frictions: Sequence[Friction], rows: Ints, t: float) -> Floats:
 
 
 def _relative(tangents: Floats, moved: Moving, times: Sequence[float]) -> Callable[[float], Floats]:
-    """The same along the tangents, and since the first instant: where a ground has begun counts for nothing."""
+    """The motion along the tangents since the first instant."""
     start = along(tangents, moved(float(times[0]))) if len(times) else 0.0
     return lambda t: along(tangents, moved(t)) - start
 
 
 def _refuse_overlap(frictions: Sequence[Friction], owns: sp.csr_matrix, ends: sp.csr_matrix) -> None:
-    """Raise SceneError where two terms own an edge: they rub on it, and on grounds that move differently."""
+    """Raise SceneError where two terms own an edge, with grounds that move differently."""
     twice = np.flatnonzero(np.bincount(ends.indices, minlength=ends.shape[1]) > 1)
     if len(twice):
         owner = _of_rows(frictions, range(len(frictions)))
@@ -188,7 +188,7 @@ def _slices(frictions: Sequence[Friction]) -> list[slice]:
 
 
 def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> Norms | None:
-    """The terms that some unknown moves; `press` says which limits press on which rows of frictions, if laws follow."""
+    """The terms that some unknown moves; `press` (rows, r) maps the forces of limits to the rows that laws read."""
     m = terms.acting
     if m == 0:
         return None
@@ -205,7 +205,7 @@ def norm_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) ->
 
 
 def dragged_terms(terms: Terms, press: sp.csr_matrix | None, supports: Supports) -> DraggedTerms | None:
-    """The terms that none does."""
+    """The terms that no unknown moves."""
     m, q = terms.acting, len(terms.nodes) - terms.acting
     if q == 0:
         return None
@@ -251,7 +251,7 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
 
 @dataclass(frozen=True, kw_only=True)
 class Surface(ContactRows):
-    """The nodes of contact that are not held otherwise, ordered; at a corner, all that follows is of both sides.
+    """The nodes of contact that are not held otherwise, ordered; at a corner, all rows are of both sides.
 
     Normals are means by length there, and lengths are sums. Contact presses on partners the other way.
     """
@@ -386,7 +386,7 @@ def pressures(terms: Terms, obstacles: Obstacles, table: ContactRows, supports: 
 
 
 def out_of_reach(terms: Terms, obstacles: Sequence[Obstacle], supports: Supports) -> list[str]:
-    """A sentence for each friction and obstacle none of whose nodes can move, or is moved: it does nothing."""
+    """A sentence for each friction and obstacle without effect: no node of it can move, or is moved."""
     moving = np.arange(len(terms.nodes)) < terms.acting
     if terms.dragged is not None:
         moving = moving | terms.dragged

@@ -78,7 +78,7 @@ def load_of(
 
 
 def _moving(A: sp.csr_matrix, supports: Supports) -> tuple[Callable[[float], Floats], Ints, sp.csr_matrix]:
-    """The values that supports move, in time, and the rows with entries of P'A on them: P'A u_D without zeros."""
+    """P'A u_D from the nodal values that supports move, and from the rows of P'A with entries there."""
     moved = supports.moved
     return lambda t: supports.motion(t)[moved], *_rows_of(supports.gather(A[:, moved]))
 
@@ -279,7 +279,10 @@ def _contact(
 
 
 def _unsupported(space: Space, supports: Supports, contact: _Contact, springs: sp.csr_matrix | None) -> Kernel | None:
-    """The motions that nothing but friction or one-sided contact holds, which a warning says; of bodies, the log."""
+    """The rigid motions that only friction or one-sided contact resists.
+
+    A warning names them; where they are motions of one of several bodies, the log does.
+    """
     felt = [on_free(rows, supports) for rows in (contact.terms.rows, contact.obstacles.rows)]
     kernel, of_bodies = floating_motions(space, supports, sp.vstack(felt, format="csr"), springs)
     dim = space.mesh.points.shape[1]

@@ -27,7 +27,7 @@ SMALL = 1e-3
 
 
 def body_names(mesh: AnyMesh, piece: Ints, node: Ints) -> list[str | None]:
-    """The name of each piece, given as pairs of piece and node, at the interfaces it touches; None without just one."""
+    """The body of each piece, of pairs of piece and node, by the interfaces it touches; None if unclear."""
     found: list[set[str]] = [set() for _ in range(piece.max() + 1)]
     for joint in mesh.interfaces.values():
         for body, ends in zip(joint.bodies, (joint.edges, joint.partners), strict=True):
@@ -260,8 +260,8 @@ def _along_axes(loose: Floats) -> Floats:
 def _without_rounding(loose: Floats, reach: float) -> Floats:
     """The columns, zero where they are no more than rounding: a translation along one axis has nothing along others.
 
-    What is left there, 1e-15, presses against contact across, so that nothing but rounding says how far the body goes.
-    Sides of length h at a distance of `reach` h from the origin have directions that are known to EPS reach.
+    A remainder of 1e-15 there would press against contact across the motion, and rounding alone would then bound how
+    far the body goes. Sides of length h at a distance of `reach` h from the origin have directions known to EPS reach.
     """
     # Components below 64 roundings of the largest one of a rigid motion are none.
     clean: Floats = np.where(np.abs(loose) > (64 * EPS) * max(1.0, reach) * np.abs(loose).max(axis=0), loose, 0.0)

@@ -270,8 +270,8 @@ def _bound(friction: Friction) -> Callable[[float], Floats]:
     if law is None:
         return friction.weights
     if law.slips:
-        return lambda t: np.ones(1)  # What it is once there is slip, nobody knows beforehand.
-    # Under this force of contact friction that depends on pressure shows itself, whatever the units.
+        return lambda t: np.ones(1)  # Weights after slip are not known beforehand.
+    # Under so large a force of contact a law that depends on pressure has weights, in any units.
     return lambda t: friction.weights_under(t, np.full(m, 1e100), np.zeros(m), np.zeros(m))
 
 

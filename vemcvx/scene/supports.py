@@ -275,18 +275,18 @@ def _holding(
     return sp.csr_matrix((lifted[one, k], (members[place[one], k], row[one])), shape=shape[::-1])
 
 
-# What supports leave of contact: which rows, nodes with normals, slide, open, are dragged, and what presses on them.
+# The freedom of contact: which rows, nodes with normals, slide, open or are dragged, and which forces press on them.
 #
 # A node belongs to contact unless it is held otherwise: where its tangent is free, where its normal is (the axis of a
 # half model, whose tangent a support holds), where contact itself holds its normal and a support its tangent, and
 # where supports drag it along against friction.
 #
-# Of what holds a node, H'R, contact has what is along its own normal; a single support that moves a node along the
-# normal of contact (an obstacle that moves) counts as contact, too. All else is the supports'.
+# Of the forces H'R that hold a node, the part along the normal of contact is contact's; a single support that moves a
+# node along that normal (an obstacle that moves) counts as contact, too. All other parts are the supports'.
 
 
 Moving = Callable[[float], Floats]
-"""Of t: displacements (k, dim) of what k rows rub on, or their components along the rows."""
+"""t -> displacements (k, dim) of the ground under k rows, or their components along the rows."""
 
 
 @dataclass(frozen=True)
@@ -306,14 +306,14 @@ class Freedom:
 
     @property
     def normal_only(self) -> Bools:
-        """Rows whose tangent is held, and which belong to contact nevertheless for what they press."""
+        """Rows whose tangent is held, but whose normal is contact's: they have a pressure."""
         return ~self.slides & (self.opens | self.held_by_contact)
 
 
 def freedom(rows: ContactRows, supports: Supports, times: Sequence[float], ground: Moving | None = None) -> Freedom:
-    """The freedom of these rows; whether supports drag them is decided at all of `times`, if there are any.
+    """The freedom of these rows; they are dragged if supports move them between any two of `times`.
 
-    Where there is a `ground`, t -> (k, dim), it is their motion relative to it that counts.
+    With a `ground`, t -> (k, dim), motions are relative to it.
     """
     k, dim = rows.normals.shape
     tangents = tangents_of(rows.normals)

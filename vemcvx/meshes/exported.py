@@ -19,8 +19,7 @@ class Exported:
         ----------
         path : str or Path
             The suffix chooses the format. Every mesh goes into .vtu files (polyhedra as VTK has them, their boundaries
-            as polygons), every plane one into .vtk, too, which gives rows of two cell data back as rows of three, the
-            last zero. Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem) take triangles and quads; in
+            as polygons), every plane one into .vtk, too. Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem) take triangles and quads; in
             space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids.
 
         Raises
@@ -42,9 +41,9 @@ class Exported:
         -------
         meshio.Mesh
             As `write` puts it into a .vtu file: polygons in blocks of one vertex count; in space tetrahedra,
-            hexahedra, wedges and pyramids in blocks of one kind. For every named boundary there are blocks of lines
-            (triangles or quadrilaterals), which the cell datum "boundary:<name>" marks. If this permutes cells, the
-            datum "vemcvx:cell" has their numbers.
+            hexahedra, wedges and pyramids in blocks of one kind. Blocks of lines (triangles or quadrilaterals) follow,
+            of which the cell datum "boundary:<name>" marks those of a named boundary. If this permutes cells, the datum
+            "vemcvx:cell" has their numbers.
         skfem.MeshTri, MeshQuad, MeshTet or MeshHex
             With named boundaries; cell data of zeros and ones are subdomains.
         pyvista.UnstructuredGrid

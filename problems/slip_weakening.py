@@ -52,7 +52,7 @@ class SlipWeakening(vx.Effect):
             return rows.lengths * np.maximum(self.peak - k * (before + slip), self.residual)
 
         law = Law(weights, softening=k * rows.lengths)
-        friction = replace(Friction.of(rows, "SlipWeakening"), slip_law=law)
+        friction = replace(Friction.of(rows, "SlipWeakening"), law=law)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self):

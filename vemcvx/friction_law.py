@@ -4,8 +4,8 @@ A norm term w_i |s_i| costs friction's bound times the slip. Tresca's bound is g
 the limits (Coulomb: w = mu p), the slips before the step, or those of the step, the step is a fixed point of convex
 programs with given weights (:mod:`vemcvx.stepping.fixed_point`). Two derivatives say more of it:
 
-slope      J = dW/dp, of a law that is piecewise affine in p and does not read the slip of the step: steps are solved
-           whole, and certificates bound the distance to a solution (:mod:`vemcvx.solvers.coulomb`)
+slope      J = dW/dp, of a law that does not read the slip of the step: steps are solved whole, and certificates bound
+           the distance to a solution (:mod:`vemcvx.solvers.coulomb`); on discs, where W is affine near the solution
 softening  k >= -dW/dslip, of a law that does not read p: where it is slow enough a step stays convex, and
            certificates are bounds (:mod:`vemcvx.stepping.state`); 0 if the law reads the slip before the step alone
 
@@ -60,10 +60,6 @@ class Law:
         function(self.slope, "Law: found slope", "a function of (t, p, past)")
         for name in ("pressed", "slips"):
             object.__setattr__(self, name, flag(getattr(self, name), f"Law: {name}"))
-
-
-SlipLaw = Law
-"""The earlier name of it."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import FAMILIES, few_families, paper_scene
+from scenes import FAMILIES, OF_TRIANGLES, few_families, paper_scene
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
@@ -39,7 +39,7 @@ def test_effectivity_on_manufactured_full_slip(family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_effectivity_on_manufactured_full_slip_in_full(family, poisson):
     """Linear triangles lock where the body hardly changes its volume; all others are as good there."""
-    if family == "triangles" and poisson > 0.4:
+    if family in OF_TRIANGLES and poisson > 0.4:
         return
     found = [ratio_of(poisson, family, n) for n in (6, 12, 24, 48)]
     assert min(found) >= LEAST
@@ -61,6 +61,25 @@ def test_effectivity_on_the_paper_s_scene(family, truth):
         history = vx.simulate(paper_scene(), vx.meshes.FAMILIES[family](n), np.linspace(0, 1, n * n + 1), store="last")
         true = vx.measures.energy_distance(history, truth).relative
         assert LEAST <= error_budget(history).largest["total"] / true <= MOST
+
+
+def crossed(n):
+    """Squares that both diagonals cut into triangles."""
+    grid = vx.meshes.squares(n)
+    corner = np.concatenate([[[cell[k], cell[(k + 1) % 4]] for k in range(4)] for cell in grid.cells])
+    cells = np.column_stack([corner, np.repeat(grid.n_nodes + np.arange(grid.n_cells), 4)])
+    mesh = vx.PolygonMesh(np.vstack([grid.points, grid.centroids]), cells)
+    for k, (name, edge) in enumerate({"left": 0.0, "right": 1.0, "bottom": 0.0, "top": 1.0}.items()):
+        mesh = mesh.with_boundary(name, lambda x, axis=k // 2, edge=edge: np.abs(x[:, axis] - edge) < 1e-9)
+    return mesh
+
+
+def test_effectivity_on_crossed_triangles():
+    """The widths of a cell are the heights of a triangle: with less, estimates were .94 of the error here."""
+    truth = vx.simulate(paper_scene(), vx.meshes.squares(96), np.linspace(0, 1, 3), store="last")
+    history = vx.simulate(paper_scene(), crossed(8), np.linspace(0, 1, 17), store="last")
+    true = vx.measures.energy_distance(history, truth).relative
+    assert LEAST <= error_budget(history).largest["total"] / true <= MOST
 
 
 def triangular(t):

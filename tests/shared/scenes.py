@@ -10,6 +10,8 @@ import pytest
 import vemcvx as vx
 
 FAMILIES = tuple(vx.meshes.FAMILIES)
+OF_TRIANGLES = ("triangles",)
+"""Families of linear triangles, which lock where a body hardly changes its volume and need no stabilisation."""
 FEW = ("squares", "voronoi", "hanging")
 few_families = pytest.mark.parametrize(
     "family", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in FAMILIES]

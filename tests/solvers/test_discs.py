@@ -12,7 +12,7 @@ import vemcvx as vx
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers import coulomb, newton
-from vemcvx.stepping import posed_step
+from vemcvx.stepping import fixed_point
 
 pytestmark = pytest.mark.arithmetic
 
@@ -256,7 +256,7 @@ def test_projected_gradients_go_where_sets_lead(monkeypatch):
         asked.append((given, found))
         return found
 
-    monkeypatch.setattr(posed_step, "solution_near", noted)
+    monkeypatch.setattr(fixed_point, "solution_near", noted)
     history = vx.march(scene("Coulomb, turning", 6), TIMES)
     assert history.iterations[2:].max() <= 8
     monkeypatch.setattr(coulomb, "SWEEPS", 3000)

@@ -170,3 +170,11 @@ def test_bounds_far_above_every_force_are_no_measure_of_accuracy():
     )
     run = vx.simulate(scene, vx.meshes.squares(4), [0.0, 0.5, 1.0]).trajectory
     assert np.array_equal(run.unit[1:], run.norm[1:])
+
+
+@pytest.mark.parametrize("condense", [True, False])
+def test_a_slider_gives_way_where_only_the_difference_of_its_bounds_changes(condense):
+    """Load and weight stay; the bound of the way it is pulled falls from 2 to 1/4, that of the other rises."""
+    norms = vx.Norms([[1.0]], 2.0, bias=lambda t: [1.75 * max(t - 1.0, 0.0)])
+    run = vx.march(vx.System([[1.0]], lambda t: [-min(t, 1.0)], norms), [0.0, 1.0, 2.0], condense=condense)
+    assert run.state[:, 0] == pytest.approx([0.0, 0.0, -0.75], abs=1e-12)

@@ -11,7 +11,7 @@ import pytest
 
 import vemcvx as vx
 from slip_weakening import SlipWeakening
-from vemcvx.effects import ContactSurface, Contribution, Friction, SlipLaw
+from vemcvx.effects import ContactSurface, Contribution, Friction
 from vemcvx.errors import NotContracting
 from vemcvx.stepping.state import stability
 
@@ -42,7 +42,7 @@ class Law(vx.Effect):
             return self.bound(t, forces / lengths if self.pressed else forces, before, slip) * lengths
 
         softening = None if self.softening is None else self.softening * lengths
-        friction = replace(Friction.of(rows, "Law"), slip_law=SlipLaw(weights, softening, self.pressed, self.slope))
+        friction = replace(Friction.of(rows, "Law"), law=vx.Law(weights, softening, self.pressed, self.slope))
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self):

@@ -18,7 +18,7 @@ from vemcvx.effects.friction import CoulombFriction, TrescaFriction
 from vemcvx.effects.loads import BodyForce, PointLoad, Pressure, Traction
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
 from vemcvx.effects.supports import Clamp, ElasticFoundation, PrescribedDisplacement, Symmetry
-from vemcvx.friction_law import Law, SlipLaw
+from vemcvx.friction_law import Law
 
 __all__ = [
     "BilateralContact",
@@ -44,7 +44,6 @@ __all__ = [
     "PrescribedDisplacement",
     "Pressure",
     "Prestress",
-    "SlipLaw",
     "Support",
     "Symmetry",
     "Tabulated",

@@ -149,7 +149,7 @@ class Friction:
     """(m,) nodes of other bodies, or -1: slip is that of u(node) - u(partner)"""
     ground: Ground | None = None
     """the obstacle under it, if that moves"""
-    slip_law: Law | None = None
+    law: Law | None = None
     """what forces of contact and slip add to the weights"""
     directions: Floats | None = None
     """(m, 2) unit vectors: terms are w_i |e_i . (v - v_prev)|, instead of those along the tangents; in the plane"""
@@ -167,7 +167,7 @@ class Friction:
         SceneError
             The law fails, or gives something else than a weight >= 0 for every row.
         """
-        w, law = self.weights(t), self.slip_law
+        w, law = self.weights(t), self.law
         if law is None:
             return w
         failed = f"{self.subject}: its slip law failed when called as f(t, forces, before, slip) with t = {t:.6g}"
@@ -187,10 +187,10 @@ class Friction:
 
     def slope_under(self, t: float, forces: Floats, before: Floats) -> Floats:
         """The derivative (m,) of the weights by the normal forces; zero if it is not known."""
-        if self.slip_law is None or self.slip_law.slope is None:
+        if self.law is None or self.law.slope is None:
             return np.zeros(len(self.nodes))
         failed = f"{self.subject}: slope failed when called as f(t, forces, before) with t = {t:.6g}"
-        raw = called(self.slip_law.slope, (t, forces, before), failed, "take the values of all rows at once")
+        raw = called(self.law.slope, (t, forces, before), failed, "take the values of all rows at once")
         return self._of_rows(raw, "slope", "derivatives of weights")
 
     @property
@@ -202,7 +202,7 @@ class Friction:
         SceneError
             That is no number >= 0, or forces of contact change them, too.
         """
-        law = self.slip_law
+        law = self.law
         if law is None:
             return np.zeros(len(self.nodes))
         rate = self._of_rows(law.softening, "softening", "weights lost per length of slip")

@@ -153,7 +153,7 @@ class TrescaFriction(Effect):
         """The bounds as weights; as a law of the pressure where they act in closed contact only."""
         friction = Friction.of(rows, bounds.subject)
         if closed:
-            return replace(friction, slip_law=Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False))
+            return replace(friction, law=Law(bounds.ramp, pressed=True, slope=bounds.slope, slips=False))
         return replace(
             friction,
             weights=bounds.weights,
@@ -229,7 +229,7 @@ class CoulombFriction(Effect):
 
         ground = Ground.of(self.ground, subject, points, rows.partners)
         law = Law(weights, pressed=True, slope=slope, slips=False)
-        friction = replace(Friction.of(rows, subject), slip_law=law, ground=ground)
+        friction = replace(Friction.of(rows, subject), law=law, ground=ground)
         return Contribution(frictions=(friction,), surfaces=(ContactSurface.of(rows),))
 
     def describe(self) -> str:

@@ -81,8 +81,12 @@ def joints(posed: PosedScene, edges: Ints, units: Floats) -> Joints:
 class Skeleton:
     """Edges inside and on the boundary."""
 
-    extents: Floats
-    """(n_cells, 2, 2) squared sides of the rectangle with the cell's second moments: n'Mn along a unit vector n"""
+    sizes: Floats
+    """(n_cells,) h_K: the longer side of the rectangle with the cell's second moments"""
+    corners: Floats
+    """(c, 2) the corners of every cell, counter-clockwise"""
+    offsets: Ints
+    """(n_cells + 1,) where those of each cell begin"""
     areas: Floats
     """(n_cells,)"""
     sides: Ints
@@ -125,16 +129,15 @@ class Skeleton:
         return self.depths(self.outer, self.outer_normals) / (2.0 * self.shear[self.outer])
 
     def depths(self, cells: Ints, normals: Floats) -> Floats:
-        """(e,) d_e: how far cells (e,) extend along these normals (e, 2), of any length."""
-        squares = np.einsum("ei,eij,ej->e", normals, self.extents[cells], normals)
-        depths: Floats = np.sqrt(squares / np.einsum("ei,ei->e", normals, normals))
-        return depths
-
-    @cached_property
-    def sizes(self) -> Floats:
-        """(n_cells,) h_K: the longer side of that rectangle."""
-        sizes: Floats = np.sqrt(np.linalg.eigvalsh(self.extents)[:, 1])
-        return sizes
+        """(e,) d_e: the widths of cells (e,) along these normals (e, 2), of any length."""
+        if len(cells) == 0:
+            return np.zeros(0)
+        counts = np.diff(self.offsets)[cells]
+        first = np.cumsum(counts) - counts
+        corner = np.repeat(self.offsets[cells] - first, counts) + np.arange(counts.sum())
+        height = np.einsum("ki,ki->k", self.corners[corner], np.repeat(normals, counts, axis=0))
+        width = np.maximum.reduceat(height, first) - np.minimum.reduceat(height, first)
+        return np.asarray(width / np.linalg.norm(normals, axis=1))
 
 
 def skeleton(posed: PosedScene) -> Skeleton:
@@ -147,7 +150,9 @@ def skeleton(posed: PosedScene) -> Skeleton:
     owner = cell_of_corner(mesh.offsets)
     inner, outer = first[two], first[~two]
     return Skeleton(
-        extents=_extents(mesh, edges, owner),
+        sizes=np.sqrt(np.linalg.eigvalsh(_extents(mesh, edges, owner))[:, 1]),
+        corners=mesh.points[edges[:, 0]],
+        offsets=mesh.offsets,
         areas=mesh.areas,
         sides=edges,
         owner=owner,

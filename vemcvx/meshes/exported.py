@@ -19,8 +19,8 @@ class Exported:
         ----------
         path : str or Path
             The suffix chooses the format. Every mesh goes into .vtu files (polyhedra as VTK has them, their boundaries
-            as polygons), every plane one into .vtk, too. Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas, .fem) take triangles and quads; in
-            space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids.
+            as polygons), every plane one into .vtk, too. Files of Gmsh (.msh), Abaqus (.inp) and Nastran (.bdf, .nas,
+            .fem) take triangles and quads; in space tetrahedra, hexahedra, wedges and, but for Abaqus, pyramids.
 
         Raises
         ------

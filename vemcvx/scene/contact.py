@@ -151,12 +151,14 @@ def _check_directions(frictions: Sequence[Friction]) -> None:
 
 
 def law_of(terms: Terms, some: slice, press: sp.csr_matrix | None) -> Law | None:
-    """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms; None if given.
+    """The law of some of the terms, given the forces p (r,) of all limits and the slips of these terms.
+
+    None if all weights are given.
 
     Rows read the forces that press on them, by `press` (rows, r), and the slip of their term; weights of rows add up.
     """
     frictions, gather = terms.frictions, terms.gather[some]
-    laws = [f.slip_law for f in frictions if f.slip_law is not None]
+    laws = [f.law for f in frictions if f.law is not None]
     if press is None or not laws:
         return None
     slips, spread, still = any(law.slips for law in laws), gather.T, np.zeros(gather.shape[1])
@@ -232,7 +234,7 @@ def warn_of_free_normals(frictions: Sequence[Friction], supports: Supports, stop
     """Friction where nothing holds the normal is a body rubbing on air: almost always a forgotten contact."""
     stopped = np.concatenate([stopped, *(f.nodes for f in frictions if f.directions is not None)])
     for friction in frictions:
-        law = friction.slip_law
+        law = friction.law
         if (law is not None and law.pressed) or friction.directions is not None:
             continue
         rows = ContactRows.of([friction], supports.points.shape[1])
@@ -257,7 +259,7 @@ class Surface(ContactRows):
     """
 
     normal_reaction: sp.csr_matrix
-    """(m, n_u) with what supports and bilateral contact exert on nodes, R, contact presses with the force -g . R"""
+    """(m, n_u) g: with R the forces that supports and bilateral contact exert on nodes, contact presses with -g . R"""
 
 
 def contact_surface(
@@ -374,11 +376,11 @@ def limits(obstacles: Obstacles, supports: Supports) -> Limits | None:
 
 def pressures(terms: Terms, obstacles: Obstacles, table: ContactRows, supports: Supports) -> sp.csr_matrix | None:
     """(rows of all frictions, r) which limits press on which rows whose law reads it; None if no weight has a law."""
-    if all(f.slip_law is None for f in terms.frictions) or len(terms.nodes) == 0:
+    if all(f.law is None for f in terms.frictions) or len(terms.nodes) == 0:
         return None
     each = [
         pressing(obstacles, f, table[rows], supports)
-        if f.slip_law is not None and f.slip_law.pressed
+        if f.law is not None and f.law.pressed
         else sp.csr_matrix((len(f.nodes), len(obstacles)))
         for f, rows in zip(terms.frictions, _slices(terms.frictions), strict=True)
     ]

@@ -266,7 +266,7 @@ def _grounded(friction: Friction, times: Sequence[float], said: list[str]) -> Fr
 
 
 def _bound(friction: Friction) -> Callable[[float], Floats]:
-    law, m = friction.slip_law, len(friction.nodes)
+    law, m = friction.law, len(friction.nodes)
     if law is None:
         return friction.weights
     if law.slips:

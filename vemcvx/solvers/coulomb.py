@@ -1,20 +1,20 @@
 """Coulomb's law solved whole: weights that follow the forces of the limits, on sets that are proven right.
 
-With w = W(p) a step is a *quasi*-variational inequality, which no energy minimises: find d, lam, p with
+With weights w(p) a step is a *quasi*-variational inequality, which no energy minimises: find d, lam, p with
 
-    K d = g - B'lam - D'p,      |lam_i| <= W_i(p),   lam_i . s_i = W_i(p) |s_i|,         s = B d - b
+    K d = g - B'lam - D'p,      |lam_i| <= w_i(p),   lam_i . s_i = w_i(p) |s_i|,         s = B d - b
                                 p_j >= 0,   z_j <= c_j p_j,   p_j (c_j p_j - z_j) = 0    z = D d - e       (Q)
 
-On given sets, and with W(p) = w + J (p - p_0) near p_0, (Q) is one linear system, not symmetric because of J:
+On given sets, and with w(p) = w_0 + J (p - p_0) near p_0, (Q) is one linear system, not symmetric because of J:
 
-    s_i = 0  on sticking terms,           lam_i = q_i W_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
+    s_i = 0  on sticking terms,           lam_i = q_i w_i(p) + h_i (I - q_i q_i') s_i  on slipping ones,
     z_j = c_j p_j  on acting limits,      p_j = 0  on the others.
 
 All unknowns but the multipliers are eliminated: with A = [B; D], x = [lam; p] and W = A K^{-1} A', slips and excesses
 are A K^{-1} g - W x - [b; e]. Where K has a kernel, K = K_r - R' diag(a) R with the stiffness a of the anchors R d, and
-R joins A as limits of compliance -1/a that always act: a body that nothing else holds costs what any other does. Sets
-leave open what sticks, what slipping terms carry across q_i, and what acting limits carry, y. With these in their
-places, Z y, and the increase of slipping terms along q_i, F x = x + q J p,
+R joins A as limits of compliance -1/a that always act: a body that nothing else holds costs what any other does. The
+unknowns y that sets leave open are the multipliers of sticking terms, the parts of slipping ones across q_i, and the
+forces of acting limits. With these in their places, Z y, and the increase of slipping terms along q_i, F x = x + q J p,
 
     (Z'W F Z + C) y = Z' (A K^{-1} g - [b; e]) - Z'W F x_known,     C: compliances, 1 / h_i across q_i, else 0,
 
@@ -25,9 +25,9 @@ Curnier 1991; Hueber, Stadler and Wohlmuth 2008); those of discs are sought by p
 product with W each. It may cycle, and is then begun anew from answers of convex programs with weights held fast
 (:mod:`vemcvx.stepping.fixed_point`).
 
-Theorem 1. Let W be piecewise affine and the terms absolute values (block 1). If the solution of the system of some sets
-has |lam_i| <= W_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where they do
-not, and W at p is what the system took it for, then it solves (Q). Proof. Every line of (Q) is an equation of the
+Theorem 1. Let the terms be absolute values (block 1). If the solution of the system of some sets
+has |lam_i| <= w_i(p) where it sticks, q_i s_i >= 0 where it slips, p_j >= 0 where limits act, z_j <= 0 where they do
+not, and w at p is the affine one of the system, then it solves (Q). Proof. Every line of (Q) is an equation of the
 system or one of these inequalities.  QED  Where rows follow from one another, at corners, the system is singular and
 what each carries is chosen (:mod:`vemcvx.solvers.newton`); that s_i = 0 nevertheless is looked at afterwards.
 
@@ -38,24 +38,24 @@ In blocks of two and more the directions of slip turn with the answer, and the s
 (lam, p) solve the system M x = r of some sets, linearised with directions q_i and curvatures h_i on slipping terms. The
 residual of the law on these terms is
 
-    psi_i(s, p) = W_i(p) s_i / |s_i| - q_i (W(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
+    psi_i(s, p) = w_i(p) s_i / |s_i| - q_i (w(p_0) + J (p - p_0))_i - h_i (I - q_i q_i') s_i,
 
 and (Q) on the sets is x = x_0 + G psi(s, p), with G the columns of M^{-1} for the rows of these terms. At x_0 let
 v_i = |s_i|, u_i = s_i / v_i, delta_i = |u_i - q_i|; let A_ij, C_ij and P_ji be the norms of the blocks by which s_i
 along u_i, s_i across it and p_j answer psi_j. For bounds t_j on |psi_j| let
 
     alpha = A t,    gamma = C t,    pi = P t,    turn_i = gamma_i / (v_i - alpha_i),
-    L_i = |W_i / v_i - h_i| gamma_i + W_i turn_i ((alpha_i + gamma_i) / v_i + turn_i / 2)
+    L_i = |w_i / v_i - h_i| gamma_i + w_i turn_i ((alpha_i + gamma_i) / v_i + turn_i / 2)
           + h_i delta_i (alpha_i + gamma_i) + (|J| pi)_i (delta_i + turn_i).
 
-Theorem 2. If for some t >= 0: alpha_i < v_i and |psi_i(s_0, p_0)| + L_i <= t_i, W is affine on |p - p_0| <= pi, and the
+Theorem 2. If for some t >= 0: alpha_i < v_i and |psi_i(s_0, p_0)| + L_i <= t_i, w is affine on |p - p_0| <= pi, and the
 inequalities of the sets hold at x_0 + G psi for all |psi| <= t, then (Q) has a solution d with |d - d_0|_K <=
 sum_j n_j t_j, n_j the largest energy norm of an answer to a unit psi_j.
 
 Proof. Let s_i move by a along u_i and by c across it, |a| <= alpha_i, |c| <= gamma_i. Its angle with u_i is at most
 arctan turn_i, and its direction is c / |s_i| across u_i and at least 1 - turn_i^2 / 2 along it, where c / |s_i| differs
-from c / v_i by at most turn_i (alpha_i + gamma_i) / v_i. From W_i times that psi_i takes h_i times (I - q q')(a u + c),
-which differs from c by at most delta_i (alpha_i + gamma_i), as |uu' - qq'| <= |u - q|. With what W adds along u - q,
+from c / v_i by at most turn_i (alpha_i + gamma_i) / v_i. From w_i times that psi_i takes h_i times (I - q q')(a u + c),
+which differs from c by at most delta_i (alpha_i + gamma_i), as |uu' - qq'| <= |u - q|. With what w adds along u - q,
 psi changes by at most L. So (s, p) -> what x_0 + G psi(s, p) has for them is continuous and maps this convex compact
 set into itself: Brouwer gives a fixed point, and x_0 + G psi there solves (Q).  QED  Rounding is that of x_0 and of the
 inequalities; no coefficient need be small.
@@ -440,7 +440,7 @@ def solution_near(
     """A solution of (Q) from the sets at `start`; None where the sets do not settle.
 
     Newton's method on a law that rises steeply and levels off jumps between its level and zero, and misses its slope.
-    The softer law W(share p), share = 1e-6, is solved on its slope, and steeper ones are begun from its answer, up to
+    The softer law w(share p), share = 1e-6, is solved on its slope, and steeper ones are begun from its answer, up to
     share = 1: with p / STEEPER in place of p each begins on the same piece. Terms that slip under given weights may
     seem to stick under the larger weights of their own pressures: a second attempt takes the sets of the given weights.
 
@@ -472,7 +472,7 @@ without, 50 after 30 of them, 31 after 100; a system costs as much as 80."""
 def swept(program: StepProgram, law: PressureLaw, start: Iterate, response: Response) -> Iterate:
     """A point near a solution of (Q): projected gradients with momentum, on the multipliers x = (lam, p).
 
-    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius W(p) and on p >= 0, y
+    x becomes the projection of y + r (A K^{-1} g - [b; e] - (W + c) y) on discs of the radius w(p) and on p >= 0, y
     being ahead of x (Nesterov 1983), and x itself where that led back (O'Donoghue and Candes 2015). By Gershgorin's
     theorem diag(1 / r) - W - c is semidefinite for 1 / r_i = c_i + sum_j |W_ij|, the largest of each disc.
     """

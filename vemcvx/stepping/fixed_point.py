@@ -39,6 +39,7 @@ from __future__ import annotations
 
 import logging
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import length_hint
@@ -47,9 +48,11 @@ import numpy as np
 
 from vemcvx.arrays import Floats, lengths
 from vemcvx.errors import NotContracting, SceneError
-from vemcvx.program.certificate import Certificate
+from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
 from vemcvx.program.operators import Norms
 from vemcvx.program.tolerances import FIXED_POINT
+from vemcvx.solvers.coulomb import solution_near
+from vemcvx.solvers.newton import Iterate
 from vemcvx.stepping.posed_step import PosedStep
 from vemcvx.stepping.state import PreparedRun, State
 
@@ -138,10 +141,31 @@ class DependentStep:
             return None, 0
         most = int(min(self.run.most - spent, most, sys.maxsize))
         rounds = iter(range(most))
-        found = self.pose(state.weights).solution_near(state, self.norms, rounds)
+        found = self._on_sets(state, rounds)
         if found is not None and self.norms.remembers:
             self._check_slope(found)
         return found, most - length_hint(rounds)
+
+    def _on_sets(self, state: State, rounds: Iterator[int]) -> State | None:
+        """The solution of :mod:`vemcvx.solvers.coulomb` from the sets of the state, in the units of the system."""
+        scales, posed = self.run.scaling, self.pose(state.weights)
+        alpha = scales.size(posed.program)
+        if alpha == 0.0:
+            return replace(state, certificate=state.certificate.away(0.0))
+        up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
+        law = self.norms.pressure_law(posed.data.t, posed.before.ledger.slipped).scaled(up, down)
+        start = Iterate(
+            scales.shrink(state.y - posed.before.y, alpha), *scales.guess(state.lam - posed.bias, state.p, alpha)
+        )
+        scaled = scales.scale(posed.program, alpha)
+        found = solution_near(scaled, law, start, self.run.response, rounds)
+        if found is None:
+            return None
+        at, w = found.point, found.weights
+        floor = replace(scaled, w=w).rounding_floor(at.d, at.lam, at.p)
+        own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
+        answer = scales.restore(state.answer(at.d, at.lam, at.p), alpha)
+        return self.pose(w / up).state_after(answer, own.times(1.0 / scales.energy(1.0, alpha)))
 
     def _check_slope(self, found: State) -> None:
         """Raise SceneError where weights do depend on the slip of the step, which a slope is not known for."""
@@ -157,8 +181,8 @@ class DependentStep:
 
     def certified(self, state: State, increments: list[float]) -> State:
         """The state under the weights of its own pressures and slip, after increments of such states."""
-        w = self.law(state)
-        posed, stability, rate = self.pose(w), self.run.stability, self.norms.softening
+        w, stability, rate = self.law(state), self.run.stability, self.norms.softening
+        posed = self.pose(w)
         if self.convex and stability is not None and rate is not None:
             self._check_softening(state, w, rate)
             # A multiplier at its bound stays there: what that misses of forces counts by its square.
@@ -166,13 +190,15 @@ class DependentStep:
             slides = (slip > 0) & (w != state.weights) & (size >= (1.0 - AT_BOUND) * state.weights)
             along = np.divide(w, slip, out=np.zeros_like(w), where=slides)[:, None] * state.slip
             state = replace(state, lam=np.where(slides[:, None], along + posed.bias, state.lam))
-            return posed.under_own_weights(state, posed.convex_certificate(state, stability.margin))
-        last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
-        accuracy = self.run.accuracy
-        # Smaller increments than these measure the solver's tolerance, not the contraction; all that follow add up to
-        # at most half the accuracy.
-        quiet = 0.5 * (1.0 - SLOWEST) * accuracy * state.unit(accuracy) if self.norms.remembers else 0.0
-        return posed.under_own_weights(state, _estimated(state.certificate, last, quiet))
+            certificate = _convex_certificate(posed, state, stability.margin)
+        else:
+            last = [0.0] * (WINDOW + 1) if np.array_equal(w, state.weights) else increments
+            # Smaller increments than these measure the solver's tolerance, not the contraction: all that follow add up
+            # to at most half the accuracy.
+            unit = self.run.accuracy * state.unit(self.run.accuracy)
+            certificate = _estimated(state.certificate, last, 0.5 * (1.0 - SLOWEST) * unit * self.norms.remembers)
+        d, lam = state.y - posed.before.y, posed.program.project(state.lam - posed.bias)
+        return posed.state_after(state.answer(d, lam, state.p), certificate)
 
     @property
     def convex(self) -> bool:
@@ -193,9 +219,18 @@ class DependentStep:
             )
 
     def with_forces_of(self, state: State, near: State) -> State:
-        """The motion of the state under the forces of a solution near it, and its distance to that."""
+        """The motion of the state under the forces of a solution near it, with the bound on its distance to that.
+
+        The parts of friction and limits in the gap of these forces on the motion are added to the certificate.
+        """
+        posed = self.pose(near.weights)
+        # y_n - y_{n-1} is d but for rounding, by which it may be beyond a bound, where the gap is infinite.
+        program, d, lam = posed.program, posed.program.feasible(state.y - posed.before.y), near.lam - posed.bias
         error = self.run.operators.energy_norm(state.y - near.y) + near.certificate.error
-        return self.pose(near.weights).with_forces_of(state, near, near.certificate.away(error))
+        friction = norm_gaps(program.w, lam, program.slip(d))
+        limits = limit_gaps(program.operators.compliance, near.p, program.excess(d), program.excess_blur(d))
+        certificate = replace(near.certificate.away(error), friction=friction, limits=limits)
+        return posed.state_after(state.answer(d, lam, near.p), certificate)
 
     def law(self, state: State) -> Floats:
         """Weights (m,) under the forces and after the slip of a state."""
@@ -264,8 +299,11 @@ def resolved(step: DependentStep) -> State:
         iterations += rounds
         if before is not None:
             increments.append(step.increment(state, before))
-        found = near if step.replaces else near and step.with_forces_of(state, near)
-        own, rate = found or step.certified(state, increments), _rate(increments, 1)
+        if near is None:
+            own = step.certified(state, increments)
+        else:  # Solvers that solve on sets answer with the solution itself; of all others the motion stays.
+            own = near if step.replaces else step.with_forces_of(state, near)
+        rate = _rate(increments, 1)
         own = replace(own, iterations=iterations, safeguards=safeguards, rate=rate)
         error = own.certificate.error / (own.unit(accuracy) or np.inf)
         level = logging.INFO if count > 3 else logging.DEBUG
@@ -306,6 +344,22 @@ def _stagnates(increments: list[float]) -> bool:
     slow = len(increments) > 10 and all(b >= SLOWEST * a for a, b in pairwise(increments[-11:]))
     idle = len(increments) > 25 and min(increments[-25:]) >= 0.5 * min(increments[:-25])
     return slow or idle
+
+
+def _convex_certificate(posed: PosedStep, state: State, margin: float) -> Certificate:
+    """The certificate of a state under the weights of its own slip, which is that of this program over the margin.
+
+    See :mod:`vemcvx.stepping.state`.
+    """
+    scales = posed.run.scaling
+    alpha = scales.size(posed.program)
+    if alpha == 0.0:
+        return state.certificate
+    scaled = scales.scale(posed.program, alpha)
+    lam, p = scales.guess(state.lam - posed.bias, state.p, alpha)
+    own = scaled.certify(scales.shrink(state.y - posed.before.y, alpha), scaled.project(lam), p)
+    own = own.times(1.0 / scales.energy(1.0, alpha))
+    return replace(own, floor=own.floor / margin**2).away(own.error / margin, False)
 
 
 def _estimated(own: Certificate, increments: list[float], quiet: float) -> Certificate:

@@ -1,10 +1,10 @@
 """The energy ledger of backward Euler, kept on the retained unknowns.
 
 energy E = 1/2 a(u, u),   u = P y + u_D(t);  soft limits add c p^2 / 2
-work     = load_n . dy + a(u_n, du_D) + lam . dc + p . (dD^u_D - de)
+work     = load_n . dy + a(u_n, du_D) + lam . dc - p . dg,    g = e - D^u_D
            (forces and reactions at the end of the step; this load is without the Dirichlet force; c is the motion of
-           supports along norm terms, less that of the ground, which friction pulls along; the last is of supports that
-           move towards limits, and of limits e that move themselves: obstacles push)
+           supports along norm terms, less that of the ground, which friction pulls along; g is the remaining gap at
+           y = 0, which shrinks where supports move towards limits, or obstacles towards the body: they push)
 loss     = sum_i lam_i . s_i, which is w_i |s_i| + c_i . s_i at a solution, kept term by term, too: friction work, which
            wears what rubs (Archard 1953)
 identity   work - dE - loss = 1/2 a(du, du) + p . dz  step by step, for every balanced answer, z = D^u - e. For bounds
@@ -84,6 +84,7 @@ class StepData:
             self.force.same(other.force)
             and np.array_equal(self.prescribed_slip, other.prescribed_slip)
             and np.array_equal(self.remaining_gap, other.remaining_gap)
+            and np.array_equal(self.bias, other.bias)
             and (one is None or two is None or one.dirichlet_force.same(two.dirichlet_force))
         )
 

@@ -22,7 +22,6 @@ ground can cause counts likewise (:func:`ground_norm`).
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -30,16 +29,14 @@ import numpy as np
 
 from vemcvx.arrays import Floats, lengths, power_of_two
 from vemcvx.errors import NotCertified, SceneError
-from vemcvx.program.certificate import Certificate, limit_gaps, norm_gaps
+from vemcvx.program.certificate import Certificate
 from vemcvx.program.condensation import Condensation, Reduced
 from vemcvx.program.iterative_refinement import needs_refinement
-from vemcvx.program.operators import Norms, Operators
+from vemcvx.program.operators import Operators
 from vemcvx.program.scaling import LARGEST_NORM, SMALLEST_NORM, checked_norm
 from vemcvx.program.step_program import Answer, StepProgram, fitting
 from vemcvx.program.tolerances import ASKED_AGAIN
 from vemcvx.solvers import Solver
-from vemcvx.solvers.coulomb import solution_near
-from vemcvx.solvers.newton import Iterate
 from vemcvx.solvers.solver import named_failures
 from vemcvx.stepping.ledger import Rubbed, StepData, advance
 from vemcvx.stepping.state import Earlier, PreparedRun, State
@@ -301,57 +298,6 @@ class PosedStep:
         certificate = scaled.certificate_at(d, lam, p).times(1.0 / scales.energy(1.0, alpha))
         answer = scales.restore(replace(answer, d=d, lam=lam, p=p), alpha)
         return self.state_after(answer, certificate)
-
-    def solution_near(self, state: State, norms: Norms, rounds: Iterator[int]) -> State | None:
-        """A solution of the step with weights that follow the limits, on the sets of a state; None if it is none."""
-        scales, t = self.run.scaling, self.data.t
-        alpha = scales.size(self.program)
-        if alpha == 0.0:
-            return replace(state, certificate=state.certificate.away(0.0))
-        up, down = scales.sigma / (scales.kappa * alpha), scales.kappa * alpha / scales.tau
-        law = norms.pressure_law(t, self.before.ledger.slipped).scaled(up, down)
-        start = Iterate(
-            scales.shrink(state.y - self.before.y, alpha), *scales.guess(state.lam - self.bias, state.p, alpha)
-        )
-        scaled = scales.scale(self.program, alpha)
-        found = solution_near(scaled, law, start, self.run.response, rounds)
-        if found is None:
-            return None
-        at, w = found.point, found.weights
-        floor = replace(scaled, w=w).rounding_floor(at.d, at.lam, at.p)
-        own = Certificate(0.0, np.zeros_like(w), floor, np.zeros_like(at.p)).away(found.error, not found.proven)
-        answer = state.answer(at.d, at.lam, at.p)
-        whole = replace(self, program=replace(self.program, w=w / up))
-        return whole.state_after(scales.restore(answer, alpha), own.times(1.0 / scales.energy(1.0, alpha)))
-
-    def convex_certificate(self, state: State, margin: float) -> Certificate:
-        """The certificate of a state under the weights of its own slip, which is that of this program over the margin.
-
-        See :mod:`vemcvx.stepping.state`.
-        """
-        scales = self.run.scaling
-        alpha = scales.size(self.program)
-        if alpha == 0.0:
-            return state.certificate
-        scaled = scales.scale(self.program, alpha)
-        lam, p = scales.guess(state.lam - self.bias, state.p, alpha)
-        own = scaled.certify(scales.shrink(state.y - self.before.y, alpha), scaled.project(lam), p)
-        own = own.times(1.0 / scales.energy(1.0, alpha))
-        return replace(own, floor=own.floor / margin**2).away(own.error / margin, False)
-
-    def under_own_weights(self, state: State, certificate: Certificate) -> State:
-        """A state that was found for other weights, under those of this program."""
-        d, lam = state.y - self.before.y, self.program.project(state.lam - self.bias)
-        return self.state_after(state.answer(d, lam, state.p), certificate)
-
-    def with_forces_of(self, state: State, under: State, certificate: Certificate) -> State:
-        """The motion of a state under the forces of another; what these miss of work on it adds to the certificate."""
-        # y_n - y_{n-1} is d but for rounding, by which it may be beyond a bound, and that would cost no end of work.
-        program, d, lam = self.program, self.program.feasible(state.y - self.before.y), under.lam - self.bias
-        friction = norm_gaps(program.w, lam, program.slip(d))
-        limits = limit_gaps(program.operators.compliance, under.p, program.excess(d), program.excess_blur(d))
-        certificate = replace(certificate, friction=friction, limits=limits)
-        return self.state_after(state.answer(d, lam, under.p), certificate)
 
     def state_after(self, answer: Answer, certificate: Certificate) -> State:
         """The state that an answer of the program leads to."""

@@ -16,10 +16,10 @@ jump: what is found is then an estimate, which a warning says.
 
 Theorem. Let rho < 1, and let (d_k, lam, p) be certified under the weights w' of its own slip by gap = 1/2
 |r|^2_{K^{-1}} + C. Then the step has one solution d, and  |d_k - d|_K <= sqrt(2 gap) / (1 - rho). Proof. With e = d_k -
-d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. What C misses excepted, the last term is <= 0, and the one before it
-at most (w'_i - w*_i)(|s*_i| - |s_i|) summed, which is at most sum k_i (|s_i| - |s*_i|)^2 <= sum k_i |(Be)_i|^2 <= rho
-|e|^2. So (1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) + (1 - rho) |e|^2 / 2.  QED  (One
-solution: between two of them r and C are nothing.)
+d:  |e|^2_K = -r.e - (lam - lam*).Be - (p - p*).De. Up to C, the last term is <= 0, and the one before it at most
+sum (w'_i - w*_i)(|s*_i| - |s_i|) <= sum k_i (|s_i| - |s*_i|)^2 <= sum k_i |(Be)_i|^2 <= rho |e|^2. So
+(1 - rho) |e|^2 <= |r| |e| + C, with |r| |e| <= |r|^2 / 2(1 - rho) + (1 - rho) |e|^2 / 2.  QED  (One solution: between
+two of them r = 0 and C = 0.)
 
 The iteration w_{k+1} = law(s(T(w_k))) of :mod:`vemcvx.stepping.fixed_point` shrinks increments by rho if weights do not
 rise faster than k, either. A law that reads the slip before the step alone has k = 0: the certificate of its one
@@ -202,13 +202,13 @@ class Earlier:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """Everything known at an instant; retained unknowns only."""
+    """Everything known at an instant, on the retained unknowns; `full`, once it is asked for, on all."""
 
     t: float
     y: Floats
     """(m,)"""
     unbalanced: Floats
-    """(m,) load - K y, which the norm terms hold"""
+    """(m,) load - K y, which norm terms and limits balance"""
     data: StepData
     weights: Floats
     """(m,) of the friction bounds"""

@@ -218,7 +218,7 @@ def contributes_finite_arrays_that_fit_the_space(sample: EffectSample) -> None:
     for friction in part.frictions:
         assert (friction.weights(1.0) >= 0).all()
         assert friction.directions is None or _units(friction.directions)
-        if friction.slip_law is not None:
+        if friction.law is not None:
             slip = np.linspace(0.0, 1.0, len(friction.nodes))
             friction.weights_under(1.0, slip, slip, slip)
 

@@ -98,9 +98,10 @@ def test_a_short_edge_is_no_deeper_than_the_cell():
     """|K| / |e| would be 16,000 on the last one."""
     d, lengths, h = depths([[0, 0], [16, 0], [16, 1], [1e-3, 1], [0, 1 - 1e-3]], [[0, 1, 2, 3, 4]])
     assert lengths.min() < 2e-3
-    assert d.max() <= h.max() <= 16.0 + 1e-6
+    assert d.max() <= 16.0
+    assert h.max() <= 16.0 + 1e-6
 
 
-def test_depths_of_triangles_are_parts_of_their_heights():
+def test_depths_of_triangles_are_their_heights():
     d, lengths, _ = depths([[0, 0], [8, 0], [0, 1]], [[0, 1, 2]])
-    assert d == pytest.approx(np.sqrt(2.0 / 3.0) * 8.0 / lengths)
+    assert d == pytest.approx(8.0 / lengths)

@@ -48,7 +48,7 @@ def every(history):
     principal = np.array([history.principal_stresses(n) for n in stored])
     over = "length" if history.mesh.points.shape[1] == 2 else "area"
     centroids, nodes = history.mesh.centroids, contact.points
-    return {
+    found = {
         "largest displacement": (np.linalg.norm(history.displacement, axis=2), history.mesh.points),
         "largest von Mises stress": (np.array([history.von_mises(n) for n in stored]), centroids),
         "largest principal stress": (principal[:, :, 0], centroids),
@@ -57,6 +57,9 @@ def every(history):
         f"largest friction per {over}": (np.linalg.norm(contact.traction, axis=2), nodes),
         f"largest contact pressure per {over}": (contact.pressure, nodes),
     }
+    if over == "length":
+        found["largest recovered contact pressure per length"] = contact.pressure_recovered, nodes
+    return found
 
 
 def test_extremes_are_those_of_all_stored_steps(history):
@@ -90,7 +93,7 @@ def test_files_keep_them(plane, tmp_path):
     plane.write(tmp_path)
     told = json.loads((tmp_path / "summary.json").read_text())["extremes"]
     assert list(told) == [one.key for one in plane.extremes]
-    assert {"displacement", "slip", "pressure", "friction", "von_mises"} < set(told)
+    assert {"displacement", "slip", "pressure", "pressure_recovered", "friction", "von_mises"} < set(told)
     for one in plane.extremes:
         found = {"value": one.value, "place": one.place.tolist(), "t": one.time, "step": one.step, "unit": one.unit}
         assert told[one.key] == found

@@ -19,10 +19,13 @@ from typing import Annotated
 import numpy as np
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints, summed_columns, totals
+from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import ArrayRecord
+from vemcvx.results.recovered import Sides, recovered
 from vemcvx.scene.contact import Surface, Terms
 from vemcvx.scene.pose import PosedScene
 from vemcvx.stepping.trajectory import Trajectory
+from vemcvx.vem import tangents_of
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -65,6 +68,12 @@ class Contact(ArrayRecord):
         Normal force of contact per length, compression positive; of either sign where contact is bilateral, or
         cohesive along the normal. A support that moves a node along the normal of its contact is an obstacle that
         moves: its force is pressure.
+    traction_recovered, pressure_recovered : (S, m, dim), (S, m)
+        Friction and pressure in the plane without the ripple of order h where nodes of two bodies alternate or sides
+        are unequal: the smooth field, linear along sides, that has the same resultants and moments, exact where they
+        are constant or linear. Quote and draw these; laws and bounds of friction hold for `traction` and `pressure`
+        at every node. Edges of contact are as sharp as there, infinite values at corners of a body lower. In space
+        they are `traction` and `pressure`. See :mod:`vemcvx.results.recovered`.
     sticking : (S, m) bool
         True where the increment of the step is zero, up to rounding, and in row 0.
     wear : (S, m)
@@ -92,6 +101,8 @@ class Contact(ArrayRecord):
     bound: Annotated[Floats, "S m", "force/length"]
     backward: Annotated[Floats, "S m", "force/length"]
     pressure: Annotated[Floats, "S m", "force/length"]
+    traction_recovered: Annotated[Floats, "S m dim", "force/length"]
+    pressure_recovered: Annotated[Floats, "S m", "force/length"]
     sticking: Annotated[Bools, "S m", ""]
     wear: Annotated[Floats, "S m", "energy/length"]
     wear_second_order: Annotated[Floats, "S m", "energy/length"]
@@ -142,21 +153,26 @@ def contact_history(posed: PosedScene, trajectory: Trajectory, u: Floats, forces
     jump = _jump(u, surface) - _ground(posed, trajectory, at, length)
     slip = jump - np.einsum("smd,md->sm", jump, normals)[:, :, None] * normals
     bound, backward = _bounds(posed, trajectory, at, length)
+    traction = -force / np.where(length > 0, length, 1.0)[:, None]
+    pressure, closed = _pressure(posed, trajectory, forces) + cohesion / surface.lengths, _closed(posed, trajectory, u)
+    smooth = _recovered(posed, traction, pressure, closed, at)
     return Contact(
         nodes=surface.nodes,
         partners=surface.partners,
         points=posed.space.mesh.points[surface.nodes],
         normals=normals,
         slip=slip,
-        traction=-force / np.where(length > 0, length, 1.0)[:, None],
+        traction=traction,
         bound=bound,
         backward=backward,
-        pressure=_pressure(posed, trajectory, forces) + cohesion / surface.lengths,
+        pressure=pressure,
+        traction_recovered=smooth[0],
+        pressure_recovered=smooth[1],
         sticking=_sticking(trajectory, slip, at),
         wear=_per_length(trajectory.worn, at, length),
         wear_second_order=_per_length(trajectory.worn_second_order, at, length),
         accumulated_slip=_largest(trajectory.slipped, at, m),
-        closed=_closed(posed, trajectory, u),
+        closed=closed,
         lengths=surface.lengths,
         friction_lengths=length,
     )
@@ -212,6 +228,28 @@ def _pressure(posed: PosedScene, trajectory: Trajectory, forces: Floats) -> Floa
     rest += p @ obstacles.rows[:, held]
     pressure: Floats = (normal - rest @ surface.normal_reaction[:, held].T) / surface.lengths
     return pressure
+
+
+def _recovered(posed: PosedScene, traction: Floats, pressure: Floats, closed: Bools, at: Ints) -> tuple[Floats, Floats]:
+    """Tractions and pressures at the instants, recovered in the plane; friction has its terms `at` contact nodes."""
+    surface, terms, mesh = posed.surface, posed.terms, posed.space.mesh
+    if not isinstance(mesh, PolygonMesh) or len(surface) == 0:
+        return traction, pressure
+    smooth = recovered(
+        pressure * surface.lengths,
+        surface.lengths,
+        Sides.of(surface, np.arange(len(surface)), surface, mesh),
+        closed,
+        presses=True,
+    )
+    # Forces along given directions are over lengths of their own.
+    if len(terms) == 0 or terms.directed.any():
+        return traction, smooth
+    length, tangents = totals(at, terms.lengths, len(surface)), tangents_of(surface.normals)[:, 0]
+    along = np.einsum("smd,md->sm", traction, tangents)
+    rubs, safe = length > 0, np.where(length > 0, length, 1.0)
+    friction = recovered(along * safe, safe, Sides.of(terms, at, surface, mesh), closed & rubs, presses=False)
+    return traction + (friction - along)[:, :, None] * tangents, smooth
 
 
 def _per_length(values: Floats, at: Ints, length: Floats) -> Floats:

@@ -34,8 +34,8 @@ class Extreme:
     Attributes
     ----------
     key : str
-        "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction" or
-        "pressure".
+        "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction",
+        "pressure" or, in the plane, "pressure_recovered".
     name : str
         The same in words, such as "largest von Mises stress".
     value : float
@@ -299,8 +299,8 @@ class Results:
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, where and when.
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
-        pressure those of contact nodes. Signs are kept: the smallest principal stress is the largest compression.
-        Found once, when first asked for.
+        pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
+        largest compression. Found once, when first asked for.
         """
         found: dict[str, Extreme] = {}
         # Squares beyond the largest number are infinite, as are the extremes then.
@@ -342,6 +342,9 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
         yield "slip", ("largest slip", "length", slip, contact.points)
         yield "friction", (f"largest friction per {over}", unit, friction, contact.points)
         yield "pressure", (f"largest contact pressure per {over}", unit, contact.pressure[row], contact.points)
+        if history.displacement.shape[2] == 2:
+            smooth = f"largest recovered contact pressure per {over}"
+            yield "pressure_recovered", (smooth, unit, contact.pressure_recovered[row], contact.points)
 
 
 RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vemcvx.arrays import Ints, read_only
+from vemcvx.arrays import Bools, Ints, read_only
 from vemcvx.errors import SceneError
 from vemcvx.meshes import AnyMesh, PolyhedralMesh, plane_mesh
 from vemcvx.vem.boundary import MirrorPlanes, Part, edge_part, face_part
@@ -127,7 +127,16 @@ class Space:
                 f"{subject}: on={on!r} has edges of an interface ({', '.join(mesh.interfaces)}) between two bodies, "
                 "where contact and friction act and nothing else; name boundaries that are on the outside."
             )
-        return edge_part(read_only(edges), mesh.points, across, self.mirrors)
+        return edge_part(read_only(edges), mesh.points, across, self.mirrors, self._inside(edges, across))
+
+    def _inside(self, edges: Ints, across: Ints | None) -> Bools:
+        """Ends (m, 2) of edges whose node is in one cell alone, of the body whose outline both have: the earlier."""
+        cells, nodes = self.incidences
+        first = np.full(self.mesh.n_nodes, self.mesh.n_cells)
+        np.minimum.at(first, nodes, cells)
+        outline = edges if across is None else np.where((across >= 0) & (first[across] < first[edges]), across, edges)
+        alone: Bools = np.bincount(nodes, minlength=self.mesh.n_nodes)[outline] == 1
+        return alone
 
     def _across(self, edges: Ints) -> Ints | None:
         """The nodes of the other body beside each edge (m, 2) of the first one; -1 where there is none."""

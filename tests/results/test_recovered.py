@@ -1,0 +1,200 @@
+"""Recovered pressure and friction: exact where linear, with the resultants of the forces, without their ripple."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.results.recovered import Sides, recovered
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "problems"))
+
+
+def chain(x, reach=0.1):
+    """Sides between nodes at x along a line, their int phi_i, and the matrix of forces int phi_i phi_j."""
+    h, k = np.diff(x), np.arange(len(x) - 1)
+    ends = np.column_stack([k, k + 1])
+    mass, lengths = np.zeros((len(x), len(x))), np.zeros(len(x))
+    for (i, j), side in zip(ends, h, strict=True):
+        mass[np.ix_([i, j], [i, j])] += side / 6 * np.array([[2, 1], [1, 2]])
+        lengths[[i, j]] += side / 2
+    return Sides(ends, h, np.maximum(h, reach)), lengths, mass
+
+
+@pytest.mark.parametrize("smallest", [0.1, 1e-3, 1e-6])
+def test_constant_and_linear_fields_are_found_exactly(smallest):
+    x = np.cumsum(np.random.default_rng(1).choice([0.1, 0.25, smallest], 40))
+    sides, lengths, mass = chain(x)
+    fields = np.array([np.ones(40), x, 3 - 2 * x])
+    found = recovered(fields @ mass, lengths, sides, np.ones((3, 40), dtype=bool), presses=False)
+    assert np.abs(found - fields).max() < 1e-14 * np.abs(fields).max() / smallest
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_stretches_keep_their_resultants_and_moments_and_press(seed):
+    random = np.random.default_rng(seed)
+    x = np.cumsum(random.uniform(0.01, 0.2, 60))
+    sides, lengths, _ = chain(x)
+    closed = np.repeat(random.random((3, 12)) < 0.7, 5, axis=1)
+    forces = random.exponential(1.0, (3, 60)) ** 3 * lengths * closed
+    plain, pressed = (recovered(forces, lengths, sides, closed, presses=flag) for flag in (False, True))
+    assert plain.min() < 0
+    assert pressed.min() >= 0
+    for row in range(3):
+        assert (pressed[row, ~closed[row]] == 0).all()
+        stretch = np.cumsum(np.append(True, np.diff(closed[row].astype(int)) != 0))
+        for number in np.unique(stretch):
+            own = stretch == number
+            for found in (plain, pressed):
+                assert found[row, own] @ lengths[own] == pytest.approx(forces[row, own].sum(), rel=1e-12)
+    whole = recovered(forces, lengths, sides, np.ones_like(closed), presses=False)
+    moment = whole @ chain(x)[2] @ x
+    assert moment == pytest.approx(forces @ x, rel=1e-12)
+
+
+def motion(*u):
+    return lambda x, t: np.tile(t * np.array(u), (len(x), 1))
+
+
+def joint(lower, upper, effects=(), moduli=(200.0, 200.0), load=0.5, shear=0.0):
+    """Two blocks, one on the other, under a load that is not uniform."""
+    sides = ["lower.left", "lower.right", "upper.left", "upper.right"]
+
+    def top(x, t):
+        return np.column_stack([np.full(len(x), shear * t), -t * (1 + load * np.cos(np.pi * x[:, 0] / 2))])
+
+    scene = vx.Scene(
+        vx.Elasticity(moduli[0], 0.3, on="lower"),
+        vx.Elasticity(moduli[1], 0.3, on="upper"),
+        vx.Clamp(on="lower.bottom"),
+        vx.Symmetry(on=sides),
+        vx.Traction(top, on="upper.top"),
+        vx.UnilateralContact(on="lower|upper"),
+        *effects,
+    )
+    (one, n), (other, m) = lower, upper
+    parts = {
+        "lower": getattr(vx.meshes, one)(n, box=((0, 2), (0, 1))),
+        "upper": getattr(vx.meshes, other)(m, box=((0, 2), (1, 2)), seed=1),
+    }
+    contact = vx.simulate(scene, vx.meshes.bodies(parts), [0.0, 1.0]).contact
+    order = np.argsort(contact.points[:, 0])
+    return contact, order
+
+
+@cache
+def smooth_pressure(friction):
+    effects = (vx.CoulombFriction(0.3, on="lower|upper"),) if friction else ()
+    contact, order = joint(("squares", 64), ("squares", 64), effects, shear=0.1 * friction)
+    return contact.points[order, 0], contact.pressure[-1, order], contact.traction[-1, order, 0]
+
+
+@pytest.mark.parametrize("friction", [False, True], ids=["smooth", "Coulomb"])
+@pytest.mark.parametrize(
+    ("families", "bound"),
+    [(("squares", "squares"), 0.003), (("triangles", "triangles"), 0.015), (("squares", "voronoi"), 0.006)],
+    ids=["squares", "triangles", "squares-voronoi"],
+)
+def test_pressure_has_no_ripple_where_meshes_do_not_match(families, bound, friction):
+    """Of the median 1, at n = 16; raw ripples are from .6 to 3.7 %."""
+    effects = (vx.CoulombFriction(0.3, on="lower|upper"),) if friction else ()
+    x, p, q = smooth_pressure(friction)
+    errors = {"raw": [], "recovered": [], "friction": []}
+    for n in (8, 16, 32):
+        sizes = zip(families, (n, 5 * n // 4), strict=True)
+        contact, order = joint(*sizes, effects, shear=0.1 * friction)
+        at = contact.points[order, 0]
+        for name, values, exact in (
+            ("raw", contact.pressure, p),
+            ("recovered", contact.pressure_recovered, p),
+            ("friction", contact.traction_recovered[:, :, 0], q),
+        ):
+            errors[name].append(np.abs(values[-1, order] - np.interp(at, x, exact))[1:-1].max())
+        assert contact.pressure_recovered @ contact.lengths == pytest.approx(contact.pressure @ contact.lengths)
+    assert errors["recovered"][1] < bound
+    assert errors["recovered"][2] < 0.01
+    for name in ("recovered", "friction") if friction else ("recovered",):
+        assert errors[name][2] < 0.62 * errors[name][1] < 0.62**2 * errors[name][0], errors
+    assert all(fine < 0.62 * raw for fine, raw in zip(errors["recovered"], errors["raw"], strict=True)), errors
+
+
+def test_a_press_fit_has_the_pressure_of_lame():
+    """Sizes 1 : .8 along the joint. Largest ripples, at the ends: 2.3, 1.1 and .6 %; of forces 4.4, 2.1 and .9 %."""
+    import press_fit
+
+    errors, means, spread = [], [], []
+    for n in (8, 16, 32):
+        mesh = press_fit.mesh(n, outer=5 * n // 4)
+        contact = vx.simulate(press_fit.scene(), mesh, [0.0, 1.0], solver=vx.Newton(1e-6)).contact
+        p, exact = contact.pressure_recovered[-1], press_fit.pressure()
+        errors.append(np.abs(p / np.median(p) - 1).max())
+        spread.append(np.std(p) / np.median(p))
+        means.append(abs(p @ contact.lengths / (exact * contact.lengths.sum()) - 1))
+    assert max(spread) < 0.01
+    assert errors[2] < 0.01
+    for found in (errors, spread):
+        assert found[2] < 0.55 * found[1] < 0.55**2 * found[0]
+    assert means[2] < 0.3 * means[1] < 0.3**2 * means[0]
+
+
+def test_the_edge_of_hertz_contact_stays_sharp():
+    import hertz_two_cylinders as cylinders
+
+    errors = []
+    for n in (8, 16, 32):
+        history = vx.simulate(cylinders.scene(), cylinders.mesh(n), [0.0, 1.0])
+        contact, force = history.contact, cylinders.force(history)[-1]
+        a, peak = cylinders.hertz(force)
+        exact = peak * np.sqrt(np.maximum(1 - (contact.points[:, 0] / a) ** 2, 0))
+        smooth, raw = contact.pressure_recovered[-1], contact.pressure[-1]
+        assert smooth.min() >= 0
+        assert (smooth[~contact.closed[-1]] == raw[~contact.closed[-1]]).all()
+        assert smooth @ contact.lengths == pytest.approx(0.5 * force, rel=1e-12)
+        root = [np.sqrt((p - exact) ** 2 @ contact.lengths / a) / peak for p in (smooth, raw)]
+        assert root[0] < root[1]
+        errors.append(root[0])
+    assert errors[2] < 0.4 * errors[0]
+
+
+def test_corners_keep_their_forces_and_full_slip_its_bound():
+    """A square that rubs on its bottom and its right, where pressures differ, under Tresca's law."""
+    mesh = vx.meshes.voronoi(6, seed=3)
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(0.1, on="bottom"),
+        vx.UnilateralContact(on="right"),
+        vx.PrescribedDisplacement(motion(0.02, -0.01), on="top"),
+    )
+    contact = vx.simulate(scene, mesh, [0.0, 1.0]).contact
+    corner = np.flatnonzero(np.abs(contact.points - [1.0, 0.0]).max(axis=1) < 1e-12)
+    assert len(corner) == 1
+    assert (contact.pressure_recovered[:, corner] == contact.pressure[:, corner]).all()
+    resultant = contact.pressure_recovered @ contact.lengths
+    assert resultant == pytest.approx(contact.pressure @ contact.lengths, rel=1e-12)
+    pushed = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(0.1, on="bottom"),
+        vx.PrescribedDisplacement(motion(1.0, 0.0), on="top"),
+    )
+    slipped = vx.simulate(pushed, mesh, [0.0, 1.0]).contact
+    assert not slipped.sticking[-1].any()
+    assert np.abs(slipped.traction_recovered[-1] - [-0.1, 0.0]).max() < 1e-14
+
+
+def test_in_space_they_are_forces_over_areas():
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.UnilateralContact(on="bottom"),
+        vx.TrescaFriction(0.1, on="bottom"),
+        vx.PrescribedDisplacement(motion(0.01, 0.0, -0.01), on="top"),
+    )
+    contact = vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0]).contact
+    assert (contact.pressure_recovered == contact.pressure).all()
+    assert (contact.traction_recovered == contact.traction).all()

@@ -1,0 +1,105 @@
+"""Two bodies along a curve, with nodes of one inside the sides of the other: normals are those of the curve."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import vemcvx as vx
+from vemcvx.vem import Space
+
+INNER, JOINT, OUTER = 1.0, 1.6, 2.4
+
+
+def ring(inside, outside, cells, turn):
+    """A ring, or a part of it that ends on the axes."""
+    closed = turn > 6
+    angles = np.linspace(0, turn, cells + 1)[: cells if closed else None]
+    radii, k = np.geomspace(inside, outside, max(1, round(cells / turn * np.log(outside / inside))) + 1), len(angles)
+    points = (radii[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2)
+    points[np.abs(points) < 1e-12] = 0.0
+    j = np.arange(cells)
+    round_ = np.column_stack([j, j + k, (j + 1) % k + k, (j + 1) % k])
+    return vx.PolygonMesh(points, [list(cell + k * r) for r in range(len(radii) - 1) for cell in round_])
+
+
+def rings(cells, others, turn=2 * np.pi, order=("inner", "outer"), interfaces=None):
+    parts = {"inner": ring(INNER, JOINT, cells, turn), "outer": ring(JOINT, OUTER, others, turn)}
+    apart = JOINT * (turn / min(cells, others)) ** 2 / 7
+    mesh = vx.meshes.bodies({name: parts[name] for name in order}, interfaces, tolerance=apart)
+    mesh = mesh.with_boundary("bore", lambda x: np.hypot(*x.T) < INNER + 0.1)
+    mesh = mesh.with_boundary("rim", lambda x: np.hypot(*x.T) > OUTER - 0.1)
+    return mesh if turn > 6 else mesh.with_boundary("cut", lambda x: np.abs(x).min(axis=1) < 1e-9)
+
+
+@pytest.mark.parametrize("digits", [16, 5])
+@pytest.mark.parametrize("named", [("inner", "outer"), ("outer", "inner")], ids="|".join)
+@pytest.mark.parametrize("order", [("inner", "outer"), ("outer", "inner")], ids=" before ".join)
+@pytest.mark.parametrize("cells", [(16, 20), (20, 16), (16, 21), (12, 48), (360, 450)])
+def test_normals_of_a_circle_are_radial(cells, order, named, digits):
+    mesh = rings(*cells, order=order, interfaces={"joint": named})
+    joint = mesh.interfaces["joint"]
+    if digits < 16:
+        sides = {name: edges for name, edges in mesh.boundaries.items() if name not in ("boundary", "joint")}
+        points = np.round(mesh.points, digits)
+        mesh = vx.PolygonMesh(points, mesh.cells, boundaries=sides, interfaces={"joint": joint})
+    rows = Space(mesh).part("joint", "test", contact=True).node_normals
+    x = mesh.points[rows.nodes]
+    sign = 1 if named[0] == "inner" else -1
+    assert len(rows.nodes) > min(cells)
+    # Points of five digits turn sides by 1e-5 over their length, 2 pi JOINT / cells or a part of that.
+    loose = 1e-12 if digits == 16 else 1e-5 * max(cells)
+    assert np.abs(rows.normals - sign * x / np.hypot(*x.T)[:, None]).max() < loose
+
+
+@pytest.mark.parametrize("contact", [vx.BilateralContact, vx.UnilateralContact])
+def test_a_ring_turns_in_another_without_friction(contact):
+    """Along the normals of chords it got caught."""
+    spin = vx.PrescribedDisplacement(lambda x, t: 0.01 * t * x @ np.array([[0.0, 1.0], [-1.0, 0.0]]), on="bore")
+    scene = vx.Scene(vx.Elasticity(100.0, 0.3), spin, contact(on="inner|outer"), vx.Clamp(on="rim"))
+    history = vx.simulate(scene, rings(16, 20), [0.0, 1.0])
+    assert np.abs(history.stress(-1)).max() < 1e-10
+    assert np.abs(history.displacement[-1]).max() == pytest.approx(0.01 * JOINT, rel=1e-9)
+
+
+def test_a_press_fit_on_other_nodes_needs_no_friction():
+    """At all h friction was .33 of the pressure, which rippled by 6.8 %; the rings have none."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3, on="inner"),
+        vx.Elasticity(70.0, 0.33, on="outer"),
+        vx.Symmetry(on="cut"),
+        vx.UnilateralContact(on="inner|outer", gap=lambda x, t: np.full(len(x), -0.004 * t)),
+        vx.CoulombFriction(0.33, on="inner|outer"),
+    )
+    ripple, friction = [], []
+    for n in (16, 32, 64):
+        contact = vx.simulate(scene, rings(n, 5 * n // 4, np.pi / 2), [0.0, 1.0], solver=vx.Newton(1e-6)).contact
+        p = contact.pressure[-1]
+        ripple.append(np.std(p) / np.median(p))
+        friction.append(np.linalg.norm(contact.traction[-1], axis=1).max() / np.median(p))
+    assert ripple[-1] < 0.005
+    assert friction[-1] < 0.01
+    for found in (ripple, friction):
+        assert (np.diff(np.log2(found)) < -0.7).all(), found
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.3, 2.0])
+def test_straight_sides_with_hanging_nodes_keep_their_normals(lean):
+    c, s = np.cos(lean), np.sin(lean)
+    lower, upper = (vx.meshes.squares(n, box=((0, 2), side)) for n, side in ((4, (0, 1)), (5, (1, 2))))
+    turned = {}
+    for name, mesh in (("lower", lower), ("upper", upper)):
+        turned[name] = vx.PolygonMesh(mesh.points @ np.array([[c, s], [-s, c]]), mesh.cells)
+    rows = Space(vx.meshes.bodies(turned)).part("lower|upper", "test", contact=True).node_normals
+    assert np.abs(rows.normals - [-s, c]).max() < (1e-15 if lean else 1e-300)
+    assert (rows.cosines == 1.0).all()
+
+
+def test_a_round_cell_is_no_straight_side():
+    """All its nodes are in one cell, and each turns by little, but all together do not."""
+    angle = np.linspace(0, np.pi / 2, 201)
+    points = np.vstack([np.column_stack([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
+    mesh = vx.PolygonMesh(points, [list(range(202))]).with_boundary("arc", lambda x: np.hypot(*x.T) > 0.9)
+    rows = Space(mesh).part("arc", "test").node_normals
+    inner = slice(1, -1)
+    assert np.abs(rows.normals - points[rows.nodes])[inner].max() < 1e-12

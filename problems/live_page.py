@@ -24,7 +24,7 @@ with app.setup:
 
     import vemcvx as vx
     from vemcvx.canvas import as_png, light_grid, new_figure
-    from vemcvx.cli.problem_file import read_problem
+    from vemcvx.cli.problem_file import own_errors, read_problem
     from vemcvx.plots import (
         contact_face,
         deformed_body,
@@ -87,7 +87,7 @@ def course_of(path, problem):
     turns = PATHS[path]
     if turns is None:
         return getattr(problem.module, "course", None)
-    instants = np.linspace(*problem.times(STEPS)[[0, -1]], len(turns))
+    instants = np.linspace(*np.asarray(problem.times(STEPS))[[0, -1]], len(turns))
     return lambda t: np.interp(t, instants, turns)
 
 
@@ -95,7 +95,7 @@ def course_of(path, problem):
 def solved(problem, mesh, settings, path, solver):
     """The history; where a step misses the accuracy asked for, its certificate says so."""
     course = {} if PATHS[path] is None else {"course": course_of(path, problem)}
-    scene = problem.module.scene(**settings, **course)
+    scene = own_errors(problem.path, "its scene", lambda: problem.module.scene(**settings, **course))
     times = problem.times(STEPS)
     return vx.simulate(scene, mesh, times, solver=SOLVERS[solver](), initial=problem.initial, check=False)
 
@@ -105,7 +105,7 @@ def pictures(history, step, course):
     """Pictures at a step that the history has something to show for: (name, figure, what it shows)."""
     contact = len(history.contact.nodes) > 0
     if isinstance(history.mesh, vx.PolygonMesh):
-        drawn = [drawing("deformed body", lambda ax: deformed_mesh(history, step, ax=ax), flat(history))]
+        drawn = [drawing("deformed body", lambda ax: deformed_mesh(history, step, ax=ax), height_of(history))]
         if contact:
             drawn.append(drawing("stick and slip", lambda ax: draw_front(ax, history, step)))
             drawn.append(drawing("friction and its bound", lambda ax: friction_traction(history, step, ax=ax)))
@@ -115,11 +115,11 @@ def pictures(history, step, course):
         drawn = [drawing("deformed body", lambda ax: deformed_body(history, step, ax=ax))] if has_pyvista() else []
         if contact and seen(history.contact):
             drawn.append(drawing("stick and slip", lambda ax: contact_face(history, step, ax=ax)))
-    return [*drawn, drawing("energies", lambda ax: energy_ledger(history, ax=ax))]
+    return [*drawn, drawing("energies", lambda ax: draw_energies(ax, history))]
 
 
 @app.function
-def flat(history):
+def height_of(history):
     """The height in inches of a picture of a body: less where it is flat."""
     across, up = np.ptp(history.mesh.points, axis=0)
     return float(np.clip(1.3 + 0.7 * WIDTH * up / across, 2.0, 3.4))
@@ -146,7 +146,7 @@ def drawing(name, draw, height=3.4):
 
 @app.function
 def told(numbers):
-    """Numbers as HTML: name, value, what it means."""
+    """Numbers as a list in HTML: name, value, what it means."""
     grey = 'style="color:#595959"'
     terms = (
         f"<div><dt {grey}>{k}</dt><dd style='margin:0'><b>{v}</b> <small {grey}>{escape(c)}</small></dd></div>"
@@ -176,11 +176,18 @@ def draw_front(ax, history, step):
 
 
 @app.function
+def draw_energies(ax, history):
+    """Energies in time, all steps."""
+    energy_ledger(history, ax=ax)
+    ax.set_title("where the work of the forces goes")
+
+
+@app.function
 def draw_loop(ax, history, step, course):
     """The load over the slip of the node that slips farthest, up to a step, and faintly what follows."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
-    load, now = course(history.times), history.row(step)
+    load, now = np.array([course(t) for t in history.times]), history.row(step)
     ax.plot(slip, load, color="0.7", linewidth=1.2)
     ax.plot(slip[: now + 1], load[: now + 1], ".-", color=STORED, linewidth=1.4, markersize=4, label="so far")
     ax.plot(slip[now], load[now], "o", color=SLIP, markersize=8, label="this instant")
@@ -191,7 +198,7 @@ def draw_loop(ax, history, step, course):
 
 @app.function
 def numbers_of(history, step):
-    """What is worth knowing at a step: (name, value, what it means)."""
+    """The numbers of a step: (name, value, what it means)."""
     now, run = history.row(step), history.trajectory
     stuck, worst, asked = history.contact.sticking[now], run.certificate.max(), run.accuracy
     kept = "asked" if worst <= asked else "missed"
@@ -206,7 +213,7 @@ def numbers_of(history, step):
 
 @app.function
 def attempt(action, *given):
-    """What an action returns, and the seconds that it took; on the page its error stands where pictures would."""
+    """Return the value of an action and the seconds that it took; its error stands where the pictures would."""
     start = time.perf_counter()
     try:
         return action(*given), time.perf_counter() - start
@@ -254,7 +261,8 @@ def _(scene):
 def _(family, n, name, path, scene, settings, solver, step):
     mo.sidebar(
         [
-            mo.md("# friction, live"),
+            # The smallest letters of marimo are three quarters of the root's.
+            mo.Html("<style>:root{font-size:16px}</style><h1>friction, live</h1>"),
             mo.vstack([scene, step, path, *settings.elements.values(), family, n, solver], gap=1.2),
         ],
         footer=mo.md(f"`vemcvx run {name}` simulates this problem and writes files."),
@@ -297,8 +305,8 @@ def _(drawing_time, history, meshing, solving, step):
 
 @app.cell
 def _(drawn, numbers, problem):
-    # The smallest letters of marimo are three quarters of the root's; its buttons float over what has no room above.
-    _title = f'<style>:root{{font-size:16px}}</style><h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
+    # Buttons of marimo float over what has no room above it.
+    _title = f'<h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
     mo.Html(_title + told(numbers) + drawn)
     return
 

@@ -34,7 +34,7 @@ import numpy as np
 import vemcvx as vx
 
 
-def scene(young=10.0, count=3, {more}, depth=0.0, word="x"):
+def scene(young=10.0, count=3, poisson=0.25, depth=0.0, word="x"):
     def press(x, t):
         return np.tile([0.02 * t, -0.01], (len(x), 1))
 
@@ -170,18 +170,13 @@ def test_a_page_opens_at_the_step_that_is_asked_for(tmp_path, monkeypatch):
     assert (code, said) == (2, "vemcvx: --step: found 31; this run has the steps 1 to 30.\n")
 
 
-@pytest.mark.parametrize(
-    ("more", "kinds", "settings", "names"),
-    [
-        ("poisson=0.25", 2, {"young": 10.0, "count": 3, "poisson": 0.25}, ["stick and slip", "friction and its bound"]),
-        ("poisson=0.25", 0, {"young": 10.0, "count": 3, "poisson": 0.25}, []),
-    ],
-)
-def test_a_problem_file_of_ones_own_is_shown(more, kinds, settings, names, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("kinds", "names"), [(2, ["stick and slip", "friction and its bound"]), (0, [])])
+def test_a_problem_file_of_ones_own_is_shown(kinds, names, tmp_path, monkeypatch):
     """Without a course of the load there is no load path and no hysteresis; without contact, no friction."""
     monkeypatch.setattr(live_page, "FRAMES", 2)
+    monkeypatch.setenv(live_page.GIVEN, "")  # as it was, at the end
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.py").write_text(OWN_FILE.format(more=more, kinds=kinds))
+    (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=kinds))
     code, said = call("app", "own.py", "--html", "page.html")
     assert (code, said) == (0, "page.html: 2 of 30 steps\n")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
@@ -190,20 +185,40 @@ def test_a_problem_file_of_ones_own_is_shown(more, kinds, settings, names, tmp_p
     drawn = re.findall(r'<img [^>]*alt="([^:]*): [^"]', text.partition("</section>")[0])
     assert drawn == ["deformed body", *names, "energies"]
     app, _, found = live_page._run()
-    assert dict(found["settings"].value) == settings
+    assert dict(found["settings"].value) == {"young": 10.0, "count": 3, "poisson": 0.25}
     offered = app.settings_of(found["problem"])["count"][1]
     assert offered == [1, 2, 3, 4, 5, 6, 7]
 
 
-def test_a_problem_that_came_with_the_package_is_shown_by_its_name():
+def test_the_load_of_ones_own_file_may_take_one_instant_at_a_time(ran, tmp_path):
+    (tmp_path / "ramp.py").write_text(
+        OWN_FILE.format(kinds=2).replace("depth=0.0,", "course=abs,").replace("0.02 * t", "0.02 * course(t)")
+        + "\n\ndef course(t):\n    return t if t < 0.5 else 1.0 - t\n"
+    )
+    app, problem = ran[0], read_problem(tmp_path / "ramp.py")
+    assert app.paths_of(problem) == list(app.PATHS)
+    for path in ("as in the problem file", "a cycle"):
+        history = app.solved(problem, problem.mesh(3), {}, path, "Newton")
+        assert [name for name, *_ in app.pictures(history, 3, app.course_of(path, problem))][-1] == "hysteresis"
+
+
+def test_an_error_of_ones_own_scene_is_named(ran, tmp_path):
+    (tmp_path / "own.py").write_text(OWN_FILE.format(kinds=2).replace("vx.Scene(", "vx.Scene(1 / (young - 10.0),"))
+    problem = read_problem(tmp_path / "own.py")
+    with pytest.raises(vx.VemcvxError, match=r"own.py, line \d+: its scene failed: ZeroDivisionError"):
+        ran[0].solved(problem, problem.mesh(3), {"young": 10.0}, "as in the problem file", "Newton")
+
+
+def test_a_problem_that_came_with_the_package_is_shown_by_its_name(monkeypatch):
+    monkeypatch.setenv(live_page.GIVEN, "")
     code, said = call("app", "--check", "kelvin_voigt_creep")
     assert code == 0, said
     _, _, found = live_page._run()
     assert (found["scene"].value, found["n"].value) == ("viscous strip under a pull", 6)
 
 
-def test_a_body_in_space_is_shown():
-    problem, app = read_problem("block_in_space"), live_page._run()[0]
+def test_a_body_in_space_is_shown(ran):
+    problem, app = read_problem("block_in_space"), ran[0]
     history = vx.simulate(problem.scene(), problem.mesh(2), problem.times(2), initial=problem.initial)
     names = [name for name, _, _ in app.pictures(history, 1, None)]
     assert names[-2:] == ["stick and slip", "energies"]
@@ -264,6 +279,7 @@ def test_a_cell_that_fails_is_named(tmp_path, monkeypatch):
     ],
 )
 def test_wrong_use_is_one_sentence(words, sentence, tmp_path, monkeypatch):
+    monkeypatch.setenv(live_page.GIVEN, "")
     monkeypatch.chdir(tmp_path)
     code, said = call("app", *words)
     assert code == 2
@@ -536,3 +552,16 @@ def test_in_narrow_windows_pictures_stand_in_one_column(ran, address, browser, t
     browser.get(address)
     WebDriverWait(browser, 120, poll_frequency=0.2).until(lambda b: b.execute_script(PICTURE))
     assert [look(browser, width) for width in (1400, 1200, 420)] == [2, 2, 1]
+
+    # A parameter that the scene refuses: its sentence stands where the pictures were, and they come back.
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    sliders = [host.find_element("css selector", "[role=slider]") for host in browser.execute_script(SLIDERS)]
+    _, *settings, _ = [slider for slider in sliders if slider.is_displayed()]
+    poisson = settings[list(ran[2]["settings"].value).index("poisson")]
+    said = "return [...document.querySelectorAll('marimo-callout-output')].map(e => e.shadowRoot.textContent).join(' ')"
+    poisson.send_keys(Keys.END)
+    WebDriverWait(browser, 120, poll_frequency=0.2).until(lambda b: "found poisson = 0.75" in b.execute_script(said))
+    assert browser.execute_script(PLACES) == []
+    assert browser.execute_script(LETTERS) >= 12.0
+    poisson.send_keys(Keys.HOME)
+    WebDriverWait(browser, 120, poll_frequency=0.2).until(lambda b: len(b.execute_script(PLACES)) == 4)

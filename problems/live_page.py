@@ -1,9 +1,9 @@
 """A live page: pull a block over its obstacle, and see at once what sticks, what slips, and how certain the answer is.
 
-    vemcvx app
+    vemcvx app [FILE]
 
-It is a marimo app: `marimo edit live_page.py` opens it as a notebook. Problem files whose scene takes a `bound` of
-friction and the `course` of its load in time can stand in SCENES.
+It is a marimo app: `marimo edit live_page.py` opens it as a notebook. It takes any problem file; every parameter of the
+scene that is a positive number has a slider, and a scene that takes the `course` of its load in time has load paths.
 """
 
 import marimo
@@ -13,17 +13,28 @@ app = marimo.App(width="full", app_title="vemcvx: friction, live")
 
 with app.setup:
     import inspect
-    import io
+    import os
     import time
+    from base64 import b64encode
+    from html import escape
+    from pathlib import Path
 
     import marimo as mo
     import numpy as np
 
     import vemcvx as vx
-    from vemcvx.canvas import light_grid, new_figure
-    from vemcvx.cli.problem_file import read_problem
-    from vemcvx.plots import deformed_mesh, friction_traction, stick_slip_map
-    from vemcvx.plots.contact import contact_line
+    from vemcvx.canvas import as_png, light_grid, new_figure
+    from vemcvx.cli.problem_file import own_errors, read_problem
+    from vemcvx.plots import (
+        contact_face,
+        deformed_body,
+        deformed_mesh,
+        energy_ledger,
+        friction_traction,
+        stick_slip_map,
+    )
+    from vemcvx.plots.body import has_pyvista
+    from vemcvx.plots.contact import contact_line, seen
     from vemcvx.plots.style import SLIP, STORED
 
     SCENES = {
@@ -31,6 +42,9 @@ with app.setup:
         "viscous strip under a pull": ("kelvin_voigt_creep", 6),
         "bracket with a sharp corner": ("l_shaped_bracket", 14),
     }
+    GIVEN = os.environ.get("VEMCVX_APP", "")  # the problem file that `vemcvx app FILE` was asked for
+    if GIVEN and GIVEN not in [name for name, _ in SCENES.values()]:
+        SCENES = {Path(GIVEN).stem: (GIVEN, None)} | SCENES
     FAMILIES = [name for name in vx.meshes.FAMILIES if name != "l_shape"]  # those that fill a box
     PATHS = {
         "as in the problem file": None,
@@ -41,47 +55,131 @@ with app.setup:
     }
     SOLVERS = {"Newton": vx.Newton, "Clarabel": vx.Clarabel, "OSQP": vx.OSQP}
     STEPS = 30  # every turn of every path is an instant
+    WIDTH, LETTERS = 4.0, 10  # inches and points: letters have 12 px where a picture is 346 px wide
+    GRID = "display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,346px),1fr));gap:1.5em"
+
+
+@app.function
+def settings_of(problem):
+    """The parameters of a scene that are positive numbers, and the values that sliders offer for them."""
+    usual = {name: one.default for name, one in inspect.signature(problem.module.scene).parameters.items()}
+    positive = {name: value for name, value in usual.items() if type(value) in (int, float) and value > 0}
+    tenths = range(1, 26)
+    return {
+        name: (value, sorted({type(value)(round(value * tenth / 10, 9)) for tenth in tenths} - {0}))
+        for name, value in positive.items()
+    }
+
+
+@app.function
+def paths_of(problem):
+    """The load paths of a problem: all where its scene takes a `course`, else that of its file alone."""
+    takes = "course" in inspect.signature(problem.module.scene).parameters and hasattr(problem.module, "course")
+    return list(PATHS) if takes else list(PATHS)[:1]
 
 
 @app.function
 def course_of(path, problem):
-    """The load in time, as part of the largest: the problem's own, or straight lines between the turns of a path."""
+    """The load in time, as part of the largest: straight lines between the turns of a path, or the problem's own.
+
+    None where the problem file has no `course`.
+    """
     turns = PATHS[path]
     if turns is None:
-        return problem.module.course
-    instants = np.linspace(*problem.times(STEPS)[[0, -1]], len(turns))
+        return getattr(problem.module, "course", None)
+    instants = np.linspace(*np.asarray(problem.times(STEPS))[[0, -1]], len(turns))
     return lambda t: np.interp(t, instants, turns)
 
 
 @app.function
-def solved(problem, mesh, bound, path, solver):
+def solved(problem, mesh, settings, path, solver):
     """The history; where a step misses the accuracy asked for, its certificate says so."""
-    scene = problem.module.scene(bound=bound, course=course_of(path, problem))
+    course = {} if PATHS[path] is None else {"course": course_of(path, problem)}
+    scene = own_errors(problem.path, "its scene", lambda: problem.module.scene(**settings, **course))
     times = problem.times(STEPS)
     return vx.simulate(scene, mesh, times, solver=SOLVERS[solver](), initial=problem.initial, check=False)
 
 
 @app.function
-def picture(history, step, course):
-    """The body, its contact, the front between stick and slip, and the loop of load and slip, as a PNG."""
-    figure = new_figure(12.4, 7.4)
-    figure.set_layout_engine(None)  # fixed places: looking for good ones takes as long as all the drawing
-    axes = figure.subplots(2, 2, gridspec_kw={"width_ratios": (1.0, 1.15)})
-    figure.subplots_adjust(left=0.075, right=0.98, bottom=0.13, top=0.93, wspace=0.36, hspace=0.62)
-    (body, front), (traction, loop) = axes
-    deformed_mesh(history, step, ax=body)
-    stick_slip_map(history, ax=front)
-    front.axhline(history.times[history.row(step)], color="black", linewidth=1.2)
-    friction_traction(history, step, ax=traction)
-    draw_loop(loop, history, step, course)
-    for ax in axes.flat:
-        ax.set_title(ax.get_title(), y=1.02, fontsize="medium")
-        ax.locator_params(nbins=5)
-        where = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.4}
-        ax.legend(ncols=3, frameon=False, fontsize="small", **where)
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=110, pil_kwargs={"compress_level": 1})
-    return png.getvalue()
+def pictures(history, step, course):
+    """Pictures at a step that the history has something to show for: (name, figure, what it shows)."""
+    contact = len(history.contact.nodes) > 0
+    if isinstance(history.mesh, vx.PolygonMesh):
+        drawn = [drawing("deformed body", lambda ax: deformed_mesh(history, step, ax=ax), height_of(history))]
+        if contact:
+            drawn.append(drawing("stick and slip", lambda ax: draw_front(ax, history, step)))
+            drawn.append(drawing("friction and its bound", lambda ax: friction_traction(history, step, ax=ax)))
+            if course is not None:
+                return [*drawn, drawing("hysteresis", lambda ax: draw_loop(ax, history, step, course))]
+    else:
+        drawn = [drawing("deformed body", lambda ax: deformed_body(history, step, ax=ax))] if has_pyvista() else []
+        if contact and seen(history.contact):
+            drawn.append(drawing("stick and slip", lambda ax: contact_face(history, step, ax=ax)))
+    return [*drawn, drawing("energies", lambda ax: draw_energies(ax, history))]
+
+
+@app.function
+def height_of(history):
+    """The height in inches of a picture of a body: less where it is flat."""
+    across, up = np.ptp(history.mesh.points, axis=0)
+    return float(np.clip(1.3 + 0.7 * WIDTH * up / across, 2.0, 3.4))
+
+
+@app.function
+def drawing(name, draw, height=3.4):
+    """A picture of its own: letters of one size, a legend of two columns below, its title beside it in words."""
+    figure = new_figure(WIDTH, height)
+    ax = figure.add_subplot()
+    draw(ax)
+    words = ax.get_title().replace("\n", "; ")
+    ax.set_title("")
+    for legend in [*figure.legends, *filter(None, [ax.get_legend()])]:
+        legend.remove()
+    handles, labels = ax.get_legend_handles_labels()
+    if labels:
+        narrow = {"handlelength": 1.4, "handletextpad": 0.5, "columnspacing": 1.0}
+        figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, **narrow)
+    for text in figure.findobj(lambda one: hasattr(one, "set_fontsize")):
+        text.set_fontsize(LETTERS)
+    return name, figure, words
+
+
+@app.function
+def told(numbers):
+    """Numbers as a list in HTML: name, value, what it means."""
+    grey = 'style="color:#595959"'
+    terms = (
+        f"<div><dt {grey}>{k}</dt><dd style='margin:0'><b>{v}</b> <small {grey}>{escape(c)}</small></dd></div>"
+        for k, v, c in numbers
+    )
+    return f'<dl style="display:flex;gap:.6em 2em;flex-wrap:wrap;font-size:15px">{"".join(terms)}</dl>'
+
+
+@app.function
+def shown(drawn):
+    """Pictures as HTML, one or two in a row, so that letters have 12 px and more."""
+    figures = []
+    for name, figure, words in drawn:
+        source = f"data:image/png;base64,{b64encode(as_png(figure, dpi=192)).decode()}"
+        image = f'<img style="width:100%" alt="{escape(f"{name}: {words}")}" src="{source}">'
+        caption = f"<figcaption><b>{name.capitalize()}.</b> {escape(words)}</figcaption>"
+        figures.append(f'<figure style="margin:0;max-width:560px">{image}{caption}</figure>')
+    return f'<div style="max-width:1050px;{GRID};font-size:15px">{"".join(figures)}</div>'
+
+
+@app.function
+def draw_front(ax, history, step):
+    """Stick and slip in time, and a line at the instant that is shown."""
+    stick_slip_map(history, ax=ax)
+    ax.axhline(history.times[history.row(step)], color="black", linewidth=1.5, linestyle="--", label="this instant")
+    ax.set_title("where the contact boundary sticks and slips, and when")
+
+
+@app.function
+def draw_energies(ax, history):
+    """Energies in time, all steps."""
+    energy_ledger(history, ax=ax)
+    ax.set_title("where the work of the forces goes")
 
 
 @app.function
@@ -89,31 +187,46 @@ def draw_loop(ax, history, step, course):
     """The load over the slip of the node that slips farthest, up to a step, and faintly what follows."""
     slip = contact_line(history, "the loop").along(history.contact.slip)
     slip = slip[:, np.abs(slip).max(axis=0).argmax()]
-    load, now = course(history.times), history.row(step)
-    ax.plot(slip, load, color="0.8", linewidth=1.2)
+    load, now = np.array([course(t) for t in history.times]), history.row(step)
+    ax.plot(slip, load, color="0.7", linewidth=1.2)
     ax.plot(slip[: now + 1], load[: now + 1], ".-", color=STORED, linewidth=1.4, markersize=4, label="so far")
-    ax.plot(slip[now], load[now], "o", color=SLIP, markersize=8, label="at this instant")
-    ax.set(xlabel="slip of the node that slips farthest (length)", ylabel="load / largest load", title="Hysteresis")
+    ax.plot(slip[now], load[now], "o", color=SLIP, markersize=8, label="this instant")
+    ax.set(xlabel="largest slip (length)", ylabel="load / largest load", title="the node that slips farthest")
+    ax.locator_params(axis="x", nbins=5)
     light_grid(ax)
 
 
 @app.function
 def numbers_of(history, step):
-    """What is worth knowing at a step: (name, value, what it means)."""
+    """The numbers of a step: (name, value, what it means)."""
     now, run = history.row(step), history.trajectory
     stuck, worst, asked = history.contact.sticking[now], run.certificate.max(), run.accuracy
     kept = "asked" if worst <= asked else "missed"
+    lost, work = history.dissipated_second_order[now], history.work_second_order[now]
     return [
         ("sticking", f"{stuck.sum()} of {len(stuck)}", "contact nodes at this step"),
-        ("lost to friction", f"{run.dissipated[now]:.3g}", f"so far, of work {run.work[now]:.3g}"),
+        ("lost to friction", f"{lost:.3g}", f"so far, of work {work:.3g}"),
         ("gap", f"{run.gap[now]:.0e}", "energy of this step, above its minimum"),
         ("certified error", f"{worst:.0e}", f"relative, of any step; {kept}: {asked:.0e}"),
     ]
 
 
+@app.function
+def attempt(action, *given):
+    """Return the value of an action and the seconds that it took; its error stands where the pictures would."""
+    start = time.perf_counter()
+    try:
+        return action(*given), time.perf_counter() - start
+    except vx.VemcvxError as error:
+        if not mo.running_in_notebook():
+            raise
+        mo.stop(True, mo.callout(str(error), kind="danger"))
+
+
 @app.cell
 def _():
-    scene = mo.ui.dropdown(list(SCENES), value=next(iter(SCENES)), label="scene", full_width=True)
+    _first = next(label for label, (name, _) in SCENES.items() if name == (GIVEN or "feng_han_huang"))
+    scene = mo.ui.dropdown(list(SCENES), value=_first, label="scene", full_width=True)
     return (scene,)
 
 
@@ -121,77 +234,80 @@ def _():
 def _(scene):
     name, count = SCENES[scene.value]
     problem = read_problem(name)
-    usual = inspect.signature(problem.module.scene).parameters["bound"].default
-    families = FAMILIES if problem.family in FAMILIES else [problem.family]
-    bounds = [round(usual * tenths / 10, 9) for tenths in range(1, 26)]
+    _count = count or problem.usual_n(16)
+    families = FAMILIES if problem.family in FAMILIES else [problem.family or "the problem's"]
     _at_the_end = {"show_value": True, "debounce": True, "full_width": True}
-    _first = "voronoi" if "voronoi" in families else families[0]
-    family = mo.ui.dropdown(families, value=_first, label="mesh", full_width=True)
-    n = mo.ui.slider(2, 2 * count, value=count, label="n, cells across", **_at_the_end)
-    bound = mo.ui.slider(steps=bounds, value=usual, label="friction bound g", **_at_the_end)
-    path = mo.ui.dropdown(list(PATHS), value="a cycle", label="load path", full_width=True)
+    _first = problem.family if count is None else "voronoi"
+    family = mo.ui.dropdown(
+        families, value=_first if _first in families else families[0], label="mesh", full_width=True
+    )
+    n = mo.ui.slider(2, 2 * _count, value=_count, label="n, cells across", **_at_the_end)
+    settings = mo.ui.dictionary(
+        {
+            parameter: mo.ui.slider(steps=values, value=usual, label=parameter, **_at_the_end)
+            for parameter, (usual, values) in settings_of(problem).items()
+        }
+    )
+    _paths = paths_of(problem)
+    _path = "a cycle" if count and "a cycle" in _paths else _paths[0]
+    path = mo.ui.dropdown(_paths, value=_path, label="load path", full_width=True)
     solver = mo.ui.dropdown(list(SOLVERS), value="Newton", label="solver", full_width=True)
-    step = mo.ui.slider(1, STEPS, value=STEPS, label="step shown", show_value=True, full_width=True)
-    return bound, family, n, name, path, problem, solver, step
+    _last = len(problem.times(STEPS)) - 1
+    step = mo.ui.slider(1, _last, value=_last, label="step shown", show_value=True, full_width=True)
+    return family, n, name, path, problem, settings, solver, step
 
 
 @app.cell
-def _(bound, family, n, name, path, scene, solver, step):
+def _(family, n, name, path, scene, settings, solver, step):
     mo.sidebar(
         [
-            mo.md("# friction, live"),
-            mo.vstack([scene, family, n, bound, path, solver, step], gap=1.2),
+            # The smallest letters of marimo are three quarters of the root's.
+            mo.Html("<style>:root{font-size:16px}</style><h1>friction, live</h1>"),
+            mo.vstack([scene, step, path, *settings.elements.values(), family, n, solver], gap=1.2),
         ],
         footer=mo.md(f"`vemcvx run {name}` simulates this problem and writes files."),
-        width="19rem",
+        width="17rem",
     )
     return
 
 
 @app.cell
 def _(family, n, problem):
-    _start = time.perf_counter()
-    mesh = problem.mesh(n.value, family.value)
-    meshing = time.perf_counter() - _start
+    _family = family.value if family.value in problem.families else None
+    mesh, meshing = attempt(problem.mesh, n.value, _family)
     return mesh, meshing
 
 
 @app.cell
-def _(bound, mesh, path, problem, solver):
-    _start = time.perf_counter()
-    history = solved(problem, mesh, bound.value, path.value, solver.value)
-    solving = time.perf_counter() - _start
+def _(mesh, path, problem, settings, solver):
+    history, solving = attempt(solved, problem, mesh, settings.value, path.value, solver.value)
     return history, solving
 
 
 @app.cell
 def _(history, path, problem, step):
     _start = time.perf_counter()
-    png = picture(history, step.value, course_of(path.value, problem))
-    drawing = time.perf_counter() - _start
-    return drawing, png
+    drawn = shown(pictures(history, step.value, course_of(path.value, problem)))
+    drawing_time = time.perf_counter() - _start
+    return drawing_time, drawn
 
 
 @app.cell
-def _(drawing, history, meshing, solving, step):
+def _(drawing_time, history, meshing, solving, step):
     seconds = (
         "seconds",
-        f"{meshing + solving + drawing:.2f}",
-        f"mesh {meshing:.2f}, {history.steps} steps {solving:.2f}, picture {drawing:.2f}",
+        f"{meshing + solving + drawing_time:.2f}",
+        f"mesh {meshing:.2f}, {history.steps} steps {solving:.2f}, pictures {drawing_time:.2f}",
     )
     numbers = [*numbers_of(history, step.value), seconds]
     return (numbers,)
 
 
 @app.cell
-def _(numbers, png, problem):
-    mo.vstack(
-        [
-            mo.md(f"**{problem.title}**"),
-            mo.hstack([mo.stat(v, label=k, caption=c, bordered=True) for k, v, c in numbers], wrap=True),
-            mo.image(png, alt="deformed body, stick and slip, friction and its bound, hysteresis", width="100%"),
-        ]
-    )
+def _(drawn, numbers, problem):
+    # Buttons of marimo float over what has no room above it.
+    _title = f'<h2 style="margin:2rem 0 0"><b>{escape(problem.title)}</b></h2>'
+    mo.Html(_title + told(numbers) + drawn)
     return
 
 

@@ -1,8 +1,7 @@
-"""Lesson 1, one slider: a variational inequality by hand, as a convex program, and the dual of that."""
+# %% [markdown]
+"""# Lesson 1, one slider: a variational inequality by hand, as a convex program, and the dual of that"""
 
 # %% [markdown]
-# # Lesson 1: one slider
-#
 # A block on a rough table hangs on a spring and is pulled by a force. One unknown, and all there is to see of
 # frictional contact: an inequality where you expect an equation, a convex program that says the same, and a second
 # program, its dual, whose unknown is the force of friction.
@@ -51,7 +50,8 @@ from vemcvx.plots.style import COMPUTED, SLIP, STICK
 # subgradient there, that is, if $f - Ku$ is a subgradient of $g|\cdot - u_{prev}|$ at $u$: the inequality.
 #
 # Where is the minimum? At the kink (the block sticks), or where the derivative vanishes on one side of it:
-# $u = (f - g)/K$ to the right, $u = (f + g)/K$ to the left. All three together are one clip of the old position.
+# $u = (f - g)/K$ to the right, $u = (f + g)/K$ to the left. In all three cases $u$ is the old position, clipped to the
+# interval between these two.
 
 # %%
 K, g = 2.0, 1.0
@@ -96,9 +96,17 @@ print(f"{len(cases)} steps by hand are minima, and solve the inequality")
 # The picture: $P$ for three pulls from $u_{prev} = 0$. While $|f| \le g$ the kink holds the minimum fast. **Question:**
 # which of the two one-sided slopes of $P$ at the kink decides when the block starts to move to the right, and what is
 # its value?
+#
+# <details><summary>Answer</summary>
+#
+# The slope on the right, $P'(0^+) = g - f$. The block moves to the right as soon as it is negative, for $f > g$. (From
+# any $u_{prev}$ it is $K u_{prev} - f + g$.) The slope on the left, $-f - g$, is negative for all $f > -g$ and says
+# only that the block does not move to the left.
+#
+# </details>
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def energies(pulls):
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
@@ -171,12 +179,20 @@ for _u_prev, _f, _u, _lam in tried:
 print(f"{len(tried)} guesses of position and force: the gap bounds the error of each")
 
 # %% [markdown]
-# The picture: on the left positions, on the right forces, at one height. The lowest point of the one is the highest
-# of the other. **Question:** the block sticks in the upper row and slips in the lower; at which end of which graph do
-# you see it?
+# The picture shows both programs on one scale of energy, $P$ over positions on the left and $D$ over forces on the
+# right. The lowest point of $P$ is as high as the highest point of $D$. **Question:** the block sticks in the upper row
+# and slips in the lower; at which end of which graph do you see it?
+#
+# <details><summary>Answer</summary>
+#
+# At the right end of the lower graph of $D$. There the maximum is at $\lambda = g$, and $D$ still rises: friction would
+# give more if it could, and the block slips. The slope of $D$ at that end, $(f - \lambda)/K - u_{prev} = (1.8 - 1)/2 =
+# .4$, is the slip. In the upper graph the maximum is inside, where the slope is zero: no slip.
+#
+# </details>
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def two_programs(pulls):
     figure = new_figure(7.6, 5.2)
     panels = figure.subplots(2, 2, sharey="row", sharex="col")

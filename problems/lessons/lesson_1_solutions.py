@@ -1,8 +1,7 @@
-"""Solutions to the exercises of lesson 1, one slider."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 1, one slider"""
 
 # %% [markdown]
-# # Lesson 1, solutions
-#
 # The slider of the lesson once more: stiffness $K$, bound $g$, and the step as a clip.
 
 # %%

@@ -1,8 +1,7 @@
-"""Lesson 2, four nodes: ten lines of cvxpy, and what the dual of a cone means."""
+# %% [markdown]
+"""# Lesson 2, four nodes: ten lines of cvxpy, and what the dual of a cone means"""
 
 # %% [markdown]
-# # Lesson 2: four nodes
-#
 # From one slider to a chain of four: the same program, now with vectors, in ten lines of cvxpy; what a conic solver
 # returns beside the positions, and which of it is a force; and the step from the line to the plane, where an absolute
 # value becomes a length and the cone shows its shape.
@@ -93,6 +92,13 @@ print("f - K u       ", np.round(f - K @ u.value, 6) + 0.0, "(the same: forces b
 # The dual is a program in its own right: a quadratic in a box, the blocks' forces its unknowns. Solve it as such, and
 # positions come out as *its* multipliers. (Lesson 9 starts here.) **Question:** why does block 4 not even notice that
 # block 1 is pulled?
+#
+# <details><summary>Answer</summary>
+#
+# Block 3 sticks, $u_3 = 0$, so the spring between blocks 3 and 4 keeps its length and carries no force. Block 4 is in
+# balance without friction: $\lambda_4 = f_4 - (Ku)_4 = 0$. A block that sticks is a wall to what lies behind it.
+#
+# </details>
 
 # %%
 force = cp.Variable(4)
@@ -106,7 +112,7 @@ assert np.linalg.norm(flexibility @ (f - force.value) - by_hand) < allowed
 print(f"least energy {problem.value:.8f}, best lower bound {dual.value:.8f}")
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def chain_picture():
     figure = new_figure(7.0, 3.4)
     above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1, 1.5]})
@@ -168,11 +174,23 @@ print("slips of the second step\n", np.round(second - first, 4) + 0.0)
 
 # %% [markdown]
 # The picture: the disc of each block, in it the force $\lambda_i$ that friction takes, beside it the direction of the
-# slip. **Question:** in the second step block 1 is pulled at 60 degrees, and no force has that direction. Why not? And
-# could an absolute value for each component ($|s_x| + |s_y|$) give the same picture?
+# slip. **Question:** in the second step block 1 is pulled at 60 degrees, but friction on it acts at 77 degrees. Why not
+# at 60? And could an absolute value for each component ($|s_x| + |s_y|$) give the same picture?
+#
+# <details><summary>Answer</summary>
+#
+# Friction takes what the springs leave of the pull. The spring to block 2 is still stretched along $x$ from the first
+# step and carries (.69, .90), at 52 degrees; of the pull (.80, 1.39) this leaves (.11, .49), at 77 degrees, and the
+# block slips that way. Blocks 2 and 3 slip at 60 and 47 degrees, each along what its own two springs leave.
+#
+# No. With $|s_x| + |s_y|$ every component of the force has a bound of its own, and the disc becomes a square. A block
+# that slips in both components has its force in a corner of the square, $(.5, .5)$: at 45 degrees whatever the way of
+# the slip, and $\sqrt 2$ times as long.
+#
+# </details>
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def discs_picture():
     figure = new_figure(8.4, 4.6)
     panels = figure.subplots(2, 4)

@@ -1,8 +1,7 @@
-"""Solutions to the exercises of lesson 2, four nodes."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 2, four nodes"""
 
 # %% [markdown]
-# # Lesson 2, solutions
-#
 # The chain of the lesson, and its step by `march`, which is exact to rounding: numbers below are of size one, and
 # 1e-13 is granted.
 

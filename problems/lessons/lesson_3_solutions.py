@@ -1,8 +1,7 @@
-"""Solutions to the exercises of lesson 3, virtual elements from scratch."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 3, virtual elements from scratch"""
 
 # %% [markdown]
-# # Lesson 3, solutions
-#
 # The matrices of the lesson once more, without its comments.
 
 # %%

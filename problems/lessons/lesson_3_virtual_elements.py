@@ -1,8 +1,7 @@
-"""Lesson 3, virtual elements from scratch: projection, stabilisation, patch test, locking."""
+# %% [markdown]
+"""# Lesson 3, virtual elements from scratch: projection, stabilisation, patch test, locking"""
 
 # %% [markdown]
-# # Lesson 3: virtual elements from scratch
-#
 # Finite elements with any polygon for a cell. The functions on it are known on its boundary only (hence *virtual*), and
 # that is enough: everything the method needs of them can be computed from their vertex values, exactly. We build the
 # stiffness matrix of one pentagon by hand, compare it with the package's to the last digits, pass the patch test, and
@@ -25,7 +24,7 @@ from vemcvx.plots.style import COMPUTED, EXACT, OUTLINE, SECOND, THIRD
 #
 # On a polygon $K$ with vertices $x_1, \dots, x_n$ the space (3.11) has the fields $v$ whose components are harmonic
 # inside and linear on every edge. A field is given by its $2n$ vertex values, linear fields are among them, and two
-# cells with a common edge fit together. Only: inside, we do not know $v$.
+# cells with a common edge fit together. But inside the cell we do not know $v$.
 #
 # What can we know? By Gauss' theorem, the *mean over the cell* of a derivative is an integral over the boundary, where
 # $v$ is linear on each edge. With $N_i = \tfrac12(|e_{i-1}| n_{i-1} + |e_i| n_i)$, half the sum of the outward normals
@@ -92,8 +91,8 @@ pentagon = np.array([[0.0, 0.0], [1.0, -0.1], [1.3, 0.6], [0.6, 1.2], [-0.2, 0.7
 to_coefficients, Pi = projections(pentagon)
 
 # %% [markdown]
-# Does it deserve its name? A projection leaves linear fields alone, and done twice it is done once. Matrices of six or
-# ten rows with entries of size one round to about 1e-15; we grant 1e-13, and so for all matrices of this section.
+# Is $\Pi$ a projection? Then it leaves linear fields unchanged, and $\Pi\,\Pi = \Pi$. Matrices of six or ten rows with
+# entries of size one round to about 1e-15; 1e-13 is granted, here and for all matrices of this section.
 
 # %%
 assert np.abs(Pi @ linear_fields(pentagon) - linear_fields(pentagon)).max() < 1e-13
@@ -159,6 +158,15 @@ assert free_modes(cell_stiffness(pentagon, *moduli, tau=0.0)) == 7
 # $\Pi$ misses altogether, the hourglasses. (Drawn with $\tau = \mu$: at $2\mu$ an hourglass costs exactly what a shear
 # does, and the eigenvectors mix.) **Question:** which of the two terms of $a_K^h$ pays for each, and how do you see it
 # by turning $\tau$ up?
+#
+# <details><summary>Answer</summary>
+#
+# The first term pays for the strains: they are linear fields, $\Pi v = v$, so $S_K$ is zero on them. The second pays
+# for the hourglasses: the mean of their strain is zero, so the first term is zero on them, and $S_K(v, v) = \tau
+# |v|^2$. Turn $\tau$ up, and the two eigenvalues of the hourglasses grow in proportion, they are $\tau$ itself, while
+# the three of the strains stay at $2\mu$, $2\mu$ and $2(\lambda + \mu)$.
+#
+# </details>
 
 # %%
 square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -167,6 +175,7 @@ missed_share = np.linalg.norm(vectors - projections(square)[1] @ vectors, axis=0
 assert np.allclose(np.sort(missed_share), [0, 0, 0, 0, 0, 0, 1, 1], atol=1e-13)
 
 
+# %% jupyter={"source_hidden": true}
 def modes():
     figure = new_figure(7.6, 2.3)
     for axes, k in zip(figure.subplots(1, 5), range(3, 8), strict=True):
@@ -280,7 +289,7 @@ for _n in (4, 8):
 print(f"beam {beam[-1]:.0f}, fine squares {limit:.0f};", {key: round(c[-1]) for key, c in cantilever.items()})
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def locking(results):
     figure = new_figure(6.6, 3.9)
     axes = figure.add_subplot()
@@ -302,7 +311,16 @@ locking(cantilever)
 
 # %% [markdown]
 # **Question:** the triangles are not "a bit stiff": which two numbers of the picture say that refining them by two
-# changes nothing at $\nu \to \tfrac12$, and why is the stabilisation innocent of it?
+# changes nothing at $\nu \to \tfrac12$, and why is the stabilisation not to blame?
+#
+# <details><summary>Answer</summary>
+#
+# The right ends of the two curves of triangles: the deflection is 14.63 with 4 cells across and 14.66 with 8, where the
+# body has 206. On a triangle three vertices determine a linear field, so $\Pi v = v$ and $S_K = 0$ (exercise 1):
+# whatever $\tau$ is, it multiplies zero. What locks is the first term, which forbids changes of area in every triangle,
+# two conditions a node.
+#
+# </details>
 #
 # ## Exercises
 #

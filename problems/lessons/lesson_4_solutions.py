@@ -1,7 +1,5 @@
-"""Solutions to the exercises of lesson 4, the quasistatic problem."""
-
 # %% [markdown]
-# # Lesson 4, solutions
+"""# Solutions to the exercises of lesson 4, the quasistatic problem"""
 
 # %%
 import numpy as np

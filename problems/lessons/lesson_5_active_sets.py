@@ -1,12 +1,11 @@
-"""Lesson 5, active sets and semismooth Newton: how they converge, how they cycle, and a safeguard."""
+# %% [markdown]
+"""# Lesson 5, active sets and semismooth Newton: how they converge, how they cycle, and a safeguard"""
 
 # %% [markdown]
-# # Lesson 5: active sets and semismooth Newton
-#
 # If somebody told us which nodes stick and which slip, and which way, a step would be one linear system. The method of
 # this lesson guesses, solves, looks at what it got, and guesses again. That is Newton's method for an equation with
-# kinks; on a body it takes five or six guesses, and the last of them is not nearly right but right. It may also run in
-# circles for ever, on two blocks and a spring, and we see what to do about it.
+# kinks; on a body it takes five or six guesses, and the last of them is exact up to rounding. But on two blocks and a
+# spring it may run in circles for ever, and the lesson ends with a remedy.
 #
 # The paper solves its steps by a method of this family ([24] there). Lessons 1 and 2 derive the program and its dual.
 
@@ -101,9 +100,16 @@ print(f"{len(sides)} guesses; nodes that slip: {np.count_nonzero(sides, axis=1)}
 # The picture: one row a guess, first at the top. The end of the slipping zone runs to its place, in ever shorter
 # strides, and stops. There are finitely many sets, and Newton's method on a piecewise linear function is *exact* once
 # the piece is right: no digits are left to gain. **Question:** why is the first row all blue?
+#
+# <details><summary>Answer</summary>
+#
+# The iteration starts from rest, $y = b$ and $\lambda = 0$. Then $s = 0$ and $q = \lambda + cs = 0$ at every node,
+# whatever the shift, and $|q_i| \le w_i$: the first guess is that everything sticks.
+#
+# </details>
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def sets_picture():
     figure = new_figure(6.6, 2.6)
     axes = figure.add_subplot()
@@ -186,7 +192,7 @@ assert errors[-2] < 1e-12
 print("errors at the end", " ".join(f"{e:.0e}" for e in ends), "| factors", " ".join(f"{r:.0e}" for r in factors))
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def errors_picture():
     figure = new_figure(5.6, 3.2)
     axes = figure.add_subplot()
@@ -316,7 +322,7 @@ few = np.median([count for count in needed if count])
 print(f"all 60 end; {np.count_nonzero(needed)} needed sure steps, {few:.0f} at the median")
 
 
-# %%
+# %% jupyter={"source_hidden": true}
 def safeguard_picture():
     worst = int(np.argmax(needed))
     c = shift(programs[worst][0], 10.0)
@@ -344,6 +350,14 @@ safeguard_picture()
 # The package's `vx.Newton` is built like this, with the small shift, a better sure method (proximal points, which do
 # not mind large condition numbers) and cones, bounds and springs beside absolute values. **Question:** the last round
 # of the blue curve falls by many orders at once. Which section of this lesson says why?
+#
+# <details><summary>Answer</summary>
+#
+# Section 1. The equation is piecewise linear, and on the right piece one linear solve gives its exact solution: the gap
+# falls to rounding in one round, however large it was before. (Superlinear convergence, section 2, takes several
+# rounds, each faster than the last; it is what remains where $P$ projects on a disc and is not piecewise linear.)
+#
+# </details>
 #
 # ## Exercises
 #

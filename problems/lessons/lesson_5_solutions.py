@@ -1,8 +1,7 @@
-"""Solutions to the exercises of lesson 5, active sets and semismooth Newton."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 5, active sets and semismooth Newton"""
 
 # %% [markdown]
-# # Lesson 5, solutions
-#
 # The active set iteration of the lesson once more; it takes a start, for exercise 3.
 
 # %%

@@ -1,12 +1,10 @@
-"""Lesson 6, certificates: what a gap proves, and a solver that lies.
-
-Every answer of this package comes with a number that bounds its error, whoever computed it. The lesson writes that
-number in six lines, proves it, attacks it by a solver that stops too early and says "optimal", and shows what it
-does not know.
-"""
+# %% [markdown]
+"""# Lesson 6, certificates: what a gap proves, and a solver that lies"""
 
 # %% [markdown]
-# # Lesson 6: certificates
+# Every answer of this package comes with a number that bounds its error, whoever computed it. The lesson writes that
+# number in six lines, proves it, attacks it by a solver that stops too early and says "optimal", and shows what it
+# does not know.
 #
 # *You need:* linear algebra, the dual of lesson 1. *You will see:* what a duality gap proves, why nobody has to trust
 # a solver, and what no gap can tell.
@@ -77,10 +75,24 @@ print(f"gap of the package's answer {gap(exact, forces):.1e}; it certifies {step
 # **Theorem.** $\tfrac12 |d - d^*|_K^2 \le \mathrm{gap}(d, \lambda)$ for every $d$ and every $\lambda$ with $|\lambda_i|
 # \le w_i$, where $d^*$ is the solution and $|d|_K^2 = d^T K d$.
 #
-# *Proof.* $P$ is $\tfrac12 d^TKd$ plus something convex, so $P(d) \ge P(d^*) + \tfrac12 |d - d^*|_K^2$. Because
-# $w|d_i| \ge \lambda_i d_i$, the number $D(\lambda) = \min_v \tfrac12 v^TKv - (g - \lambda)^Tv = -\tfrac12 (g -
-# \lambda)^T K^{-1} (g - \lambda)$ is at most $P(v)$ for all $v$, so $D(\lambda) \le P(d^*)$. Hence $\tfrac12 |d -
-# d^*|_K^2 \le P(d) - D(\lambda)$. Multiply out: the right side is the gap. $\square$
+# *Proof.* First, $P(v) = \tfrac12 v^TKv$ plus a convex function of $v$, and $d^*$ is its minimum, so
+#
+# $$P(d) \ge P(d^*) + \tfrac12 |d - d^*|_K^2 .$$
+#
+# Second, $|\lambda_i| \le w_i$ implies $w_i |v_i| \ge \lambda_i v_i$ for every $i$ and every $v$. With $\lambda_i v_i$
+# in place of $w_i |v_i|$ no term of $P$ grows, and the result is smooth, with its minimum where $Kv = g - \lambda$:
+#
+# $$P(v) \ge \tfrac12 v^TKv - (g - \lambda)^Tv \ge -\tfrac12 (g - \lambda)^T K^{-1} (g - \lambda) = D(\lambda)
+#   \quad \text{for all } v.$$
+#
+# Take $v = d^*$: $D(\lambda) \le P(d^*)$. Both together give $\tfrac12 |d - d^*|_K^2 \le P(d) - P(d^*) \le P(d) -
+# D(\lambda)$. Last, put $g = r + \lambda + Kd$ into $P(d)$ and $g - \lambda = r + Kd$ into $D(\lambda)$:
+#
+# $$P(d) - D(\lambda) = \Bigl(-\tfrac12 d^TKd - r^Td - \lambda^Td + \sum_i w_i |d_i|\Bigr)
+#   + \Bigl(\tfrac12 r^TK^{-1}r + r^Td + \tfrac12 d^TKd\Bigr) = \mathrm{gap}(d, \lambda). \qquad \square$$
+#
+# The whole proof hinges on $w_i |v_i| \ge \lambda_i v_i$: without $|\lambda_i| \le w_i$ it is wrong for some $v$, and
+# nothing is proved (see "How to cheat a careless judge" below).
 #
 # The proof does not mention a solver. Let us spoil the solution at random and hold both sides against each other. We do
 # not know $d^*$, but the package's answer is certified to a relative $10^{-13}$ or so, and that counts as known.
@@ -105,8 +117,20 @@ print(f"certified over true error: {ratio[:8].mean():.0f} for small errors, {rat
 #
 # **Question:** Two answers are equally far from $d^*$; in one all sticking nodes are at rest, in the other they creep.
 # Which has the better certificate, and why do active-set methods (lesson 5) certify to rounding?
+#
+# <details><summary>Answer</summary>
+#
+# The one at rest. Take the right forces, $\lambda = \lambda^*$, and let the slipping nodes slip the right way. Then
+# $w_i |d_i| = \lambda_i d_i$ at every node that slips, and at every node that is at rest, so that only $\tfrac12
+# r^TK^{-1}r$ is left, with $r = K(d^* - d)$: the gap is *equal* to $\tfrac12 |d - d^*|_K^2$. A node that creeps by
+# $\varepsilon$ adds $(w_i - |\lambda_i|)\,\varepsilon$ or more, which is larger by far when $\varepsilon$ is small.
+#
+# Active-set methods put $d_i = 0$ where a node sticks and $\lambda_i = \pm w_i$ where it slips, exactly. Their gap is
+# $\tfrac12 r^TK^{-1}r$, where $r$ is the rounding of one linear solve.
+#
+# </details>
 
-# %%
+# %% jupyter={"source_hidden": true}
 _figure = new_figure(5.6, 3.9)
 _ax = _figure.subplots()
 _ax.loglog(*spoilt.T, "o", color=COMPUTED, markersize=4, label="spoilt answers")
@@ -170,7 +194,7 @@ for _count in (10, 100, 1000):
     table.append((_count, _error, _allowed))
     print(f"{_count:5d} iterations a step: error {_error[-1]:.1e}, certificates allow {_allowed[-1]:.1e}")
 
-# %%
+# %% jupyter={"source_hidden": true}
 _figure = new_figure(6.4, 3.9)
 _ax = _figure.subplots()
 for (_count, _error, _allowed), _colour in zip(table, (SECOND, COMPUTED, EXACT), strict=True):
@@ -186,8 +210,8 @@ _figure
 #
 # The theorem needs $|\lambda_i| \le w_i$. A judge who takes $\lambda$ as it comes can be cheated: let friction carry
 # everything, $\lambda = g$. Then $D(\lambda) = 0$, the "gap" is $P(d)$, and that is *negative* for every answer better
-# than staying. Less than zero "proves" everything. The package moves multipliers to the nearest admissible ones first,
-# as the line with `clip` does above.
+# than staying: it would certify any answer. The package moves multipliers to the nearest admissible ones first, as the
+# line with `clip` does above.
 
 # %%
 careless = 0.5 * exact @ K @ exact - g @ exact + w @ np.abs(exact)

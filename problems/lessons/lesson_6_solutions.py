@@ -1,4 +1,5 @@
-"""Solutions to the exercises of lesson 6, on a chain of eight blocks: run it, or read it cell by cell."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 6, on a chain of eight blocks: run it, or read it cell by cell"""
 
 # %%
 import numpy as np

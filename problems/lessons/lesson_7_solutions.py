@@ -1,4 +1,5 @@
-"""Solutions to the exercises of lesson 7."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 7"""
 
 # %%
 import numpy as np

@@ -1,4 +1,5 @@
-"""Solutions to the exercises of lesson 8."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 8"""
 
 # %%
 from collections.abc import Sequence

@@ -1,8 +1,7 @@
-"""Lesson 8, your own effect: dashpots along a boundary in one file, and how to test them against closed forms."""
+# %% [markdown]
+"""# Lesson 8, your own effect: dashpots along a boundary in one file, and how to test them against closed forms"""
 
 # %% [markdown]
-# # Lesson 8: your own effect
-#
 # *You need:* weak forms, lesson 4 (the quasistatic problem). *You will see:* that physics enters a scene as arrays,
 # that twenty lines are an effect, and that a closed form in space *and* in time is the test that finds mistakes.
 #
@@ -75,6 +74,14 @@ class Dashpots(vx.Effect):
 #
 # **Question:** Why may $c$ not be negative, in one word of thermodynamics and in one word of convexity?
 #
+# <details><summary>Answer</summary>
+#
+# *Dissipation*: dashpots take the power $c\,|\dot u|^2$ from the body, and with $c < 0$ they would supply power from
+# nothing. *Concave*: in the program of a step they are the term $\tfrac{c}{2k} |u - u_{prev}|^2$, and with $c < 0$ it
+# bends downwards, the more so the smaller $k$ is. Where it outweighs the stiffness there is no minimum.
+#
+# </details>
+#
 # ## A closed form to test it
 #
 # Take a bar between rollers, held on the right, pushed on the left by a constant traction $q$ from $t = 0$ on, with
@@ -127,7 +134,7 @@ print("ratios", np.round(ratios, 2), "-> 2")
 assert (np.diff(np.abs(ratios - 2)) < 0).all()
 assert abs(ratios[-1] - 2) < 0.1
 
-# %%
+# %% jupyter={"source_hidden": true}
 left = np.flatnonzero(mesh.points[:, 0] == 0)[0]
 _figure = new_figure(5.8, 3.8)
 _ax = _figure.subplots()
@@ -143,6 +150,15 @@ _figure
 
 # %% [markdown]
 # **Question:** The dots lie below the line. Must they? (Which slope does backward Euler use in a step?)
+#
+# <details><summary>Answer</summary>
+#
+# They must. Backward Euler moves by the slope at the *end* of a step, $(q - MU_n)/c$. The end moves more and more
+# slowly, so this slope is less than the mean one. In formulas, what is missing of $q/M$ shrinks in a step by $1/(1 +
+# x)$ with $x = kM/c$, in truth by $e^{-x}$, and $e^x > 1 + x$: $1 - (1 + x)^{-n} < 1 - e^{-nx}$ after every number of
+# steps.
+#
+# </details>
 #
 # ## The ledger
 #
@@ -197,7 +213,7 @@ print("the corner at full load: without", f"{ends[0]:.5f};", "at speeds .25, 1, 
 assert (np.diff(ends) < 0).all()
 assert max(one.certificate.max() for one in damped.values()) <= 1e-8
 
-# %%
+# %% jupyter={"source_hidden": true}
 _figure = new_figure(5.8, 3.8)
 _ax = _figure.subplots()
 _load = np.linspace(0, 1, 33)

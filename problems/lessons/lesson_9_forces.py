@@ -1,8 +1,7 @@
-"""Lesson 9, forces instead of displacements: the dual program of a step, as a projection, by cvxpy and by Uzawa."""
+# %% [markdown]
+"""# Lesson 9, forces instead of displacements: the dual program of a step, as a projection, by cvxpy and by Uzawa"""
 
 # %% [markdown]
-# # Lesson 9: forces instead of displacements
-#
 # *You need:* the dual of one slider (lesson 1) and the gap (lesson 6). *You will see:* that friction is a projection,
 # that one can compute forces first and displacements afterwards, and that both ways reach the same optimum from two
 # sides.
@@ -92,10 +91,18 @@ assert best <= above(d) + blur
 # **Question:** Halve all bounds. In which direction does the dual optimum move, and why can you tell without solving
 # anything?
 #
+# <details><summary>Answer</summary>
+#
+# Down. $D$ stays the same function, and half of the box is a part of the box: a maximum over fewer $\lambda$ is not
+# larger. (It is smaller here, because the old optimum lies outside the new box.) So the least energy falls too, since
+# both optima are equal: with less friction the body gives way more.
+#
+# </details>
+#
 # ## 2. Moreau
 #
 # Every projection splits what is projected: $g = \lambda + Kd$, with $\lambda$ in the box and $d$ pointing out of it.
-# For a single node ($K = \kappa$) the splitting is known by two names,
+# For a single node ($K = \kappa$, a number) the splitting is known by two names,
 #
 # $$\lambda = \mathrm{clip}(g, -w, w), \qquad \kappa\, d = g - \lambda = \mathrm{sign}(g)\,(|g| - w)_+ ,$$
 #
@@ -119,12 +126,24 @@ assert abs(step.answer.lam[:, 0] @ step.answer.d - w @ np.abs(step.answer.d)) <=
 # solve a *linear* elastic problem under them; wherever a node slips, let friction push harder against it, up to its
 # bound; repeat,
 #
-# $$\lambda \leftarrow \mathrm{clip}\bigl(\lambda + \rho\, d(\lambda), -w, w\bigr), \qquad \rho = \lambda_{\min}(K) .$$
+# $$\lambda \leftarrow \mathrm{clip}\bigl(\lambda + \rho\, d(\lambda), -w, w\bigr), \qquad \rho = \kappa_1 ,$$
 #
-# This is projected gradients, and in mechanics Uzawa's method. Clipping never increases distances, and $I - \rho
-# K^{-1}$ shrinks them by $q = 1 - \lambda_{\min}(K) / \lambda_{\max}(K)$ at least, so the error of the forces shrinks
-# by $q$ in *every* iteration. Nesterov's acceleration is one more line: far from the optimum it gains little, and
-# on fine meshes more (exercise 3).
+# where $\kappa_1 \le \dots \le \kappa_m$ are the eigenvalues of $K$. This is projected gradients, and in mechanics
+# Uzawa's method.
+#
+# *Why this step?* Subtract the solution, for which $\lambda^* = \mathrm{clip}(\lambda^* + \rho\, d(\lambda^*), -w, w)$.
+# Clipping never increases distances, and $d(\lambda) - d(\lambda^*) = -K^{-1} (\lambda - \lambda^*)$, so the error
+# after the iteration is at most as long as
+#
+# $$(I - \rho K^{-1}) (\lambda - \lambda^*) .$$
+#
+# Along the $i$-th eigenvector of $K$ the factor is $1 - \rho/\kappa_i$. The softest direction has the smallest:
+# $1 - \rho/\kappa_1$, which is negative for $\rho > \kappa_1$ and less than $-1$ for $\rho > 2 \kappa_1$, where the
+# iteration need not converge. With $\rho = \kappa_1$ all factors are between 0 and $q = 1 - \kappa_1/\kappa_m$: no
+# direction is overshot, and the error of the forces shrinks to $q$ times itself or less in *every* iteration. (In words
+# of optimisation: $\rho$ is one over the Lipschitz constant of the gradient, $|K^{-1}| = 1/\kappa_1$, as in lesson 5.)
+#
+# Nesterov's acceleration is one more line: far from the optimum it gains little, and on fine meshes more (exercise 3).
 
 # %%
 least, *_, largest = np.linalg.eigvalsh(K)
@@ -160,7 +179,7 @@ for _seen in (plain, fast):
     assert (_low <= best + blur).all()
     assert (best <= _high + blur).all()
 
-# %%
+# %% jupyter={"source_hidden": true}
 _figure = new_figure(9.4, 3.8)
 _left, _right = _figure.subplots(1, 2)
 for _seen, _colour, _words in ((plain, COMPUTED, "Uzawa"), (fast, SECOND, "accelerated")):
@@ -198,25 +217,38 @@ assert off <= 100 * EPS * np.linalg.cond(full.operators.K.toarray())
 
 # %%
 history = vx.simulate(scene, mesh, [0.0, 1.0])
-traction = history.contact.traction[-1, :, 0]
 order = np.argsort(history.contact.points[:, 0])
+traction = history.contact.traction[-1, order, 0]
 bounds = history.contact.bound[-1, order]
 sticks = history.contact.sticking[-1, order]
+print("friction over its bound", np.round(traction / bounds, 2))
+
+# %% jupyter={"source_hidden": true}
 _figure = new_figure(6.0, 3.6)
 _ax = _figure.subplots()
 _x = history.contact.points[order, 0]
-_ax.fill_between(_x, -bounds, bounds, color="0.93", label="the box: what friction can carry")
-_ax.plot(_x, traction[order], "-", color=THIRD, linewidth=1.2)
+_ax.fill_between(_x, -bounds, bounds, facecolor="0.9", edgecolor="0.45", label="the box: what friction can carry")
+_ax.plot(_x, traction, "-", color=THIRD, linewidth=1.2)
 for _chosen, _colour, _words in ((~sticks, SLIP, "slips: on the boundary"), (sticks, STICK, "sticks: inside")):
-    _ax.plot(_x[_chosen], traction[order][_chosen], "o", color=_colour, label=_words)
+    _ax.plot(_x[_chosen], traction[_chosen], "o", color=_colour, label=_words)
 _ax.set(xlabel="$x_1$ (length)", ylabel="friction on the body (force per length)", title="the nearest point of the box")
 light_grid(_ax)
-_ax.legend(frameon=False, fontsize=8)
+_ax.legend(fontsize=8, framealpha=1.0)
 _figure
 
 # %% [markdown]
 # **Question:** Uzawa's method solves a linear problem in each of many iterations, Newton's method (lesson 5) in each
 # of a few. When would you still take Uzawa? (Think of a $K$ that you cannot factorise but can apply.)
+#
+# <details><summary>Answer</summary>
+#
+# Newton's method solves with the block of $K$ of those nodes that slip, another block in every iteration, and wants its
+# entries. Uzawa's method solves with one and the same $K$, and sees nothing of it but $K^{-1}$ times a vector. So take
+# it where $K$ is too large to be factorised and systems with it are solved iteratively (conjugate gradients,
+# multigrid), each beginning at the solution before; where an existing elastic code is a black box that answers loads
+# with displacements; or where flexibilities were measured and there is no $K$ at all.
+#
+# </details>
 #
 # ## Exercises
 #

@@ -1,4 +1,5 @@
-"""Solutions to the exercises of lesson 9."""
+# %% [markdown]
+"""# Solutions to the exercises of lesson 9"""
 
 # %%
 import numpy as np

@@ -12,7 +12,6 @@ import socket
 import threading
 import time
 import webbrowser
-from base64 import b64encode
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass
@@ -20,14 +19,17 @@ from html import escape
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from vemcvx.cli.options import problem_names
 from vemcvx.cli.problem_file import executed, own_errors
 from vemcvx.cli.report import page
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import check_writable, say
 from vemcvx.errors import ProblemError
 
+GIVEN = "VEMCVX_APP"
 HOST = "127.0.0.1"
 MOST_SESSIONS = 6
 LINGER = 10
@@ -36,32 +38,45 @@ Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
-FRAMES = 10
-STYLE = (
-    "h1{font-size:1.5em}img{width:100%}dl{display:flex;gap:1em 2.5em;flex-wrap:wrap}"
-    "dt{color:#666}dd{margin:0}dd b{font-size:1.4em}label{display:flex;gap:1em}input{flex:1}"
-)
-SHOW = "for (const [k, one] of document.querySelectorAll('section').entries()) one.hidden = k != this.value"
+FRAMES = 11
+STYLE = "h1{font-size:1.4em}dd b{font-size:1.4em}label{display:flex;gap:1em;flex-wrap:wrap}input{flex:1 1 12em}"
+SHOW = """
+const steps = [...document.querySelectorAll('section')];
+steps.forEach((one, k) => one.hidden = k != this.value);
+this.nextElementSibling.value = this.ariaValueText = steps[this.value].ariaLabel"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class App:
     """Open a live page: change scene, mesh, friction, load and solver, and see what sticks and slips (extra app)."""
 
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="[FILE]",
+            autocompletion=problem_names,
+            help="A problem file, or a name that `problems` lists. (default: the block of the example)",
+        ),
+    ] = ""
     port: Annotated[
         int | None, typer.Option(min=1, max=65535, help="Port of the page on this machine. (default: a free one)")
     ] = None
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True
     check: Annotated[bool, typer.Option("--check", help="Run it without a browser, and say whether it works.")] = False
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a page that needs no Python.")] = None
+    html: Annotated[Path | None, typer.Option(metavar="PAGE", help="Write it as a page that needs no Python.")] = None
+    step: Annotated[int | None, typer.Option(min=1, help="The step that PAGE opens at. (default: its first)")] = None
 
     def __call__(self) -> None:
         """Serve the page until Ctrl-C, or check it, or write it to a file."""
         if self.check and self.html is not None:
             raise ProblemError("app: found --check and --html; give one of them.")
+        if self.step is not None and self.html is None:
+            raise ProblemError("app: found --step without --html; the live page has a slider for the step.")
+        # The app finds its problem file in the environment, where it begins anew for every page that is opened.
+        os.environ[GIVEN] = str(Path(self.file).resolve()) if Path(self.file).is_file() else self.file
         if self.html is not None:
             check_writable(self.html, "--html")
-            say(write(self.html))
+            say(write(self.html, self.step))
         elif self.check:
             say(check())
         else:
@@ -179,26 +194,36 @@ async def _refuse(send: Send, session: bool, status: int, words: str) -> None:
     await send({"type": "http.response.body", "body": words.encode()})
 
 
-def write(path: Path) -> str:
-    """Write a page of pictures and numbers, step by step, that needs nothing else; return a line that says so."""
+def write(path: Path, opens: int | None = None) -> str:
+    """Write a page of pictures and numbers, step by step, that needs nothing else; return a line that says so.
+
+    It opens at the first step, or at the step asked for.
+    """
     module, _, found = _run()
     history, course = found["history"], module.course_of(found["path"].value, found["problem"])
-    steps = [history.steps * k // FRAMES for k in range(1, FRAMES + 1)]
-    frames = [_frame(module.picture(history, step, course), module.numbers_of(history, step)) for step in steps]
-    hidden = [*(f"<section hidden>{frame}</section>" for frame in frames[:-1]), f"<section>{frames[-1]}</section>"]
-    slider = f'<label>time<input type="range" max="{FRAMES - 1}" value="{FRAMES - 1}" oninput="{escape(SHOW)}"></label>'
-    chosen = ", ".join(f"{name} {found[name].value}" for name in ("scene", "family", "n", "bound", "path", "solver"))
-    text = page(found["problem"].title, f"<p>{escape(chosen)}</p>{slider}{''.join(hidden)}", STYLE)
+    first = 1 if opens is None else opens
+    if not first <= history.steps:
+        raise ProblemError(f"--step: found {first}; this run has the steps 1 to {history.steps}.")
+    steps = sorted({first, *np.linspace(1, history.steps, FRAMES).round().astype(int).tolist()})
+    at = {n: f"step {n} of {history.steps}, t = {history.times[history.row(n)]:.4g}" for n in steps}
+    shown = "".join(
+        f'<section aria-label="{at[n]}"{"" if n == first else " hidden"}>'
+        f"{module.told(module.numbers_of(history, n))}{module.shown(module.pictures(history, n, course))}</section>"
+        for n in steps
+    )
+    slider = (
+        f'<label>time<input type="range" max="{len(steps) - 1}" value="{steps.index(first)}" autocomplete="off" '
+        f'aria-valuetext="{at[first]}" oninput="{escape(SHOW)}"><output>{at[first]}</output></label>'
+    )
+    chosen = {name: found[name].value for name in ("scene", "family", "n")} | dict(found["settings"].value)
+    chosen |= {"path": found["path"].value, "solver": found["solver"].value}
+    words = ", ".join(f"{name} {value}" for name, value in chosen.items())
+    text = page(found["problem"].title, f"<p>{escape(words)}</p>{slider}{shown}", STYLE)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"--html: {path} cannot be written: {error.strerror}.") from error
-    return f"{path}: {FRAMES} of {history.steps} steps"
-
-
-def _frame(png: bytes, numbers: list[tuple[str, str, str]]) -> str:
-    told = "".join(f"<div><dt>{k}</dt><dd><b>{v}</b> <small>{escape(c)}</small></dd></div>" for k, v, c in numbers)
-    return f'<dl>{told}</dl><img alt="" src="data:image/png;base64,{b64encode(png).decode()}">'
+    return f"{path}: {len(steps)} of {history.steps} steps"
 
 
 def _path() -> Path:

@@ -49,12 +49,13 @@ def _problems() -> list[str]:
 
 
 families, solver_names, lesson_numbers = completing(lambda: FAMILIES), completing(completions), completing(lessons)
+problem_names = completing(_problems)
 
 File = Annotated[
     str,
     typer.Argument(
         metavar="FILE",
-        autocompletion=completing(_problems),
+        autocompletion=problem_names,
         help="A problem file: Python with scene(**parameters), mesh(n), times(steps); or a name that `problems` lists.",
     ),
 ]

@@ -28,8 +28,8 @@ class Supplied:
 
     @property
     def sentence(self) -> str:
-        """The first sentence of its docstring."""
-        text = " ".join((ast.get_docstring(self._tree) or "").split())
+        """The first sentence of its docstring, which is a heading in lessons."""
+        text = " ".join((ast.get_docstring(self._tree) or "").removeprefix("# ").split())
         first = re.match(r".*?(?<!\W[A-Z])[.?!](?=\s|$)", text)  # the J. of a name ends none
         return first.group() if first else text
 

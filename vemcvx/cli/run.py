@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -23,9 +23,11 @@ from vemcvx.cli.report import check_report, write_report
 from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import EVERY, Shown, listed, progress_bar, say
+from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
+from vemcvx.cost import study
 from vemcvx.cost.foreseen import Growth, check_fits
-from vemcvx.errors import ProblemError, VemcvxError
+from vemcvx.cost.workers import Crashed, alone, pool
+from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import Pass, adapt
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
@@ -89,13 +91,34 @@ class Run:
     probes: Annotated[
         list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
     ] = NONE
-    settings: Settings = NONE
+    settings: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the scene; of several values, and of several parameters, all combinations are run.",
+        ),
+    ] = NONE
+    results: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help=f"Results that such a study shows. (default: {','.join(study.USUAL)})"),
+    ] = None
+    workers: Annotated[int, typer.Option(min=1, help="Processes at once, of a study.")] = 2
 
     def __call__(self) -> None:
         """Simulate, write and draw what is asked for, and say what came out."""
+        problem = read_problem(self.file)
+        several = problem.studied(self.settings)
+        if len(several) > 1:
+            self._study(problem, several)
+        else:
+            say("\n".join(self.made(problem)[1]))
+
+    def made(self, problem: Problem) -> tuple[History, list[str]]:
+        """The history, written and drawn as asked for, and what there is to say of it."""
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
-        problem, folder = read_problem(self.file), self.out or self.resume
+        folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
         self._refuse_early(folder, drawings)
         usual = 64 if self.target is None else 8
@@ -134,7 +157,44 @@ class Run:
                 command=self._command(problem, n, steps, folder),
             )
             lines.append(f"report      {path}")
+        return history, lines
+
+    def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
+        """Run all combinations, each in a process and a folder of its own, and say what came out."""
+        chosen = study.chosen_results(self.results.split(",") if self.results else ())
+        if self.resume is not None or (self.report and self.out is None):
+            raise ProblemError(
+                "--set: several runs have folders of their own in DIR of --out DIR; none can be resumed."
+            )
+        drawings = self.out or Path("results") / problem.name
+        if self.plot:
+            new_figure()
+        if self.plot or self.out:
+            writable_folder(drawings)
+        names = study.folder_names(several)
+        runs = [
+            replace(self, settings=list(each), out=self.out and self.out / name, plot=False)
+            for each, name in zip(several, names, strict=True)
+        ]
+        found: dict[int, study.Row] = {}
+        with progress_bar("runs") as shown, pool(self.workers, None) as run:
+            shown("runs", 0, len(runs))
+            for k, row in run(_attempted, list(enumerate(runs))):
+                found[k] = row
+                shown("runs", len(found), len(runs))
+        rows = [found[k] for k in range(len(runs))]
+        figure = None
+        lines = [f"{problem.name}: {problem.title}", study.table(rows, chosen).text(), *study.said_of(rows)]
+        if self.plot and any(row.results for row in rows):
+            figure = study.picture(rows, chosen, f"{problem.name}: {problem.title}")
+        if self.out:
+            lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
+        elif figure is not None:
+            lines.append(f"picture     {study.draw(figure, drawings)}")
         say("\n".join(lines))
+        failed = {row.status for row in rows} - {study.DONE}
+        if failed:
+            raise typer.Exit(NOT_CERTIFIED if failed == {study.NOT_CERTIFIED} else INVALID)
 
     def _foresee(self, problem: Problem, n: int, steps: int, folder: Path | None) -> None:
         """Say what a long run will take; refuse one that this machine has no memory or no room for."""
@@ -266,6 +326,29 @@ class Run:
         # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
         return shlex.join(["vemcvx", "run", file, *words, *(name for name, is_set in flags.items() if is_set)])
+
+
+def _attempted(number: int, run: Run) -> tuple[int, study.Row]:
+    """The row of one run of a study, made in a process of its own."""
+    settings = dict(setting.split("=", 1) for setting in run.settings)
+    try:
+        found = alone(_made, run)
+    except (Crashed, MemoryError, OSError) as crash:
+        found = {"status": study.CRASHED, "message": str(crash) or type(crash).__name__}
+    folder = str(run.out) if run.out and found["status"] == study.DONE else None
+    return number, study.Row(settings, folder, **found)
+
+
+def _made(run: Run) -> dict[str, Any]:
+    """What came of a run: its results, or why there are none, and its warnings."""
+    with study.heard() as said:
+        try:
+            history, _ = run.made(read_problem(run.file))
+        except NotCertified as error:
+            return {"status": study.NOT_CERTIFIED, "message": str(error)}
+        except VemcvxError as error:
+            return {"status": study.REFUSED, "message": str(error)}
+    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history)}
 
 
 def _extremes(history: History) -> Iterator[str]:

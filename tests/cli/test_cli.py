@@ -402,14 +402,14 @@ print("heavy", sorted({{"cvxpy", "matplotlib", "meshio", "clarabel", "osqp"}} & 
     assert ran.stderr == ""
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
-def test_a_terminal_gets_a_progress_bar(tmp_path):
+def on_a_terminal(*words):
+    """What a command says on standard error if that is a terminal."""
     import pty
 
     main, side = pty.openpty()
-    code = f"from vemcvx.cli import app; app(['run', {PROBLEM!r}, '--n', '4', '--steps', '6'])"
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "100"}
-    subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=side, env=environment, check=True)
+    code = f"from vemcvx.cli import app; app({list(words)!r})"
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=side, env=environment)
     os.close(side)
     said = b""
     while True:
@@ -421,7 +421,28 @@ def test_a_terminal_gets_a_progress_bar(tmp_path):
             break
         said += piece
     os.close(main)
-    assert b"6/6" in said
+    assert run.wait() == 0
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", said.decode())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are a matter of Unix")
+def test_a_terminal_gets_a_progress_bar(tmp_path):
+    said = on_a_terminal("run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out"))
+    assert "0/?" not in said
+    assert re.search(r"assembling .* \d:\d\d:\d\d +[\r\n]", said)
+    assert re.search(r"marching .* \d+/200 \d:\d\d:\d\d \S+ left", said)
+    assert re.search(r"writing .* \d+/201 \d:\d\d:\d\d \S+ left", said)
+
+
+def test_without_a_terminal_long_runs_say_a_line_at_times(tmp_path):
+    words = ["run", PROBLEM, "--n", "16", "--steps", "200", "--out", str(tmp_path / "out")]
+    code = f"from vemcvx.cli import app, terminal; terminal.EVERY = 0.02; app({words!r})"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = run.stderr.splitlines()
+    assert all(re.fullmatch(r"vemcvx: [a-z]+( \d+ of 20[01])?, \d+ s(, \d+ s left)?", line) for line in lines), lines
+    assert any(re.match(r"vemcvx: marching \d+ of 200, \d+ s, \d+ s left", line) for line in lines), lines
+    assert any(line.startswith("vemcvx: writing ") for line in lines), lines
+    assert re.search(r"seconds +assemble .*, write \S+$", run.stdout, re.MULTILINE)
 
 
 def test_the_linear_solver_can_be_named():

@@ -14,7 +14,7 @@ import pytest
 
 import vemcvx as vx
 from vemcvx.meshes import FAMILIES, PolygonMesh, read
-from vemcvx.meshes.io.vtk import write_cells
+from vemcvx.meshes.io.vtk import packed_cells, write_cells
 
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 
@@ -219,7 +219,7 @@ def test_fields_on_a_mesh(tmp_path):
     random = np.random.default_rng(0)
     at_nodes = {"displacement": random.random((mesh.n_nodes, 2)), "pressure": random.random(mesh.n_nodes)}
     on_cells = {"stress": random.random((mesh.n_cells, 3)), "energy": random.random(mesh.n_cells)}
-    write_cells(tmp_path / "step.vtu", mesh, at_nodes, on_cells)
+    write_cells(tmp_path / "step.vtu", packed_cells(mesh), at_nodes, on_cells)
     file = meshio.read(tmp_path / "step.vtu")
     np.testing.assert_array_equal(file.point_data["displacement"][:, :2], at_nodes["displacement"])
     assert file.point_data["displacement"].shape == (mesh.n_nodes, 3)
@@ -241,7 +241,7 @@ def test_fields_on_a_mesh(tmp_path):
 )
 def test_fields_that_do_not_fit(name, point_data, cell_data, message, tmp_path):
     with pytest.raises(vx.MeshError, match=message):
-        write_cells(tmp_path / name, vx.meshes.squares(2), point_data, cell_data)
+        write_cells(tmp_path / name, packed_cells(vx.meshes.squares(2)), point_data, cell_data)
 
 
 def test_meshio_is_loaded_late():

@@ -171,9 +171,9 @@ def test_data_that_do_not_fit(name, parts, says):
 def test_files_of_several_pieces(tmp_path):
     """Of two pieces meshio keeps all points, and the cells of the last."""
     vx.meshes.squares(2).write(tmp_path / "mesh.vtu")
-    text = (tmp_path / "mesh.vtu").read_text()
-    piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
-    (tmp_path / "mesh.vtu").write_text(text.replace(piece, piece + piece))
+    data = (tmp_path / "mesh.vtu").read_bytes()
+    piece = data[data.index(b"<Piece") : data.index(b"</Piece>") + len(b"</Piece>")]
+    (tmp_path / "mesh.vtu").write_bytes(data.replace(piece, piece + piece))
     with pytest.raises(vx.MeshError, match="mesh.vtu cannot be read as a mesh: it holds 2 pieces; wanted is one"):
         vx.meshes.read(tmp_path / "mesh.vtu")
 

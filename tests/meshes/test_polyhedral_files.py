@@ -12,7 +12,7 @@ import pytest
 from refined_cubes import refined_cubes
 
 import vemcvx as vx
-from vemcvx.meshes.io.vtk import write_cells
+from vemcvx.meshes.io.vtk import packed_cells, write_cells
 
 BOX = ((0.1, 1.1), (2.0, 4.0), (-5.0, -4.0))
 CUBE = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)]
@@ -337,7 +337,10 @@ def test_fields_on_cells_and_nodes(mesh, tmp_path):
     path = tmp_path / "fields.vtu"
     moved = mesh.points @ np.diag([0.1, 0.0, -0.2])
     write_cells(
-        path, mesh, {"displacement": moved, "p": moved[:, 0]}, {"stress": np.arange(6.0 * mesh.n_cells).reshape(-1, 6)}
+        path,
+        packed_cells(mesh),
+        {"displacement": moved, "p": moved[:, 0]},
+        {"stress": np.arange(6.0 * mesh.n_cells).reshape(-1, 6)},
     )
     pyvista = pytest.importorskip("pyvista")
     grid = pyvista.read(path)
@@ -345,7 +348,7 @@ def test_fields_on_cells_and_nodes(mesh, tmp_path):
     np.testing.assert_array_equal(grid.point_data["p"], moved[:, 0])
     assert grid.cell_data["stress"].shape == (mesh.n_cells, 6)
     with pytest.raises(vx.MeshError, match=f"point field 'p' needs {mesh.n_nodes} rows"):
-        write_cells(path, mesh, {"p": [1.0]}, {})
+        write_cells(path, packed_cells(mesh), {"p": [1.0]}, {})
 
 
 def test_the_newest_layout_of_faces(tmp_path):
@@ -389,6 +392,6 @@ def test_damaged_faces(name, damage, message, tmp_path, monkeypatch):
 
     monkeypatch.setattr(vtk, "_cells", damaged)
     path = tmp_path / "damaged.vtu"
-    write_cells(path, vx.meshes.cubes(2), {}, {})
+    write_cells(path, packed_cells(vx.meshes.cubes(2)), {}, {})
     with pytest.raises(vx.MeshError, match=rf"damaged.vtu.*({message})"):
         vx.meshes.read(path)

@@ -6,11 +6,13 @@ import ast
 import importlib.util
 import inspect
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -63,6 +65,18 @@ def literal(text: str) -> Any:
         return text
 
 
+def several(text: str) -> list[str]:
+    """The values, as they are spelt, between commas that stand in no brackets and no quotes."""
+    try:
+        body = ast.parse(text, mode="eval").body
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        # Words such as steel,rubber-2; where brackets or quotes are in them, they are one.
+        return [text] if re.search(r"[\[({'\"]", text) else [word for word in text.split(",") if word] or [text]
+    if not isinstance(body, ast.Tuple) or not body.elts or body.elts[0].col_offset > body.col_offset:
+        return [text]
+    return [ast.get_source_segment(text, one) or "" for one in body.elts]
+
+
 # A problem file: Python that defines `scene(**parameters)`, `mesh(n, family=...)` and `times(steps)`.
 
 
@@ -99,6 +113,25 @@ class Problem:
         own = inspect.signature(self.module.scene).parameters
         known = {name: one.default for name, one in own.items() if one.kind is not one.VAR_KEYWORD}
         return [(n, repr(v) if isinstance(v, str) else amount(v)) for n, v in (known | given).items()]
+
+    def studied(self, settings: Sequence[str]) -> list[tuple[str, ...]]:
+        """All combinations of values where settings "name=value,value" have several, the last setting fastest.
+
+        Where the scene's own value is a tuple or a list, numbers with commas between are one such value, as brackets
+        around them say anywhere; several values are in brackets then.
+        """
+        choices: dict[str, list[str]] = {}
+        for setting in settings:
+            name, value = self._parameter(setting)
+            default = inspect.signature(self.module.scene).parameters.get(name)
+            rows = isinstance(value, tuple) and all(isinstance(one, (tuple, list)) for one in value)
+            single = default is not None and isinstance(default.default, (tuple, list)) and not rows
+            text = setting.partition("=")[2]
+            choices[name] = [text] if single else several(text)
+        return [
+            tuple(f"{name}={value}" for name, value in zip(choices, each, strict=True))
+            for each in product(*choices.values())
+        ]
 
     def scene(self, settings: Sequence[str] = ()) -> Scene:
         """The scene, with parameters given as "name=value"."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import shlex
+import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -16,14 +18,17 @@ import typer
 from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
 from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
-from vemcvx.cli.problem_file import Problem, is_file, read_problem
+from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
 from vemcvx.cli.report import check_report, write_report
 from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.cli.supplied import problems_folder
-from vemcvx.cli.terminal import listed, progress_bar, say
-from vemcvx.errors import ProblemError
-from vemcvx.estimate.adapt import adapt
+from vemcvx.cli.terminal import EVERY, INVALID, NOT_CERTIFIED, Shown, listed, progress_bar, say
+from vemcvx.cost import study
+from vemcvx.cost.foreseen import Growth, check_fits
+from vemcvx.cost.workers import Crashed, alone, pool
+from vemcvx.errors import NotCertified, ProblemError, VemcvxError
+from vemcvx.estimate.adapt import Pass, adapt
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
@@ -44,10 +49,13 @@ from vemcvx.results.files import (
 from vemcvx.results.probe import places
 from vemcvx.results.results import programs_of_steps
 from vemcvx.simulation import simulate
+from vemcvx.stepping.recorder import stored_steps
 from vemcvx.stepping.trajectory import CHECKPOINT, Folder
 
 ROWS = "rows"
 """The folder, in the output folder, in which a run keeps completed steps until the history is written."""
+LONG = 256
+"""Steps of runs that are foreseen; of fewer, on meshes of the usual size, all take seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,29 +91,56 @@ class Run:
     probes: Annotated[
         list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
     ] = NONE
-    settings: Settings = NONE
+    settings: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the scene; of several values, and of several parameters, all combinations are run.",
+        ),
+    ] = NONE
+    results: Annotated[
+        str | None,
+        typer.Option(metavar="NAME,...", help=f"Results that such a study shows. (default: {','.join(study.USUAL)})"),
+    ] = None
+    workers: Annotated[int, typer.Option(min=1, help="Processes at once, of a study.")] = 2
 
     def __call__(self) -> None:
         """Simulate, write and draw what is asked for, and say what came out."""
+        problem = read_problem(self.file)
+        several = problem.studied(self.settings)
+        if len(several) > 1:
+            self._study(problem, several)
+        else:
+            say("\n".join(self.made(problem)[1]))
+
+    def made(self, problem: Problem) -> tuple[History, list[str]]:
+        """The history, written and drawn as asked for, and what there is to say of it."""
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
-        problem, folder = read_problem(self.file), self.out or self.resume
+        folder = self.out or self.resume
         drawings = folder or Path("results") / problem.name
         self._refuse_early(folder, drawings)
         usual = 64 if self.target is None else 8
         steps, n = self.steps or usual, self.n or problem.usual_n(usual, self.mesh)
         # The folder is held until the history is written: of two runs with one folder the second is refused.
-        with nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None) as rows:
+        held = nullcontext() if folder is None else Folder(folder / ROWS, self.resume is not None)
+        with held as rows, progress_bar("meshing") as shown:
+            if self.target is None:
+                self._foresee(problem, n, steps, folder)
             mesh = problem.mesh(n, self.mesh)
             if self.points is not None:
                 places(mesh, self.points, "--probe")
             if self.target is None:
-                store = int(self.store) if self.store.isdecimal() else self.store
-                history, told = self.simulated(problem, mesh, steps, store, rows)
+                history, told = self.simulated(problem, mesh, steps, self._stored, shown=shown, rows=rows)
             else:
-                history, told = self._adapted(problem, mesh, steps, self.target)
-            lines = [f"{problem.name}: {problem.title}", *told, history.summary(), *_extremes(history)]
-            lines += self._written(history, problem, folder, n)
+                history, told = self._adapted(problem, mesh, steps, self.target, shown)
+            shown("extremes", 0, None)
+            extremes, start = list(_extremes(history)), time.perf_counter()
+            files = self._written(history, problem, folder, n, shown)
+            written = {"write": time.perf_counter() - start} if folder else {}
+            summary = replace(history, seconds={**history.seconds, **written}).summary()
+            lines = [f"{problem.name}: {problem.title}", *told, summary, *extremes, *files]
             if rows is not None:
                 rows.remove()
         if self.plot:
@@ -122,7 +157,66 @@ class Run:
                 command=self._command(problem, n, steps, folder),
             )
             lines.append(f"report      {path}")
+        return history, lines
+
+    def _study(self, problem: Problem, several: list[tuple[str, ...]]) -> None:
+        """Run all combinations, each in a process and a folder of its own, and say what came out."""
+        chosen = study.chosen_results(self.results.split(",") if self.results else ())
+        if self.resume is not None or (self.report and self.out is None):
+            raise ProblemError(
+                "--set: several runs have folders of their own in DIR of --out DIR; none can be resumed."
+            )
+        drawings = self.out or Path("results") / problem.name
+        if self.plot:
+            new_figure()
+        if self.plot or self.out:
+            writable_folder(drawings)
+        names = study.folder_names(several)
+        runs = [
+            replace(self, settings=list(each), out=self.out and self.out / name, plot=False)
+            for each, name in zip(several, names, strict=True)
+        ]
+        found: dict[int, study.Row] = {}
+        with progress_bar("runs") as shown, pool(self.workers, None) as run:
+            shown("runs", 0, len(runs))
+            for k, row in run(_attempted, list(enumerate(runs))):
+                found[k] = row
+                shown("runs", len(found), len(runs))
+        rows = [found[k] for k in range(len(runs))]
+        figure = None
+        lines = [f"{problem.name}: {problem.title}", study.table(rows, chosen).text(), *study.said_of(rows)]
+        if self.plot and any(row.results for row in rows):
+            figure = study.picture(rows, chosen, f"{problem.name}: {problem.title}")
+        if self.out:
+            lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
+        elif figure is not None:
+            lines.append(f"picture     {study.draw(figure, drawings)}")
         say("\n".join(lines))
+        failed = {row.status for row in rows} - {study.DONE}
+        if failed:
+            raise typer.Exit(NOT_CERTIFIED if failed == {study.NOT_CERTIFIED} else INVALID)
+
+    def _foresee(self, problem: Problem, n: int, steps: int, folder: Path | None) -> None:
+        """Say what a long run will take; refuse one that this machine has no memory or no room for."""
+        if (n <= SPACE_N and steps <= LONG) or (self.mesh is not None and is_file(self.mesh)):
+            return
+        stored = len(stored_steps(self._stored, steps))
+        try:
+            if n <= problem.usual_n(64, self.mesh) and steps <= LONG:
+                return
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                growth = Growth.of(lambda n: problem.mesh(n, self.mesh))
+        except VemcvxError:
+            # The file may know no coarse meshes.
+            return
+        found = check_fits(growth, n, steps, stored, named_linear(self.linear), folder=folder)
+        if found.seconds > EVERY:
+            say(f"foreseen    {found}", err=True)
+
+    @property
+    def _stored(self) -> int | str:
+        return int(self.store) if self.store.isdecimal() else self.store
 
     @property
     def points(self) -> Floats | None:
@@ -136,37 +230,52 @@ class Run:
             raise ProblemError(f"--probe: found {found}; wanted points, such as 0.5,0.25.") from None
 
     def simulated(
-        self, problem: Problem, mesh: AnyMesh, steps: int, store: int | str | Sequence[int], rows: Folder | None = None
+        self,
+        problem: Problem,
+        mesh: AnyMesh,
+        steps: int,
+        store: int | str | Sequence[int],
+        *,
+        shown: Shown,
+        rows: Folder | None = None,
     ) -> tuple[History, list[str]]:
-        """The history, made with a progress bar, and a line where it was resumed."""
+        """The history, and a line where it was resumed; it is `shown` how far that is."""
         made, resumed = [], self.resume is not None
-        with progress_bar("assembling") as shown:
+        shown("assembling", 0, None)
 
-            def advance(n: int, steps: int) -> None:
-                made.append(n)
-                shown("marching", n, steps)
+        def advance(n: int, steps: int) -> None:
+            made.append(n)
+            shown("marching", n, steps)
 
-            history = simulate(
-                problem.scene(self.settings),
-                mesh,
-                problem.times(steps),
-                solver=named_solver(self.solver, self.accuracy),
-                initial=problem.initial,
-                store=store,
-                condense=self.condense,
-                linear=named_linear(self.linear),
-                progress=advance,
-                stream=rows,
-                resume=resumed,
-            )
+        history = simulate(
+            problem.scene(self.settings),
+            mesh,
+            problem.times(steps),
+            solver=named_solver(self.solver, self.accuracy),
+            initial=problem.initial,
+            store=store,
+            condense=self.condense,
+            linear=named_linear(self.linear),
+            progress=advance,
+            stream=rows,
+            resume=resumed,
+        )
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
 
-    def _adapted(self, problem: Problem, mesh: AnyMesh, steps: int, target: float) -> tuple[History, list[str]]:
+    def _adapted(
+        self, problem: Problem, mesh: AnyMesh, steps: int, target: float, shown: Shown
+    ) -> tuple[History, list[str]]:
         """The history on a mesh, and at instants, chosen for the target; those given are where that begins."""
         if self.resume or self.store != "all" or self.linear is not None or not self.condense:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
         solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
-        found = adapt(problem.scene(self.settings), mesh, times, target, solver=solver, initial=problem.initial)
+        scene, initial = problem.scene(self.settings), problem.initial
+        shown("adapting", 0, None)
+
+        def told(now: Pass) -> None:
+            shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
+
+        found = adapt(scene, mesh, times, target, solver=solver, initial=initial, progress=told)
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:
@@ -186,13 +295,13 @@ class Run:
         if folder:
             check_replaceable(folder)
 
-    def _written(self, history: History, problem: Problem, folder: Path | None, n: int) -> list[str]:
+    def _written(self, history: History, problem: Problem, folder: Path | None, n: int, shown: Shown) -> list[str]:
         if folder is None:
             drawn = self.plot or self.report
             return [] if drawn else ["files       none; --out DIR keeps the history, --plot draws it"]
         mesh = self.mesh or problem.family
         origin = Origin(problem.name, mesh, None if mesh is not None and is_file(mesh) else n)
-        folder = write_results(history, folder, origin, self.points)
+        folder = write_results(history, folder, origin, self.points, lambda *now: shown("writing", *now))
         tables = ", ".join(sorted(listed_tables(folder / SUMMARY)))
         return [f"files       {folder}: {SERIES} with {len(history.stored)} instants, {SUMMARY}, {ARCHIVE}, {tables}"]
 
@@ -217,6 +326,29 @@ class Run:
         # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)
         return shlex.join(["vemcvx", "run", file, *words, *(name for name, is_set in flags.items() if is_set)])
+
+
+def _attempted(number: int, run: Run) -> tuple[int, study.Row]:
+    """The row of one run of a study, made in a process of its own."""
+    settings = dict(setting.split("=", 1) for setting in run.settings)
+    try:
+        found = alone(_made, run)
+    except (Crashed, MemoryError, OSError) as crash:
+        found = {"status": study.CRASHED, "message": str(crash) or type(crash).__name__}
+    folder = str(run.out) if run.out and found["status"] == study.DONE else None
+    return number, study.Row(settings, folder, **found)
+
+
+def _made(run: Run) -> dict[str, Any]:
+    """What came of a run: its results, or why there are none, and its warnings."""
+    with study.heard() as said:
+        try:
+            history, _ = run.made(read_problem(run.file))
+        except NotCertified as error:
+            return {"status": study.NOT_CERTIFIED, "message": str(error)}
+        except VemcvxError as error:
+            return {"status": study.REFUSED, "message": str(error)}
+    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history)}
 
 
 def _extremes(history: History) -> Iterator[str]:
@@ -261,7 +393,8 @@ class Export:
                 linear=self.linear,
                 settings=self.settings,
             )
-            history, _ = run.simulated(problem, mesh, self.of, kept)
+            with progress_bar("assembling") as shown:
+                history, _ = run.simulated(problem, mesh, self.of, kept, shown=shown)
             lines = [f"{problem.name}: {problem.title}", f"files       {folder.path}"]
             for program in programs_of_steps(history, numbers, self.condense):
                 origin = {"problem": problem.name, "settings": list(self.settings), **program.origin}

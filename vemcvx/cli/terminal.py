@@ -7,6 +7,7 @@ import shutil
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +17,8 @@ from typing import TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
 from vemcvx.errors import NotCertified, ProblemError, VemcvxError
 
@@ -69,19 +71,69 @@ def check_writable(path: Path, option: str) -> None:
         raise ProblemError(f"{option}: {path} cannot be written: its folder must exist, and it must be none itself.")
 
 
-Shown = Callable[[str, int, int], None]
-"""A function (doing, finished, total) that moves a bar on."""
+Shown = Callable[[str, int, int | None], None]
+"""A function (doing, finished, total) that says how far a command is; without a total nobody knows."""
+EVERY = 10.0
+"""Seconds between lines where there is no terminal, so that shorter runs say nothing."""
+
+
+class _Left(TimeRemainingColumn):
+    """The time that is left, where it can be told."""
+
+    def render(self, task: Task) -> Text:
+        return Text() if task.total is None else super().render(task) + " left"
 
 
 @contextmanager
 def progress_bar(doing: str) -> Iterator[Shown]:
-    """A bar on standard error that says what is being done and for how long; without a terminal nothing is shown."""
+    """What is being done, how far and for how long, on standard error: a bar on a terminal, else a line at times."""
     console = Console(stderr=True)
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    left, hidden = TimeRemainingColumn(), not console.is_terminal
-    with Progress(*columns, left, console=console, transient=True, disable=hidden) as bar:
-        task = bar.add_task(doing, total=None)
-        yield lambda doing, finished, total: bar.update(task, description=doing, completed=finished, total=total)
+    if not console.is_terminal:
+        with _lines(doing) as shown:
+            yield shown
+        return
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[counted]}"), TimeElapsedColumn()
+    with Progress(*columns, _Left(), console=console, transient=True) as bar:
+        task = bar.add_task(doing, total=None, counted="")
+
+        def shown(doing: str, finished: int, total: int | None) -> None:
+            if doing != bar.tasks[task].description:
+                bar.reset(task, description=doing, total=total, completed=finished)
+            counted = f"{finished}/{total}" if total is not None else ""
+            bar.update(task, completed=finished, total=total, counted=counted)
+
+        yield shown
+
+
+@contextmanager
+def _lines(doing: str) -> Iterator[Shown]:
+    begin = time.monotonic()
+    # Replaced as one, because another thread reads it: what is done, how far, of how much, since when and where.
+    now: tuple[str, int, int | None, float, int] = doing, 0, None, begin, 0
+    ended = threading.Event()
+
+    def shown(doing: str, finished: int, total: int | None) -> None:
+        nonlocal now
+        now = doing, finished, total, *(now[3:] if doing == now[0] else (time.monotonic(), finished))
+
+    def speak() -> None:
+        while not ended.wait(EVERY):
+            (doing, finished, total, since, first), at = now, time.monotonic()
+            counted = "" if total is None else f" {finished} of {total}"
+            rest = (
+                ""
+                if total is None or finished == first
+                else f", {(at - since) * (total - finished) / (finished - first):.0f} s left"
+            )
+            say(f"vemcvx: {doing}{counted}, {at - begin:.0f} s{rest}", err=True)
+
+    speaker = threading.Thread(target=speak, daemon=True)
+    speaker.start()
+    try:
+        yield shown
+    finally:
+        ended.set()
+        speaker.join()
 
 
 # A command ends with an exit code, 0 done, 2 invalid input, 3 not certified, and errors are a line.

@@ -31,7 +31,7 @@ import tempfile
 import time
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Set
+from collections.abc import Callable, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,7 +44,7 @@ from vemcvx.archives import Arrays, read_arrays, record_of
 from vemcvx.arrays import Floats, brief, quantities, sizes_of
 from vemcvx.errors import HistoryError, MeshError
 from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
-from vemcvx.meshes.io.vtk import write_cells
+from vemcvx.meshes.io.vtk import packed_cells, write_cells
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
 from vemcvx.results.results import RECORDS, Results, labelled
@@ -264,7 +264,11 @@ def peak_memory_mb() -> float | None:
 
 
 def write_results(
-    history: Results, folder: str | Path, origin: Origin | None = None, probes: ArrayLike | None = None
+    history: Results,
+    folder: str | Path,
+    origin: Origin | None = None,
+    probes: ArrayLike | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write a history to a folder, which is made if need be; an older history in it is replaced.
 
@@ -276,6 +280,8 @@ def write_results(
         What the summary says of the problem and the family of meshes.
     probes : (p, dim) points, optional
         Of the body; the displacements there are written, too.
+    progress : callable (written, stored), optional
+        A function that is told of every step written.
 
     Returns
     -------
@@ -308,7 +314,7 @@ def write_results(
                 new.mkdir()
                 # The energy of displacements beyond 1e154 overflows, and is written as infinite.
                 with np.errstate(over="ignore", invalid="ignore"):
-                    _write_series(history, new / SERIES)
+                    _write_series(history, new / SERIES, progress or (lambda *_: None))
                 write_archive(history, new / ARCHIVE)
                 tables = write_tables(history, new, probes)
                 told = summary(history, origin or Origin(), time.perf_counter() - start) | {"tables": tables}
@@ -348,14 +354,15 @@ def _finish(folder: Path, scratch: Owned) -> None:
     scratch.clear()
 
 
-def _write_series(history: Results, path: Path) -> None:
+def _write_series(history: Results, path: Path, progress: Callable[[int, int], None]) -> None:
     """Write the PVD file `path` and the steps beside it."""
     root = ET.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ET.SubElement(root, "Collection")
-    digits = max(4, len(str(history.steps)))
+    digits, packed = max(4, len(str(history.steps))), packed_cells(history.mesh)
     for row, step in enumerate(history.stored):
         name = f"step_{step:0{digits}d}.vtu"
-        write_cells(path.with_name(name), history.mesh, _at_nodes(history, row), history.on_cells(int(step)))
+        write_cells(path.with_name(name), packed, _at_nodes(history, row), history.on_cells(int(step)))
+        progress(row + 1, len(history.stored))
         ET.SubElement(collection, "DataSet", timestep=repr(float(history.times[row])), part="0", file=name)
     ET.indent(root)
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

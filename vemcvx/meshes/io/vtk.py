@@ -14,10 +14,10 @@ import lzma
 import re
 import sys
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 from urllib.parse import quote, unquote
 from xml.etree import ElementTree
 
@@ -219,15 +219,35 @@ def _check_polygons(polygons: int, others: list[str]) -> None:
         raise MeshError(f"it holds {others[0].lower().replace('_', ' ')} beside polygons; keep the polygons alone.")
 
 
-def write_cells(path: Path, mesh: AnyTessellation, point_data: Arrays, cell_data: Arrays) -> None:
+class Block(NamedTuple):
+    """An array as XML files have it: the attributes of its element, and its bytes, compressed, after their sizes."""
+
+    words: dict[str, str]
+    data: bytes
+
+
+class Packed(NamedTuple):
+    """Points and cells of a mesh, packed once for all files that have fields on it."""
+
+    nodes: int
+    cells: int
+    sections: dict[str, list[Block]]
+
+
+def packed_cells(mesh: AnyTessellation) -> Packed:
+    """Return the points and cells of a mesh, packed; its boundaries and cell data are left out."""
+    return _packed_grid(grid_of(mesh, {}, polyhedra=True, sides=False))
+
+
+def write_cells(path: Path, packed: Packed, point_data: Arrays, cell_data: Arrays) -> None:
     """Write fields on a mesh as a VTU file that ParaView opens.
 
     Parameters
     ----------
     path : Path
         Must end in .vtu.
-    mesh : PolygonMesh or PolyhedralMesh
-        The cells; boundaries and cell data of the mesh are not written.
+    packed : Packed
+        The mesh, of :func:`packed_cells`.
     point_data, cell_data : mapping of str to array
         One row a node, one row a cell; vectors of two components get a third, zero.
 
@@ -238,13 +258,13 @@ def write_cells(path: Path, mesh: AnyTessellation, point_data: Arrays, cell_data
     """
     if path.suffix != ".vtu":
         raise MeshError(f"{path}: fields are written as .vtu files; got the suffix {path.suffix!r}.")
-    for kind, data, rows in (("point", point_data, mesh.n_nodes), ("cell", cell_data, mesh.n_cells)):
+    for kind, data, rows in (("point", point_data, packed.nodes), ("cell", cell_data, packed.cells)):
         for name, values in data.items():
             if np.ndim(values) not in (1, 2) or len(values) != rows:
                 raise MeshError(f"{path}: {kind} field {name!r} needs {rows} rows; got shape {np.shape(values)}.")
-    nodes, cells = ({name: _three(values) for name, values in given.items()} for given in (point_data, cell_data))
+    nodes, cells = (_blocks({name: _three(values) for name, values in d.items()}) for d in (point_data, cell_data))
     with translated(str(path), "cannot be written"):
-        write_xml(path, grid_of(mesh, cells, polyhedra=True, sides=False), nodes)
+        _write(path, packed, {"PointData": nodes, "CellData": cells})
 
 
 def _three(values: ArrayLike) -> NDArray[Any]:
@@ -255,30 +275,50 @@ def _three(values: ArrayLike) -> NDArray[Any]:
 
 def write_xml(path: Path, grid: Grid, point_data: Arrays = EMPTY, fields: Arrays = EMPTY) -> None:
     """Write a grid, its named sets of cells as data, data on nodes and data of the whole file as a VTU file."""
+    data = {"PointData": _blocks(point_data), "CellData": _blocks(grid.marked)}
+    whole = [Block({**words, "NumberOfTuples": str(len(fields[words["Name"]]))}, of) for words, of in _blocks(fields)]
+    _write(path, _packed_grid(grid), data, whole)
+
+
+def _packed_grid(grid: Grid) -> Packed:
+    points = _blocks({"Points": _three(grid.points)})
+    return Packed(len(grid.points), len(grid.kinds), {"Points": points, "Cells": _blocks(_cells(grid))})
+
+
+def _write(path: Path, packed: Packed, data: Mapping[str, list[Block]], fields: Iterable[Block] = ()) -> None:
+    """Write a VTU file: what there is as XML, then the bytes of all arrays behind each other as they are.
+
+    In base64 they would be a third longer.
+    """
     root = ElementTree.Element("VTKFile", type="UnstructuredGrid", version="1.0", header_type="UInt64")
     root.set("byte_order", "LittleEndian" if sys.byteorder == "little" else "BigEndian")
     root.set("compressor", "vtkZLibDataCompressor")
-    sizes = {"NumberOfPoints": str(len(grid.points)), "NumberOfCells": str(len(grid.kinds))}
-    whole = ElementTree.SubElement(root, "UnstructuredGrid")
-    _section(whole, "FieldData", fields)
-    piece = ElementTree.SubElement(whole, "Piece", sizes)
-    _section(piece, "Points", {"Points": _three(grid.points)})
-    _section(piece, "Cells", _cells(grid))
-    _section(piece, "PointData", point_data)
-    _section(piece, "CellData", grid.marked)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    whole, appended = ElementTree.SubElement(root, "UnstructuredGrid"), list[bytes]()
+    sizes = {"NumberOfPoints": str(packed.nodes), "NumberOfCells": str(packed.cells)}
+    parents = {"FieldData": whole, "": ElementTree.Element("Piece", sizes)}
+    at = 0
+    for tag, blocks in {"FieldData": fields, **packed.sections, **data}.items():
+        section = ElementTree.SubElement(parents.get(tag, parents[""]), tag)
+        for words, block in blocks:
+            ElementTree.SubElement(section, "DataArray", words, format="appended", offset=str(at))
+            appended.append(block)
+            at += len(block)
+    whole.append(parents[""])
+    head = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True).removesuffix(b"</VTKFile>")
+    with path.open("wb") as file:
+        file.writelines([head, b'<AppendedData encoding="raw">\n_', *appended, b"\n</AppendedData></VTKFile>\n"])
 
 
-def _section(parent: ElementTree.Element, tag: str, arrays: Arrays) -> None:
-    section = ElementTree.SubElement(parent, tag)
+def _blocks(arrays: Arrays) -> list[Block]:
+    blocks = []
     for name, values in arrays.items():
         kind = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
-        array = ElementTree.SubElement(section, "DataArray", type=kind, Name=name, format="binary")
-        if tag == "FieldData":
-            array.set("NumberOfTuples", str(len(values)))
+        words = {"type": kind, "Name": name}
         if values.ndim > 1:
-            array.set("NumberOfComponents", str(values[0].size if len(values) else values.shape[1]))
-        array.text = _packed(np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("=")).tobytes())
+            words["NumberOfComponents"] = str(values[0].size if len(values) else values.shape[1])
+        native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+        blocks.append(Block(words, _packed(native.tobytes())))
+    return blocks
 
 
 def _cells(grid: Grid) -> Arrays:
@@ -298,11 +338,20 @@ def _types(grid: Grid) -> NDArray[np.uint8]:
     return np.array([TYPES[kind] for kind in kinds.tolist()], dtype=np.uint8)[place]
 
 
-def _packed(data: bytes) -> str:
-    """One zlib block in base64, after the sizes that VTK expects."""
-    packed = zlib.compress(data, 1)
+SAMPLE = 4096
+"""Bytes from the middle of an array that tell if compressing pays."""
+
+
+def _packed(data: bytes) -> bytes:
+    """One zlib block after the sizes that VTK expects.
+
+    Numbers of cells and nodes, and fields that are zero away from contact, shrink 5 to 90 times, at 650 MB/s.
+    Displacements and stresses shrink by a fifth, at 30 MB/s, and are only wrapped.
+    """
+    sample = data[len(data) // 2 :][:SAMPLE]
+    packed = zlib.compress(data, int(2 * len(zlib.compress(sample, 1)) < len(sample)))
     header = np.array([1, len(data), len(data), len(packed)] if data else [0, 0, 0], dtype=np.uint64)
-    return base64.b64encode(header.tobytes()).decode() + (base64.b64encode(packed).decode() if data else "")
+    return header.tobytes() + (packed if data else b"")
 
 
 # Legacy files.

@@ -1,0 +1,206 @@
+"""A parameter study: one problem run with all combinations of values, as a table, in files, and as a picture."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vemcvx.canvas import light_grid, new_figure
+from vemcvx.errors import HistoryError, ProblemError
+from vemcvx.outline import Table
+from vemcvx.owned_files import Owned
+from vemcvx.plots.style import MARKERS, SERIES
+from vemcvx.results.files import ENERGIES, finite_or_none
+from vemcvx.results.results import Results
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EXTREMES = "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction"
+COUNTS = "sticking", "slipping", "open"
+NAMES = (*ENERGIES, *EXTREMES, "pressure", *COUNTS, "certified", "cells", "unknowns", "seconds")
+"""Results of a run that a table or a picture can show."""
+USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
+DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
+TABLE, WORDS, PICTURE = "study.csv", "study.json", "study.png"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run of a study: its settings as they were typed, by name, and what came of it."""
+
+    settings: dict[str, str]
+    folder: str | None = None
+    status: str = DONE
+    message: str = ""
+    warnings: tuple[str, ...] = ()
+    results: dict[str, float | None] = field(default_factory=dict)
+    labels: dict[str, str] = field(default_factory=dict)
+
+
+def results_of(history: Results) -> dict[str, Any]:
+    """The results and labels of a row: what a history has under `NAMES`, at the end or the largest of all steps."""
+    run, touch = history.trajectory, history.contact
+    energies = {name: name.removesuffix("_second_order") for name in ENERGIES}
+    found = {
+        name: (f"{word}{', of second order' * (word != name)}\n(energy)", float(getattr(run, name)[-1]))
+        for name, word in energies.items()
+    }
+    found |= {one.key: (f"{one.name}\n({one.unit})", one.value) for one in history.extremes}
+    if len(touch.nodes):
+        counts = zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True)
+        found |= {name: (f"nodes that are {name} at the end", int(count[-1])) for name, count in counts}
+    found["certified"] = "certified relative energy error of a step", float(run.certified.max())
+    found["cells"] = "cells", history.mesh.n_cells
+    found["unknowns"] = "unknowns", run.state.shape[1]
+    found["seconds"] = "seconds", sum(history.seconds.values())
+    results = {name: value if isinstance(value, int) else finite_or_none(value) for name, (_, value) in found.items()}
+    return {"results": results, "labels": {name: label for name, (label, _) in found.items()}}
+
+
+def chosen_results(typed: Sequence[str]) -> tuple[str, ...]:
+    """The names of results that were chosen, or the usual ones; ProblemError where there is none of a name."""
+    for name in typed:
+        if name not in NAMES:
+            raise ProblemError(f"--results: there is no result {name!r}; there are {', '.join(NAMES)}.")
+    return tuple(typed) or USUAL
+
+
+def folder_names(settings: Sequence[Sequence[str]]) -> list[str]:
+    """Names of folders that say the settings of runs, or number them where that is too long or not unique."""
+    names = [re.sub(r"[^\w.+=,-]+", "_", ",".join(each)) for each in settings]
+    good = len(set(names)) == len(names) and max(map(len, names)) <= 100
+    return names if good else [f"run_{k}" for k in range(1, len(names) + 1)]
+
+
+def varied(rows: Sequence[Row]) -> list[str]:
+    """The names of settings that have several values, in the order in which they were given."""
+    return [name for name in rows[0].settings if len({row.settings[name] for row in rows}) > 1]
+
+
+def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
+    """The table of a study in words: what varies, chosen results that some run has, and where a run has failed."""
+    shown = [name for name in chosen if any(name in row.results for row in rows)]
+    # A parameter may have the name of a result.
+    heads = [*(f"{name} =" for name in varied(rows)), *(name.replace("_", "\n") for name in shown), ""]
+    cells = [
+        [
+            *(row.settings[name] for name in varied(rows)),
+            *(_shown(row.results.get(name)) for name in shown),
+            "" if row.status == DONE else row.status,
+        ]
+        for row in rows
+    ]
+    return Table(heads, cells)
+
+
+def said_of(rows: Sequence[Row]) -> Iterator[str]:
+    """Lines that say why runs have failed, and each warning once."""
+    for row in rows:
+        if row.status != DONE:
+            settings = ", ".join(f"{name}={row.settings[name]}" for name in varied(rows))
+            yield f"{row.status:11s} {settings}: {row.message}"
+    for words in dict.fromkeys(words for row in rows for words in row.warnings):
+        yield f"warning     {words}"
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
+
+
+@contextmanager
+def heard() -> Iterator[list[str]]:
+    """A list of all that is warned of within, by warnings and in the log."""
+    said: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    log = logging.getLogger("vemcvx")
+    log.addHandler(handler)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.showwarning = lambda message, *_, **__: said.append(str(message))
+            yield said
+    finally:
+        log.removeHandler(handler)
+
+
+def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]:
+    """Write the study as CSV and JSON, all settings and results of all runs, and its picture; return their names."""
+    names = list(dict.fromkeys(name for row in rows for name in row.results))
+    plain = [
+        [*row.settings.values(), row.status, *(row.results.get(name) for name in names), row.message] for row in rows
+    ]
+    text = Table([*(f"set.{name}" for name in rows[0].settings), "status", *names, "message"], plain).csv()
+    with Owned(folder) as own:
+        try:
+            own.take(TABLE).write_text(text, encoding="utf-8")
+            own.take(WORDS).write_text(f"{json.dumps([asdict(row) for row in rows], indent=2)}\n", encoding="utf-8")
+            if figure is not None:
+                figure.savefig(own.take(PICTURE), dpi=160)
+        except OSError as error:
+            raise HistoryError(f"{folder}: cannot write the study there: {error}.") from error
+    return [TABLE, WORDS, *([PICTURE] if figure is not None else [])]
+
+
+def draw(figure: Figure, folder: Path) -> Path:
+    """Write the picture alone."""
+    with Owned(folder) as own:
+        figure.savefig(path := own.take(PICTURE), dpi=160)
+    return path
+
+
+def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figure:
+    """Draw chosen results against the first setting that varies, a line for each combination of the others."""
+    name, *others = varied(rows)
+    labels = {key: label for row in rows for key, label in row.labels.items() if key in chosen}
+    shown = [key for key in chosen if key in labels]
+    if not shown:
+        raise ProblemError(f"--plot: no run has any of the results {', '.join(chosen)}.")
+    words = list(dict.fromkeys(row.settings[name] for row in rows))
+    ticks = [] if all(map(_is_number, words)) else words
+    places = {word: float(k) if ticks else float(word) for k, word in enumerate(words)}
+    columns = min(3, len(shown))
+    lines = -(-len(shown) // columns)
+    figure = new_figure(1.0 + 3.6 * columns, 0.8 + 2.9 * lines)
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    kinds = list(dict.fromkeys(tuple(row.settings[other] for other in others) for row in rows))
+    for ax, key in zip(panels, shown, strict=False):
+        for k, kind in enumerate(kinds):
+            own = [row for row in rows if tuple(row.settings[other] for other in others) == kind]
+            own.sort(key=lambda row: places[row.settings[name]])
+            values = [np.nan if row.results.get(key) is None else row.results[key] for row in own]
+            ax.plot(
+                [places[row.settings[name]] for row in own],
+                values,
+                color=SERIES[k % len(SERIES)],
+                marker=MARKERS[k % len(MARKERS)],
+                label=", ".join(f"{other} = {word}" for other, word in zip(others, kind, strict=True)),
+            )
+        ax.set(xlabel=name, title=labels[key])
+        ax.title.set_fontsize("small")
+        if ticks:
+            ax.set_xticks(range(len(ticks)), ticks)
+        light_grid(ax)
+    for ax in panels[len(shown) :]:
+        ax.set_axis_off()
+    if others:
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False

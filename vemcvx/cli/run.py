@@ -31,6 +31,7 @@ from vemcvx.outline import coordinates
 from vemcvx.owned_files import Owned
 from vemcvx.plots import write_plots
 from vemcvx.plots.pictures import check_pictures, left_out
+from vemcvx.plots.style import Units, in_units
 from vemcvx.results.files import (
     ARCHIVE,
     SERIES,
@@ -90,6 +91,7 @@ class Run:
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
         problem, folder = read_problem(self.file), self.out or self.resume
+        units = problem.units
         drawings = folder or Path("results") / problem.name
         self._refuse_early(folder, drawings)
         usual = 64 if self.target is None else 8
@@ -104,12 +106,13 @@ class Run:
                 history, told = self.simulated(problem, mesh, steps, store, rows)
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target)
-            lines = [f"{problem.name}: {problem.title}", *told, history.summary(), *_extremes(history)]
+            lines = [f"{problem.name}: {problem.title}", *told, history.summary(), *_extremes(history, units)]
             lines += self._written(history, problem, folder, n)
             if rows is not None:
                 rows.remove()
         if self.plot:
-            lines.append(f"pictures    {drawings}: {', '.join(path.name for path in write_plots(history, drawings))}")
+            written = write_plots(history, drawings, units=units)
+            lines.append(f"pictures    {drawings}: {', '.join(path.name for path in written)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
         if self.report:
             path = write_report(
@@ -219,11 +222,11 @@ class Run:
         return shlex.join(["vemcvx", "run", file, *words, *(name for name, is_set in flags.items() if is_set)])
 
 
-def _extremes(history: History) -> Iterator[str]:
+def _extremes(history: History, units: Units | None) -> Iterator[str]:
     """Largest displacement, stress, and so on over all stored steps, a line each."""
     for one in history.extremes:
-        where = f"at {coordinates(one.place)}, t = {one.time:.6g}"
-        yield f"{one.name:36s}{one.value:12.6g} {one.unit:14s} {where}"
+        where = f"at {coordinates(one.place)}, t = {one.time:.6g} {(units or {}).get('time', '')}".rstrip()
+        yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where}"
 
 
 @dataclass(frozen=True, kw_only=True)

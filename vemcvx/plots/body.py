@@ -16,7 +16,7 @@ from vemcvx.canvas import axes_or_new, bar_beside, draw_arrows, legend_below, sh
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons.topology import rows_in_order
-from vemcvx.plots.contact import contact_line
+from vemcvx.plots.contact import contact_line, pressures
 from vemcvx.plots.style import (
     COMPRESSION,
     OUTLINE,
@@ -38,28 +38,37 @@ from vemcvx.plots.style import (
     within,
 )
 from vemcvx.results.results import Results
-from vemcvx.vem import equivalent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Stresses = dict[str, tuple[str, Callable[[Floats], Floats]]]
+Stress = tuple[str, Callable[[Results, int], Floats]]
 
 
-def _component(number: str, column: int) -> tuple[str, Callable[[Floats], Floats]]:
-    return rf"$\sigma_{{{number}}}$", lambda s: s[:, column]
+def _component(number: str, column: int) -> Stress:
+    return rf"$\sigma_{{{number}}}$", lambda history, step: history.stress(step)[:, column]
 
 
-STRESSES: Stresses = {
-    **{name: _component(number, k) for k, (name, number) in enumerate({"xx": "11", "yy": "22", "xy": "12"}.items())},
-    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda s: 0.5 * (s[:, 0] + s[:, 1])),
-    "shear": ("largest shear stress", lambda s: np.hypot(0.5 * (s[:, 0] - s[:, 1]), s[:, 2])),
+EQUIVALENT: dict[str, Stress] = {
+    "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
+    "max_principal": ("largest principal stress", lambda history, step: history.principal_stresses(step)[:, 0]),
+    "min_principal": ("smallest principal stress", lambda history, step: history.principal_stresses(step)[:, -1]),
+}
+IN_PLANE = {"xx": "11", "yy": "22", "xy": "12"}
+STRESSES: dict[str, Stress] = {
+    **{name: _component(number, k) for k, (name, number) in enumerate(IN_PLANE.items())},
+    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda history, step: history.stress(step)[:, :2].mean(axis=1)),
+    "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0]),
+    **EQUIVALENT,
 }
 IN_SPACE = {"xx": "11", "yy": "22", "zz": "33", "xy": "12", "yz": "23", "xz": "13"}
-STRESSES_IN_SPACE: Stresses = {
-    "von_mises": ("von Mises stress", equivalent),
-    "mean": (r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$", lambda s: s[:, :3].mean(axis=1)),
+STRESSES_IN_SPACE: dict[str, Stress] = {
+    **EQUIVALENT,
+    "mean": (
+        r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$",
+        lambda history, step: history.stress(step)[:, :3].mean(axis=1),
+    ),
     **{name: _component(number, k) for k, (name, number) in enumerate(IN_SPACE.items())},
 }
 UNSIGNED = {"shear", "von_mises"}
@@ -185,8 +194,8 @@ def stressed_body(
     history : History
     step : int
         A stored step; negative ones count from the end.
-    stress : str
-        Which: one of `STRESSES`. Tension is red and compression blue.
+    stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
+        Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
         Arrows of pressure and friction together, their heads on the body; of friction alone, beside it; or none. Blue
         where contact sticks, orange where it slips, grey without friction.
@@ -223,7 +232,7 @@ def stressed_body(
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
     mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35")
     cells, (words, part) = ax.collections[0], STRESSES[stress]
-    values = [part(history.stress(int(n))) for n in history.stored]
+    values = [part(history, int(n)) for n in history.stored]
     colours, ends = colours_of([found[seen] for found in values], stress)
     cells.set_array(values[row])
     cells.set(cmap=colours, clim=value_range(limits, ends))
@@ -275,7 +284,7 @@ def _contact_arrows(
     contact, (kind, size, window, stretch) = history.contact, how
     together = kind == "contact"
     seen = np.flatnonzero(within(contact.points, window))
-    every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
+    every = contact.traction - together * pressures(contact)[:, :, None] * contact.normals
     sizes = np.linalg.norm(every[:, seen], axis=2)
     largest = float(sizes[row].max(initial=0.0))
     if largest == 0.0 or kind == "none":
@@ -314,8 +323,8 @@ def deformed_body(
     Parameters
     ----------
     history, step, ax, units : as of `friction_traction`
-    stress : str
-        Which: one of `STRESSES_IN_SPACE`. Tension is red and compression blue.
+    stress : {"von_mises", "max_principal", "min_principal", "mean", "xx", "yy", "zz", "xy", "yz", "xz"}
+        Tension is red and compression blue.
     view : (3,) vector
         From where the body is looked at, with x_3 upwards.
     magnify : float, optional
@@ -336,7 +345,7 @@ def deformed_body(
     words, part = STRESSES_IN_SPACE[choice(stress, "deformed_body", "stress", list(STRESSES_IN_SPACE), HistoryError)]
     faces = mesh.boundaries["boundary"]
     factor = common_magnification(history, _size(mesh.points), magnify)
-    stresses = [part(history.stress(int(n)))[mesh.face_cells[faces, 0]] for n in history.stored]
+    stresses = [part(history, int(n))[mesh.face_cells[faces, 0]] for n in history.stored]
     colours, ends = colours_of(stresses, stress)
     scale = value_range(limits, ends)
     points = mesh.points + factor * history.displacement[row]

@@ -23,6 +23,7 @@ CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.5, 1.1], [0.35, 1.6]])
 FOOT = np.array([1.0, 0.0])
 DIES = {"right": 1, "top": 2, "left": 3}
 """which side, counted from the floor"""
+MAGNIFIED = 5.0
 SMALL = {"n": 10, "steps": 4}
 
 
@@ -62,11 +63,13 @@ def times(steps):
 
 def picture(history):
     """The block between its dies, and the pressure on the floor as they close."""
-    figure, graph = body_and_graph(history, stress="mean", shares=(1.2, 1.0))
+    figure, graph = body_and_graph(history, stress="mean", magnify=MAGNIFIED, shares=(1.2, 1.0))
     body = figure.axes[0]
+    # The motion of the dies is magnified with the block's, so that they are drawn on it.
+    corners = CORNERS - MAGNIFIED * CLOSING * (CORNERS - FOOT)
     for side in DIES.values():
         n, _ = normal(side)
-        ends = CORNERS[[side, (side + 1) % 4]] + 0.04 * n
+        ends = corners[[side, (side + 1) % 4]] + 0.03 * n
         body.plot(*ends.T, color="0.3", linewidth=4, solid_capstyle="butt")
         head = ends.mean(axis=0)
         body.annotate("", head, head + 0.3 * n, arrowprops={"arrowstyle": "-|>", "color": "0.3", "linewidth": 2})

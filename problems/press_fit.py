@@ -70,7 +70,7 @@ def times(steps):
 
 
 def picture(history):
-    """The rings, whose magnified displacements leave the interference open, and the stresses along a radius."""
+    """The rings, drawn apart by the magnified interference where they press, and the stresses along a radius."""
     figure, graph = body_and_graph(history, stress="shear", mirrors=[(-1, 1), (1, -1), (-1, -1)])
     x, (xx, yy, xy) = history.mesh.centroids, history.stress(-1).T
     r, angle = np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
 
+HATCHING = "0.2"
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
@@ -138,6 +139,16 @@ def draw_arrows(
         width=width,
         zorder=3,
     )
+
+
+def draw_hatched(ax: Axes, outlines: Sequence[Floats]) -> None:
+    """Hatch what is within outlines (k, 2); flat ones are lines, or points."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    path = Path.make_compound_path(*(Path([*outline, outline[0]], closed=True) for outline in outlines))
+    style = {"linewidth": 1.6, "capstyle": "round", "joinstyle": "round", "zorder": 2.2}
+    ax.add_patch(PathPatch(path, facecolor="white", edgecolor=HATCHING, hatch="///", **style))
 
 
 def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:

@@ -520,3 +520,29 @@ def test_every_axis_has_the_unit_that_is_given(rubbed):
     assert drawn["contact_pressure"].axes[0].get_ylabel() == "contact pressure\n(MPa)"
     assert drawn["contact_slip"].axes[0].get_ylabel() == "slip towards larger $x_1$\n(mm)"
     assert drawn["hysteresis_loop"].axes[0].get_ylabel() == "reaction (N), per thickness"
+
+
+@pytest.mark.parametrize("draw", [deformed_mesh, stressed_body_alone])
+@pytest.mark.parametrize(("gap", "apart"), [(-0.002, 0.02), (0.0, 0.0), (0.001, 0.01)])
+def test_closed_contact_is_marked_though_magnified_displacements_draw_it_apart(draw, gap, apart):
+    """An interference of .002 was a white gap of .02, under pressure, and a closed gap an overlap."""
+    blocks = {
+        "lower": vx.meshes.squares((4, 2), ((0, 2), (0, 1))),
+        "upper": vx.meshes.squares((4, 2), ((0, 2), (1, 2))),
+    }
+    down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")
+    contact = vx.UnilateralContact(on="lower|upper", gap=gap)
+    scene = vx.Scene(vx.Elasticity(100.0, 0.0), vx.Clamp(on="lower.bottom"), down, contact)
+    history = vx.simulate(scene, vx.meshes.bodies(blocks), [0.0, 0.5, 1.0], initial="settled")
+    assert history.contact.closed[-1].all()
+    (patch,) = draw(history, magnify=10.0).axes[0].patches
+    outline = patch.get_path().vertices
+    x, y = outline.T
+    area = 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+    assert area == pytest.approx(2.0 * apart, abs=1e-9)
+    # It reaches from one body, as it is drawn, to the other.
+    drawn = history.mesh.points + 10.0 * history.displacement[-1]
+    for node in np.concatenate([history.contact.nodes, history.contact.partners]):
+        assert np.linalg.norm(outline - drawn[node], axis=1).min() < 1e-12
+    if gap > 0:
+        assert not draw(history, step=0, magnify=10.0).axes[0].patches

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
-from vemcvx.canvas import axes_or_new, bar_beside, draw_arrows, legend_below, show_image
+from vemcvx.canvas import HATCHING, axes_or_new, bar_beside, draw_arrows, draw_hatched, legend_below, show_image
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons.topology import rows_in_order
@@ -73,6 +73,7 @@ STRESSES_IN_SPACE: dict[str, Stress] = {
 }
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
+CLOSED = "bold or hatched: closed contact"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
@@ -106,7 +107,8 @@ def deformed_mesh(
     -------
     matplotlib Figure
         Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
-        the friction forces per length on the body at contact nodes.
+        the friction forces per length on the body at contact nodes. Closed contact is bold, and hatched where bodies
+        are drawn apart or one in the other, as displacements so magnified do to what touches.
     """
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     factor = common_magnification(history, _size(mesh.points), magnify)
@@ -119,11 +121,15 @@ def deformed_mesh(
     cells.set_array(means[row])
     cells.set(cmap=SIZE, clim=value_range(limits, (0.0, float(means.max()) or 1.0)))
     bar_beside(ax, cells).set_label(label("$|u|$", "length", units))
+    touching = _closed_contact(history, row, mesh.points + factor * history.displacement[row])
+    if touching:
+        draw_hatched(ax, touching)
+        ax.plot([], [], color=HATCHING, linewidth=3, label="closed contact (hatched)")
     ends = mesh.points[mesh.boundaries["boundary"]]
     outline = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
     ax.plot(*outline.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
     title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
-    if len(history.contact.nodes):
+    if history.contact.bound.any():
         largest = label(f"{_friction_arrows(ax, history, row, factor):.3g}", "force per length", units)
         title += f"\narrows: friction on the body, at most {largest}"
     ax.update_datalim(extent(history, factor))
@@ -215,7 +221,8 @@ def stressed_body(
     Returns
     -------
     Axes
-        Displacements are magnified, and forces (per length, on the body) at most, as the title says.
+        Displacements are magnified, and forces (per length, on the body) at most, as the title says. Where contact is
+        closed the boundary is bold; what displacements so magnified draw apart, or one in the other, is hatched.
 
     Raises
     ------
@@ -247,9 +254,16 @@ def stressed_body(
         }
         image.plot(ax=ax, array=cells.get_array(), **style)
     bar_beside(ax, cells).set_label(label(words, "force per area", units), fontsize="small")
+    touching = _closed_contact(history, row, mesh.points + moved)
+    if touching:
+        draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
-    told = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""
-    title = f"{instant(history.times[row], units)}, displacements × {factor:g}{told}"
+    title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
+    if largest:
+        most = f"{largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+        title += f", {'forces of contact' if forces == 'contact' else forces} at most {most}"
+    if touching:
+        title += "\n" + CLOSED
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
     if window is None:
@@ -275,6 +289,22 @@ def colours_of(stresses: Sequence[Floats], name: str) -> tuple[str, tuple[float,
     if low > -0.1 * top:
         return TENSION, (0.0, top)
     return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (SIGNED, (-top, top))
+
+
+def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
+    """Outlines (k, 2) of what is between bodies drawn at `places` where contact is closed; flat where they touch there.
+
+    Gaps and interferences are no part of the mesh, and bodies turn and slip: what presses is drawn apart, or one in the
+    other, by as much as displacements are magnified.
+    """
+    contact = history.contact
+    if not contact.closed[row].any():
+        return []
+    line = contact_line(history, "stressed_body")
+    nodes, partners, closed = contact.nodes[line.order], contact.partners[line.order], contact.closed[row, line.order]
+    near, far = places[nodes], places[np.where(partners < 0, nodes, partners)]
+    parts = np.split(np.arange(len(nodes)), np.union1d(line.gaps, 1 + np.flatnonzero(closed[1:] != closed[:-1])))
+    return [np.concatenate([near[part], far[part[::-1]]]) for part in parts if closed[part[0]]]
 
 
 def _contact_arrows(

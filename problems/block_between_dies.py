@@ -16,7 +16,7 @@ on every mesh.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 YOUNG, POISSON, CLOSING = 100.0, 0.3, 0.02
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.5, 1.1], [0.35, 1.6]])
@@ -24,6 +24,7 @@ FOOT = np.array([1.0, 0.0])
 DIES = {"right": 1, "top": 2, "left": 3}
 """which side, counted from the floor"""
 MAGNIFIED = 5.0
+UNITS = MM
 SMALL = {"n": 10, "steps": 4}
 
 
@@ -79,5 +80,5 @@ def picture(history):
     inner = (contact.points[:, 0] > 0) & (contact.points[:, 0] < CORNERS[1, 0])
     marks = (np.repeat(history.times, inner.sum()), contact.pressure[:, inner].ravel())
     beside_closed_form(graph, marks, (x, pressure(x)), label="at every node of the floor")
-    graph.set(xlabel="t (time)", ylabel="pressure on the floor (force per area)")
+    graph.set(xlabel="t (s)", ylabel="pressure on the floor (MPa)")
     return figure

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import Collection, PolyCollection
     from matplotlib.colorbar import Colorbar
-    from matplotlib.colors import ListedColormap
+    from matplotlib.colors import Colormap, LinearSegmentedColormap, ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
 
@@ -107,6 +107,13 @@ def distinct(colours: Sequence[str]) -> ListedColormap:
     return ListedColormap(list(colours))
 
 
+def blended(colours: Sequence[str]) -> LinearSegmentedColormap:
+    """Return a colour map that goes from each of these colours to the next."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("blended", list(colours))
+
+
 def light_grid(
     ax: Axes, *, which: Literal["major", "minor", "both"] = "major", axis: Literal["x", "y", "both"] = "both"
 ) -> None:
@@ -166,7 +173,9 @@ def colour_bar(ax: Axes, mapped: ScalarMappable, label: str) -> None:
     ax.figure.colorbar(mapped, ax=ax, shrink=0.75).set_label(label, fontsize="small")
 
 
-def show_image(ax: Axes, image: NDArray[np.uint8], colours: str, limits: tuple[float, float], label: str) -> None:
+def show_image(
+    ax: Axes, image: NDArray[np.uint8], colours: str | Colormap, limits: tuple[float, float], label: str
+) -> None:
     """Show an image (height, width, 3), without axes, beside the bar of its colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
-from vemcvx.canvas import HATCHING, axes_or_new, bar_beside, draw_arrows, draw_hatched, legend_below, show_image
+from vemcvx.canvas import (
+    HATCHING,
+    axes_or_new,
+    bar_beside,
+    blended,
+    draw_arrows,
+    draw_hatched,
+    legend_below,
+    show_image,
+)
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons.topology import rows_in_order
@@ -41,8 +50,10 @@ from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
+Colours = tuple["str | Colormap", tuple[float, float]]
 Stress = tuple[str, Callable[[Results, int], Floats]]
 
 
@@ -73,7 +84,7 @@ STRESSES_IN_SPACE: dict[str, Stress] = {
 }
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
-CLOSED = "bold or hatched: closed contact"
+CLOSED, ARROWS = "bold or hatched: closed contact", "thick arrows stick, thin slip"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
@@ -169,10 +180,10 @@ def _friction_arrows(ax: Axes, history: Results, row: int, factor: float) -> flo
     forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
     forces = np.concatenate([forces, -forces[joined]])
     sticks = contact.sticking[row, np.append(shown, shown[joined])]
-    for chosen, colour, word in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
+    for chosen, colour, word, width in ((sticks, STICK, "sticks", 0.009), (~sticks, SLIP, "slips", 0.004)):
         if chosen.any():
-            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=0.006)
-        ax.plot([], [], color=colour, linewidth=3, label=word)
+            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=width)
+        ax.plot([], [], color=colour, linewidth=500 * width, label=word)
     for corner in extent(history, factor):
         ax.update_datalim(corner + margin)
     return float(sizes[row])
@@ -204,7 +215,7 @@ def stressed_body(
         Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
         Arrows of pressure and friction together, their heads on the body; of friction alone, beside it; or none. Blue
-        where contact sticks, orange where it slips, grey without friction.
+        and thick where contact sticks, orange and thin where it slips, grey without friction.
     window : ((x0, x1), (y0, y1)), optional
         Draw this part only, in units of length.
     stretch : float
@@ -262,8 +273,8 @@ def stressed_body(
     if largest:
         most = f"{largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
         title += f", {'forces of contact' if forces == 'contact' else forces} at most {most}"
-    if touching:
-        title += "\n" + CLOSED
+    told = [CLOSED] * bool(touching) + [ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))
+    title += "\n" * bool(told) + "; ".join(told)
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
     if window is None:
@@ -273,7 +284,7 @@ def stressed_body(
     return ax
 
 
-def colours_of(stresses: Sequence[Floats], name: str) -> tuple[str, tuple[float, float]]:
+def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
     """Return a colour map for the stresses of all steps and its ends: of both signs about zero, or of one.
 
     The corner of a clamp has no largest stress, so colours end where all but one cell in a hundred are. Stresses whose
@@ -288,7 +299,7 @@ def colours_of(stresses: Sequence[Floats], name: str) -> tuple[str, tuple[float,
         return SIZE, (0.0, top)
     if low > -0.1 * top:
         return TENSION, (0.0, top)
-    return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (SIGNED, (-top, top))
+    return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (blended(SIGNED), (-top, top))
 
 
 def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
@@ -328,9 +339,11 @@ def _contact_arrows(
         heads = heads + 0.03 * size * contact.normals[shown] / [1.0, stretch]
     # One length of arrows for all steps: the largest of them is as long as may be.
     arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
-    colours = np.where(contact.sticking[row, shown], STICK, SLIP) if contact.bound.any() else PUSH
-    drawn = draw_arrows(ax, heads, arrows, colour=colours, pivot="tip" if together else "mid", width=0.0055)
-    drawn.set_in_layout(False)
+    sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
+    for chosen, colour, width in ((sticks, STICK, 0.008), (~sticks, SLIP if rubs else PUSH, 0.004)):
+        colour, width = (colour, width) if rubs else (PUSH, 0.0055)
+        pivot = "tip" if together else "mid"
+        draw_arrows(ax, heads[chosen], arrows[chosen], colour=colour, pivot=pivot, width=width).set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest
 
@@ -407,7 +420,7 @@ def has_pyvista() -> bool:
 def _rendered(
     surface: tuple[Floats, Ints, Ints],
     values: Floats,
-    colours: tuple[str, tuple[float, float]],
+    colours: Colours,
     frame: Floats,
     towards: Floats,
 ) -> NDArray[np.uint8]:

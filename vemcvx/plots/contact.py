@@ -35,6 +35,7 @@ from vemcvx.plots.style import (
     FORWARD,
     MARKERS,
     OPEN_AREA,
+    PUSH,
     SIZE,
     SLIP,
     SLIP_AREA,
@@ -204,9 +205,10 @@ def friction_traction(
     sticks, slips = touches & still, touches & ~still
     kinds = (sticks, STICK, "o", "stick"), (slips, SLIP, "s", "slip")
     ax = axes_or_new(ax, 6.4, 3.6)
-    for chosen, colour, _, _ in kinds:
+    for chosen, colour, _, word in kinds:
         for start, stop in line.spans(chosen):
-            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0)
+            # Hatched, for print in grey.
+            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if word == "slip" else None)
     # Bounds of slip forward, with the body on the left, and backward: what that is along the line, tangents say.
     onward = line.along(np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])) > 0
     forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
@@ -555,7 +557,7 @@ def _slip_arrows(ax: Axes, places: Floats, moved: Floats, size: float) -> float:
         # One in each square of a grid of 14, so that what is left out is left out evenly.
         _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
         arrows = moved[kept] * 0.085 * size / largest
-        draw_arrows(ax, places[kept], arrows, colour=SLIP, pivot="mid", width=0.005).set_in_layout(False)
+        draw_arrows(ax, places[kept], arrows, colour=PUSH, pivot="mid", width=0.005).set_in_layout(False)
     return largest
 
 

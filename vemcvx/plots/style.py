@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STICK, SLIP = "#0072B2", "#D55E00"
 STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
 """Areas: light, middle, dark; slip towards larger and towards smaller positions."""
-SLIP_AREA, OPEN_AREA = "#F6CDB0", "#EDEDED"
+SLIP_AREA, OPEN_AREA = "#E59866", "#F7F7F7"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, EXACT = "#0072B2", "#000000"
@@ -36,8 +36,10 @@ SECOND, THIRD = "#D55E00", "#009E73"
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
 MARKERS = "osD^vPX*"
 """Many series: colours, and marks for print without them."""
-SIGNED, TENSION, COMPRESSION, SIZE = "RdBu_r", "Reds", "Blues_r", "viridis"
-"""Colour maps: tension red and compression blue, both or one; and of what has no sign."""
+TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
+SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
+"""Colour maps: tension red and compression blue, one or both; and of what has no sign. From the largest compression to
+the largest tension it gets darker, so that in grey print, too, no stress looks like its opposite."""
 EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")
 """Curves of ever later instants: ever darker."""
 

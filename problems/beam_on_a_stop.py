@@ -16,11 +16,12 @@ exceeds that load by, if shear is left out. A point force bears on a node: withi
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import SECOND
 
 LENGTH, HEIGHT, YOUNG, FORCE, GAP = 10.0, 1.0, 1000.0, 1.0, 0.4
 BENDING, SHEARING = YOUNG * HEIGHT**3 / 12, 5 / 6 * YOUNG / 2 * HEIGHT
+UNITS = MM
 SMALL = {"n": 16, "steps": 12}
 
 
@@ -76,11 +77,11 @@ def picture(history):
     end = (history.mesh.points == [LENGTH, 0.0]).all(axis=1)
     deflection = -history.displacement[:, end, 1].mean(axis=1)
     for ax, found, exact, what in (
-        (left, history.reaction("stop")[:, 1], stop_force(line), "stop bears (force)"),
-        (right, deflection, end_deflection(line), "end sinks by (length)"),
+        (left, history.reaction("stop")[:, 1], stop_force(line), "stop bears (N/mm)"),
+        (right, deflection, end_deflection(line), "end sinks by (mm)"),
     ):
         beside_closed_form(ax, (force, found), (line, exact), exact_label="Timoshenko's beam")
-        ax.set(xlabel="load in the middle (force)", ylabel=what)
+        ax.set(xlabel="load in the middle (N/mm)", ylabel=what)
     right.axhline(GAP, color=SECOND, linewidth=1.0, linestyle="--", label="gap above the stop")
     right.legend(frameon=False, fontsize="small")
     return figure

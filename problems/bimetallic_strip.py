@@ -21,11 +21,12 @@ x = 0 is then no plane of symmetry but a row of rollers: an error of the order o
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, LOWER, UPPER = 4.0, 0.25, 0.25
 YOUNG, POISSON, EXPANSIONS, RISE = (100.0, 200.0), 0.3, (2e-5, 1e-5), 50.0
 ACROSS, SHEAR = 10.0, 15.0  # of the wood: how many times smaller than E2 are its modulus across the grain, and G
+UNITS = MM
 SMALL = {"n": 24, "steps": 4}
 
 
@@ -86,5 +87,5 @@ def picture(history):
     x, bow = points[middle, 0][order], u[middle, 1][order]
     line = np.linspace(0, LENGTH, 200)
     beside_closed_form(graph, (x, bow - bow[0]), (line, curvature() * line**2 / 2), exact_label="Timoshenko 1925")
-    graph.set(xlabel="distance from the middle (length)", ylabel="interface moved up by (length)")
+    graph.set(xlabel="distance from the middle (mm)", ylabel="interface moved up by (mm)")
     return figure

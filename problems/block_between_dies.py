@@ -16,13 +16,15 @@ on every mesh.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 YOUNG, POISSON, CLOSING = 100.0, 0.3, 0.02
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.5, 1.1], [0.35, 1.6]])
 FOOT = np.array([1.0, 0.0])
 DIES = {"right": 1, "top": 2, "left": 3}
 """which side, counted from the floor"""
+MAGNIFIED = 5.0
+UNITS = MM
 SMALL = {"n": 10, "steps": 4}
 
 
@@ -62,11 +64,13 @@ def times(steps):
 
 def picture(history):
     """The block between its dies, and the pressure on the floor as they close."""
-    figure, graph = body_and_graph(history, stress="mean", shares=(1.2, 1.0))
+    figure, graph = body_and_graph(history, stress="mean", magnify=MAGNIFIED, shares=(1.2, 1.0))
     body = figure.axes[0]
+    # The motion of the dies is magnified with the block's, so that they are drawn on it.
+    corners = CORNERS - MAGNIFIED * CLOSING * (CORNERS - FOOT)
     for side in DIES.values():
         n, _ = normal(side)
-        ends = CORNERS[[side, (side + 1) % 4]] + 0.04 * n
+        ends = corners[[side, (side + 1) % 4]] + 0.03 * n
         body.plot(*ends.T, color="0.3", linewidth=4, solid_capstyle="butt")
         head = ends.mean(axis=0)
         body.annotate("", head, head + 0.3 * n, arrowprops={"arrowstyle": "-|>", "color": "0.3", "linewidth": 2})
@@ -76,5 +80,5 @@ def picture(history):
     inner = (contact.points[:, 0] > 0) & (contact.points[:, 0] < CORNERS[1, 0])
     marks = (np.repeat(history.times, inner.sum()), contact.pressure[:, inner].ravel())
     beside_closed_form(graph, marks, (x, pressure(x)), label="at every node of the floor")
-    graph.set(xlabel="t (time)", ylabel="pressure on the floor (force per area)")
+    graph.set(xlabel="t (s)", ylabel="pressure on the floor (MPa)")
     return figure

@@ -19,12 +19,13 @@ of the sole, which is an angle of the order of r / R_c off, R_c the radius of cu
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form
+from problem_pictures import MM, beside_closed_form
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots.style import SLIP
 
 YOUNG, POISSON, SIDE, HEIGHT = 1000.0, 0.25, 2.0, 0.5
 DEPTH, FRICTION, RADIUS = HEIGHT / 500, 0.3, 0.1
+UNITS = MM
 SMALL = {"n": 2, "steps": 32}
 
 
@@ -77,7 +78,7 @@ def picture(history):
     force, line = computed(history), friction(dense)
     way.plot(*top(dense).T, color="0.6", linewidth=1.2, label="way of the top")
     way.quiver(*top(t[1:]).T, *force[1:].T, color=SLIP, angles="xy", width=0.005, scale=3.5, label="friction")
-    way.set(xlabel="$x_1$ (length)", ylabel="$x_2$ (length)", aspect="equal")
+    way.set(xlabel="$x_1$ (mm)", ylabel="$x_2$ (mm)", aspect="equal")
     way.margins(0.16)
     way.legend(frameon=False, fontsize="small")
     light_grid(way)
@@ -85,5 +86,5 @@ def picture(history):
         label = f"$F_{axis + 1}$"
         marks, exact = (0.5 * (t[1:] + t[:-1]), force[1:, axis]), (dense[1:], line[:, axis])
         beside_closed_form(graph, marks, exact, colour=colour, marker=mark, label=label, exact_label=None)
-    graph.set(xlabel="t (time)", ylabel="friction on the block / P", ylim=(-0.38, 0.45))
+    graph.set(xlabel="t (s)", ylabel="friction on the block / P", ylim=(-0.38, 0.45))
     return figure

@@ -18,9 +18,10 @@ turns as it does: it begins against the push, and is turned by what slips around
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import face_and_graph
+from problem_pictures import MM, face_and_graph
 from vemcvx.plots import friction_disc
 
+UNITS = MM
 SMALL = {"n": 8, "steps": 8}
 
 
@@ -48,5 +49,5 @@ def times(steps):
 def picture(history):
     """The face on the floor, what sticks and where to the rest slips, and friction in its disc."""
     figure, graph = face_and_graph(history)
-    friction_disc(history, ax=graph)
+    friction_disc(history, ax=graph, units=UNITS)
     return figure

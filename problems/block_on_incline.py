@@ -16,7 +16,7 @@ Before sliding, the block creeps up from its pushed end; its lower edge may lift
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import body_and_graph
+from problem_pictures import MM, body_and_graph
 from vemcvx.canvas import light_grid
 from vemcvx.plots.style import SLIP, STICK
 
@@ -24,6 +24,7 @@ SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)
 TURN = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
 PUSH = 0.06
+UNITS = MM
 SMALL = {"n": 8, "steps": 20}
 
 
@@ -74,5 +75,5 @@ def picture(history):
         graph.plot(push[chosen], ratio[chosen], "o", color=colour, markersize=4, label=words)
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="pushed by (length)", ylabel="push / weight")
+    graph.set(xlabel="pushed by (mm)", ylabel="push / weight")
     return figure

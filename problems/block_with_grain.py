@@ -20,10 +20,11 @@ tractions of this state; it is linear, so virtual elements reproduce it, and the
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 YOUNG, POISSON, SHEAR, GRAIN, FRICTION = (10.0, 2.0), 0.3, 1.2, 0.5, 0.5
 LENGTH, HEIGHT, PRESS, AMPLITUDE = 2.0, 0.5, 0.02, 0.05
+UNITS = MM
 SMALL = {"n": 8, "steps": 48}
 
 
@@ -101,6 +102,6 @@ def picture(history):
     graph.plot(top(dense)[0], smooth[:, 2], "--", color="0.55", linewidth=1.2, label="grain along the floor")
     graph.set(ylim=(-0.07, 0.105))
     graph.legend(frameon=False, fontsize="small", loc="upper left")
-    graph.set(xlabel="top moved aside by $U$ (length)", ylabel="friction on the floor (force per length)")
+    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction on the floor (MPa)")
     graph.set_title("friction with the slope of the grain, and against it", fontsize="small")
     return figure

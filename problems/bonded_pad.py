@@ -20,9 +20,10 @@ more.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 HALF_WIDTH, HEIGHT, MU, POISSON, PRESSED = 8.0, 1.0, 1.0, 0.499, 0.01
+UNITS = MM
 SMALL = {"n": 12, "steps": 1}
 
 
@@ -71,5 +72,5 @@ def picture(history):
     free = 4 * MU * PRESSED / HEIGHT
     graph.axhline(free, color="0.5", linestyle="--", linewidth=1.2, label="without the clamp")
     graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="distance from the middle (length)", ylabel="pressure (force per area)", ylim=(0, None))
+    graph.set(xlabel="distance from the middle (mm)", ylabel="pressure (MPa)", ylim=(0, None))
     return figure

@@ -22,6 +22,7 @@ import numpy as np
 
 import vemcvx as vx
 from plate_with_hole import polar
+from problem_pictures import MM
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots import stressed_body, wear
 from vemcvx.plots.style import COMPUTED, EXACT
@@ -32,6 +33,7 @@ ANGLE = 4e-3
 JOINT = "disc|pad"
 CYCLE = 24
 """Steps of a cycle: 10 forward, 2 to relieve the pad, 10 back, 2 to press it."""
+UNITS = MM
 SMALL = {"n": 6, "steps": 3 * CYCLE}
 initial = "settled"
 
@@ -96,14 +98,14 @@ def picture(history):
     """Pad and rim while they slip, the torque over the angle, and wear along the rim after every cycle."""
     figure = new_figure(9.4, 5.6)
     axes = figure.subplot_mosaic([["body", "torque"], ["body", "wear"]])
-    stressed_body(axes["body"], history, step=10, stress="shear", window=((-1.05, 1.05), (-1.05, 1.4)))
+    stressed_body(axes["body"], history, step=10, stress="shear", window=((-1.05, 1.05), (-1.05, 1.4)), units=UNITS)
     angle, graph = 1e3 * turned(history.times), axes["torque"]
     graph.plot(angle, torque(history), "o-", color=COMPUTED, markersize=4, linewidth=0.8, label="computed")
     for P, label in ((PRESSURE, "pad slips"), (-0.1 * PRESSURE, None)):
         graph.axhline(torque_of_slip(P), color=EXACT, linestyle="--", linewidth=1.2, label=label)
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small", loc="center")
-    graph.set(xlabel="angle of the hub (1/1000)", ylabel="torque on the hub")
-    wear(history, steps=range(CYCLE, history.steps + 1, CYCLE), ax=axes["wear"])
+    graph.set(xlabel="angle of the hub (1/1000)", ylabel="torque on the hub (N)")
+    wear(history, steps=range(CYCLE, history.steps + 1, CYCLE), ax=axes["wear"], units=UNITS)
     axes["wear"].set_title("")
     return figure

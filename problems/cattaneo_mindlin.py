@@ -18,12 +18,13 @@ import numpy as np
 
 import vemcvx as vx
 from hertz_contact import HALF_WIDTH, RADIUS, REACH, YOUNG, fitted, graded, grid
-from problem_pictures import body_and_graph
+from problem_pictures import MM, body_and_graph
 from vemcvx.canvas import light_grid
 from vemcvx.plots.style import SLIP, STICK
 
 POISSON, FRICTION = 0.4999, 0.4
 PRESS, DRAG = 7e-4, 4.5e-4
+UNITS = MM
 SMALL = {"n": 16, "steps": 8}
 
 
@@ -79,7 +80,7 @@ def picture(history):
     for chosen, colour, words in ((~sticks, SLIP, "slips"), (sticks, STICK, "sticks")):
         graph.plot(x[chosen], traction[chosen], "o", color=colour, markersize=4, zorder=3, label=words)
     graph.plot(line, slipping - spared, color="black", linewidth=1.3, label="Cattaneo and Mindlin")
-    graph.set(xlabel="$x_1$ (length)", ylabel="friction (force per area)", ylim=(0, 1.45 * bound))
+    graph.set(xlabel="$x_1$ (mm)", ylabel="friction (MPa)", ylim=(0, 1.45 * bound))
     graph.set_title("stick zone moved as by a bulk stress", fontsize="small")
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small", ncols=2, loc="upper center")

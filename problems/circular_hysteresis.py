@@ -22,7 +22,7 @@ mesh. (Two absolute values, one for each axis, in place of the disc bear up to s
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, face_and_graph
+from problem_pictures import MM, beside_closed_form, face_and_graph
 
 YOUNG, POISSON, SIDES, HEIGHT = 10.0, 0.25, (2.0, 1.0), 0.5
 MU = YOUNG / (2 * (1 + POISSON))
@@ -30,6 +30,7 @@ BOUND = 0.8
 PLAY = BOUND * HEIGHT / MU
 RADIUS = 2.0 * PLAY
 TURNS = 2
+UNITS = MM
 SMALL = {"n": 2, "steps": 60}
 
 
@@ -106,5 +107,5 @@ def picture(history):
     graph.plot(*closed_form(dense)[1].T, ":", color="0.3", linewidth=1.0, label="in steps without end")
     graph.plot(*np.transpose([top(history.times[-1]), sole[-1, :2]]), color="0.4", linewidth=1.0)
     graph.legend(frameon=False, fontsize="small", loc="center")
-    graph.set(xlabel="moved along $x_1$ (length)", ylabel="moved along $x_2$ (length)", aspect="equal")
+    graph.set(xlabel="moved along $x_1$ (mm)", ylabel="moved along $x_2$ (mm)", aspect="equal")
     return figure

@@ -17,11 +17,12 @@ import numpy as np
 
 import vemcvx as vx
 from plate_with_hole import complex_potentials, displacement_of, polar, stress_of
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, REACH, PULL = 1.0, 4.0, 1.0
 MATRIX, FIBRE = (10.0, 0.3), (100.0, 0.2)
+UNITS = MM
 SMALL = {"n": 12, "steps": 1}
 
 
@@ -86,6 +87,6 @@ def picture(history):
         marks, known = (far, sigma[row, part]), (np.append([0.0, RADIUS], r), line)
         words = "Goodier 1933" if part == 0 else None
         beside_closed_form(graph, marks, known, colour=colour, label=label, exact_label=words)
-    graph.set(xlabel="distance from the middle of the fibre (length)", ylabel="stress / pull", xlim=(0, REACH))
+    graph.set(xlabel="distance from the middle of the fibre (mm)", ylabel="stress / pull", xlim=(0, REACH))
     graph.set_title("along a ray in the direction of the pull", fontsize="small")
     return figure

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.effects import ContactSurface, Contribution, Friction, Law
 
 
@@ -62,6 +62,7 @@ COMPLIANCE = sum(height / modulus for height, modulus in zip(HEIGHTS, MODULI, st
 WAY = 2.0 * STRENGTH * COMPLIANCE
 AMPLITUDE = 1.5 * STRENGTH * COMPLIANCE
 JOINT = "lower|upper"
+UNITS = MM
 SMALL = {"n": 4, "steps": 60}
 
 
@@ -116,5 +117,5 @@ def picture(history):
     pressure, dense = history.contact.pressure.mean(axis=1), times(1500)
     beside_closed_form(graph, (top(history.times), -pressure), (top(dense), closed_form(dense)[0]))
     graph.axhline(0.0, color="0.5", linewidth=0.8)
-    graph.set(xlabel="top moved up by $U$ (length)", ylabel="stress across the glue (tension positive)")
+    graph.set(xlabel="top moved up by $U$ (mm)", ylabel="stress across the glue (MPa, tension positive)")
     return figure

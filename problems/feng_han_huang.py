@@ -19,10 +19,11 @@ contact slips.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import body_and_graph
+from problem_pictures import MM, body_and_graph
 from vemcvx.canvas import light_grid
 from vemcvx.plots.style import SLIP, STICK
 
+UNITS = MM
 SMALL = {"n": 16, "steps": 32}
 
 
@@ -68,5 +69,5 @@ def picture(history):
         graph.plot([], [], "o", color=colour, markersize=4, label=words)
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="$x_1$ (length)", ylabel="friction on the body (force per length)")
+    graph.set(xlabel="$x_1$ (mm)", ylabel="friction on the body (MPa)")
     return figure

@@ -16,12 +16,13 @@ from it is the error of the algebra.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 YOUNG, POISSON, LENGTH, HEIGHT = 10.0, 0.25, 2.0, 0.5
 MU = YOUNG / (2 * (1 + POISSON))
 BOUND = 0.8
 AMPLITUDE = 2.5 * BOUND * HEIGHT / MU
+UNITS = MM
 SMALL = {"n": 8, "steps": 40}
 
 
@@ -90,5 +91,5 @@ def picture(history):
         graph.axhline(sign * BOUND, color="0.5", linestyle="--", linewidth=1.0)
     graph.legend(frameon=False, fontsize="small", loc="upper left")
     graph.set(ylim=(-0.9, 1.25))
-    graph.set(xlabel="top moved aside by $U$ (length)", ylabel="friction on the floor (force per length)")
+    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction on the floor (MPa)")
     return figure

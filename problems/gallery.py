@@ -64,7 +64,9 @@ def small_run(problem):
 def picture(problem, history):
     """The figure of a problem file's history."""
     with quiet():
-        return getattr(problem, "picture", deformed_mesh)(history)
+        if hasattr(problem, "picture"):
+            return problem.picture(history)
+        return deformed_mesh(history, units=getattr(problem, "UNITS", None))
 
 
 def drawn(name, folder):

@@ -14,11 +14,12 @@ measured.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, YOUNG, POISSON, HALF_WIDTH = 1.0, 1000.0, 0.3, 0.02
 REACH = 20 * HALF_WIDTH
+UNITS = MM
 SMALL = {"n": 14, "steps": 4}
 
 
@@ -85,5 +86,5 @@ def picture(history):
         marks = np.concatenate([-x[near][::-1], x[near]]), np.concatenate([p[step, near][::-1], p[step, near]])
         label, words = f"P = {P:.2g}", "Hertz" if step == history.steps else None
         beside_closed_form(graph, marks, (line, exact), colour=colour, label=label, exact_label=words)
-    graph.set(xlabel="$x_1$ (length)", ylabel="pressure (force per area)", ylim=(0, None))
+    graph.set(xlabel="$x_1$ (mm)", ylabel="pressure (MPa)", ylim=(0, None))
     return figure

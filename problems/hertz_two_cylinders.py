@@ -19,7 +19,7 @@ import numpy as np
 
 import vemcvx as vx
 from hertz_contact import graded, grid
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON, HALF_WIDTH = (3.0, 1.5), (1000.0, 400.0), (0.3, 0.4), 0.02
@@ -28,6 +28,7 @@ EFFECTIVE = 1 / sum((1 - poisson**2) / young for young, poisson in zip(YOUNG, PO
 REACH = 20 * HALF_WIDTH
 DEPTH = 8e-4
 JOINT = "lower|upper"
+UNITS = MM
 SMALL = {"n": 10, "steps": 4}
 
 
@@ -78,5 +79,5 @@ def picture(history):
         words = "Hertz" if step == history.steps else None
         exact = line, peak * np.sqrt(1 - (line / a) ** 2)
         beside_closed_form(graph, marks, exact, colour=colour, label=f"P = {P:.2g}", exact_label=words)
-    graph.set(xlabel="$x_1$ (length)", ylabel="pressure (force per area)", ylim=(0, None))
+    graph.set(xlabel="$x_1$ (mm)", ylabel="pressure (MPa)", ylim=(0, None))
     return figure

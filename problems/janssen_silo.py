@@ -17,11 +17,12 @@ up within about B of it.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import SECOND
 
 WIDTH, HEIGHT, YOUNG, POISSON, FRICTION, WEIGHT = 1.0, 16.0, 1000.0, 0.3, 0.4, 1.0
 RATIO = POISSON / (1 - POISSON)
+UNITS = MM
 SMALL = {"n": 6, "steps": 4}
 
 
@@ -69,6 +70,6 @@ def picture(history):
     marks = (contact.pressure[-1][wall], HEIGHT - contact.points[wall, 1])
     beside_closed_form(graph, marks, (RATIO * exact, z), colour=SECOND, label="pressure on the wall", exact_label=None)
     graph.plot(WEIGHT * z[z < 8], z[z < 8], "--", color="0.5", linewidth=1.2, label="a liquid")
-    graph.set(xlabel="stress (force per area)", ylabel="depth (length)", ylim=(HEIGHT, 0), xlim=(0, 11.5))
+    graph.set(xlabel="stress (MPa)", ylabel="depth (mm)", ylim=(HEIGHT, 0), xlim=(0, 11.5))
     graph.legend(frameon=False, fontsize="small", loc="lower right")
     return figure

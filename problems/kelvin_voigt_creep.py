@@ -14,12 +14,13 @@ where the near one slips: the end creeps less far, and what friction and dashpot
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import SECOND
 
 YOUNG, POISSON, TAU, PULL = 10.0, 0.25, 0.7, 0.3
 MU = YOUNG / (2 * (1 + POISSON))
 LAM = 2 * MU * POISSON / (1 - 2 * POISSON)
+UNITS = MM
 SMALL = {"n": 5, "steps": 40}
 
 
@@ -71,5 +72,5 @@ def picture(history):
     held = history.displacement[:, end, 0].mean(axis=1) / elastic
     graph.plot(history.times, held, "s-", color=SECOND, markersize=4, linewidth=1, label="friction below")
     graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="t (time)", ylabel="end moved / elastic answer")
+    graph.set(xlabel="t (s)", ylabel="end moved / elastic answer")
     return figure

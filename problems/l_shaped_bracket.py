@@ -12,9 +12,10 @@ win back N^-0.5.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.canvas import plain_logarithms
 
+UNITS = MM
 SMALL = {"n": 16, "steps": 8}
 EXPONENT = 0.5444837 - 1.0
 """Of the stress, from Williams' equation."""

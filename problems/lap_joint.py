@@ -17,10 +17,11 @@ The glue gives a hundred times more than the strips, and so is a shear spring bu
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, GLUE, THICKNESS, FORCE = 40.0, 1.0, (200.0, 100.0), 0.1, 0.1, 1.0
 JOINTS = ["lower|glue", "glue|upper"]
+UNITS = MM
 SMALL = {"n": 4, "steps": 1}
 
 
@@ -74,5 +75,5 @@ def picture(history):
     figure, graph = body_and_graph(history, stress="xx", forces="none", window=window)
     x = np.linspace(0, LENGTH, 200)
     beside_closed_form(graph, bond(history), (x, shear(x)), exact_label="Volkersen 1938")
-    graph.set(xlabel="$x_1$ (length)", ylabel="shear stress of the glue (force per area)", ylim=(0, None))
+    graph.set(xlabel="$x_1$ (mm)", ylabel="shear stress of the glue (MPa)", ylim=(0, None))
     return figure

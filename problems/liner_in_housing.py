@@ -16,9 +16,10 @@ import numpy as np
 
 import vemcvx as vx
 from plate_with_hole import polar
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 INNER, OUTER, YOUNG, POISSON, GAP, PRESSURE = 1.0, 1.8, 100.0, 0.3, 0.01, 3.0
+UNITS = MM
 SMALL = {"n": 10, "steps": 10}
 
 
@@ -68,5 +69,5 @@ def picture(history):
     beside_closed_form(graph, marks, (line, contact_pressure(line)), label="on the housing", exact_label="Lame 1852")
     graph.axvline(closing_pressure(), color="0.6", linestyle=":", linewidth=1.2)
     graph.text(closing_pressure() - 0.05, 1.0, "the gap closes", rotation=90, ha="right", va="center", color="0.4")
-    graph.set(xlabel="pressure inside (force per area)", ylabel="pressure on the housing (force per area)")
+    graph.set(xlabel="pressure inside (MPa)", ylabel="pressure on the housing (MPa)")
     return figure

@@ -22,10 +22,11 @@ same for all lambda.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import SECOND
 
 MU = 1.0
+UNITS = MM
 SMALL = {"n": 12, "steps": 2}
 
 
@@ -103,5 +104,5 @@ def picture(history):
     marks = (x, np.abs(contact.traction[-1][order, 0]))
     friction = MU * exact[:, 2]
     beside_closed_form(graph, marks, (line, friction), colour=SECOND, label="friction", exact_label=None)
-    graph.set(xlabel="$x_1$ (length)", ylabel="on the body (force per length)")
+    graph.set(xlabel="$x_1$ (mm)", ylabel="on the body (MPa)")
     return figure

@@ -17,10 +17,11 @@ that slips sticks again, and as few steps as one cares for give the same answer.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED
 
 PUSH = 16.0
+UNITS = MM
 SMALL = {"n": 16, "steps": 9}
 
 

@@ -17,7 +17,7 @@ parallel (Iwan, J. Appl. Mech. 33, 1966): F(U) = L sum min(U / C, g_i) at first,
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, GAP, HEIGHTS, YOUNG, POISSON = 1.0, 0.5, (0.4, 0.6), (30.0, 10.0), 0.3
 BOUNDS = np.array([0.3, 0.9, 0.6, 1.2])
@@ -27,6 +27,7 @@ STARTS = BOUNDS * COMPLIANCE
 """U at which each begins to slide."""
 AMPLITUDE = 1.4 * STARTS.max()
 JOINTS = [f"joint {i + 1}" for i in range(len(BOUNDS))]
+UNITS = MM
 SMALL = {"n": 3, "steps": 60}
 
 
@@ -111,5 +112,5 @@ def picture(history):
         graph.axvline(start, color="0.6", linestyle=":", linewidth=1.0)
         graph.text(start, -3.1, f"$U_{i + 1}$ ", fontsize="small", ha="right")
     graph.legend(frameon=False, fontsize="small", loc="upper left")
-    graph.set(xlabel="plate moved aside by $U$ (length)", ylabel="force on the plate")
+    graph.set(xlabel="plate moved aside by $U$ (mm)", ylabel="force on the plate (N/mm)")
     return figure

@@ -14,12 +14,13 @@ stiffness takes their place, which only pushes: the ends lift off (ask for 1e-6:
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import SECOND
 
 LENGTH, HEIGHT, YOUNG, SPRINGS, FORCE = 40.0, 0.5, 1000.0, 0.2, 0.5
 RIGIDITY = YOUNG * HEIGHT**3 / 12
 DECAY = (SPRINGS / (4 * RIGIDITY)) ** 0.25
+UNITS = MM
 SMALL = {"n": 5, "steps": 2, "accuracy": 1e-6}
 
 
@@ -65,5 +66,5 @@ def picture(history):
     graph.plot(marks[0], lifted[order], "--", color=SECOND, linewidth=1.4, label="asperities: the end lifts off")
     graph.axhline(0.0, color="0.6", linewidth=0.8)
     graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="distance from the force (length)", ylabel="lower side moved by (length)", xlim=(0, LENGTH / 2))
+    graph.set(xlabel="distance from the force (mm)", ylabel="lower side moved by (mm)", xlim=(0, LENGTH / 2))
     return figure

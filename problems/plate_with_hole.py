@@ -17,10 +17,11 @@ its integral from R to r, S (r - R^2 / (2 r) - R^4 / (2 r^3)).
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, REACH, YOUNG, POISSON, PULL = 1.0, 5.0, 100.0, 0.3, 1.0
+UNITS = MM
 SMALL = {"n": 12, "steps": 1}
 
 
@@ -121,6 +122,6 @@ def picture(history):
             label=rf"$\sigma_{{{name}}}$ in the cells",
             exact_label="Kirsch 1898" if part == 0 else None,
         )
-    graph.set(xlabel="height $x_2$ above the middle of the hole (length)", ylabel="stress / pull", ylim=(-0.2, 3.2))
+    graph.set(xlabel="height $x_2$ above the middle of the hole (mm)", ylabel="stress / pull", ylim=(-0.2, 3.2))
     graph.set_title("on the line of symmetry above the hole", fontsize="small")
     return figure

@@ -21,11 +21,12 @@ import numpy as np
 
 import vemcvx as vx
 from plate_with_hole import polar
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 RADII, YOUNG, POISSON, INTERFERENCE = (1.0, 1.6, 2.4), (200.0, 70.0), (0.3, 0.33), 0.004
 JOINT = "inner|outer"
+UNITS = MM
 SMALL = {"n": 12, "steps": 4, "accuracy": 1e-7}
 
 
@@ -70,7 +71,7 @@ def times(steps):
 
 
 def picture(history):
-    """The rings, whose magnified displacements leave the interference open, and the stresses along a radius."""
+    """The rings, drawn apart by the magnified interference where they press, and the stresses along a radius."""
     figure, graph = body_and_graph(history, stress="shear", mirrors=[(-1, 1), (1, -1), (-1, -1)])
     x, (xx, yy, xy) = history.mesh.centroids, history.stress(-1).T
     r, angle = np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])
@@ -82,6 +83,6 @@ def picture(history):
     for found, exact, name, colour in zip((radial, hoop), stresses(line), names, colours, strict=True):
         marks = r[chosen], found[chosen]
         beside_closed_form(graph, marks, (line, exact), colour=colour, label=name, exact_label=None)
-    graph.set(xlabel="radius (length)", ylabel="stress (force per area)")
+    graph.set(xlabel="radius (mm)", ylabel="stress (MPa)")
     graph.set_title("in the cells about 45 degrees, and Lame 1852", fontsize="small")
     return figure

@@ -19,10 +19,11 @@ error O(g H / N0).
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 LENGTH, HEIGHT, YOUNG, BOUND, PRESTRESS, AGAIN = 40.0, 1.0, 200.0, 1.0, 24.0, 0.6
+UNITS = MM
 SMALL = {"n": 4, "steps": 24}
 
 
@@ -83,5 +84,5 @@ def picture(history):
         mean = np.array([sigma[np.abs(x - place) < 1e-6].mean() for place in places])
         marks, line = (LENGTH - places, mean), (s, stress(s, again))
         beside_closed_form(graph, marks, line, colour=colour, label=words, exact_label=None if again else "rod")
-    graph.set(xlabel="distance from the end (length)", ylabel="mean tension (force per area)", xlim=(36, -0.7))
+    graph.set(xlabel="distance from the end (mm)", ylabel="mean tension (MPa)", xlim=(36, -0.7))
     return figure

@@ -6,12 +6,14 @@ from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots import contact_face, stressed_body
 from vemcvx.plots.style import COMPUTED, EXACT
 
+MM = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
+"""Names of units, in the plane for a body 1 mm thick; problems that have others say so."""
 MOST_MARKS = 60
 SLENDER = 0.2
 """Height over width below which the body is drawn above the graph, not beside it."""
 
 
-def body_and_graph(history, *, window=None, stretch=1.0, shares=(1.0, 1.0), **how):
+def body_and_graph(history, *, window=None, stretch=1.0, shares=(1.0, 1.0), units=MM, **how):
     """Return a figure with the stressed body, and axes beside it (below it, if it is slender) for a graph.
 
     Options are those of `stressed_body`; `shares` divides the figure between body and graph.
@@ -24,7 +26,7 @@ def body_and_graph(history, *, window=None, stretch=1.0, shares=(1.0, 1.0), **ho
     else:
         body, graph = figure.subplots(1, 2, width_ratios=shares)
     figure.set_layout_engine("constrained", w_pad=0.1)
-    stressed_body(body, history, window=window, stretch=stretch, **how)
+    stressed_body(body, history, window=window, stretch=stretch, units=units, **how)
     return figure, graph
 
 
@@ -58,12 +60,12 @@ def beside_closed_form(
     return ax
 
 
-def face_and_graph(history, *, shares=(1.0, 1.0), **how):
+def face_and_graph(history, *, shares=(1.0, 1.0), units=MM, **how):
     """Return a figure with the face of contact in space, and axes beside it for a graph.
 
     Options are those of `contact_face`.
     """
     figure = new_figure(9.4, 3.9)
     face, graph = figure.subplots(1, 2, width_ratios=shares)
-    contact_face(history, ax=face, **how)
+    contact_face(history, ax=face, units=units, **how)
     return figure, graph

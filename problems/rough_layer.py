@@ -19,11 +19,12 @@ import numpy as np
 
 import hertz_contact as hertz
 import vemcvx as vx
-from problem_pictures import beside_closed_form
+from problem_pictures import MM, beside_closed_form
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots.style import COMPUTED, SECOND, THIRD
 
 WIDTH, HEIGHT, YOUNG, POISSON, LAYER, GAP, DEPTH = 1.0, 2.0, 100.0, 0.3, 50.0, 0.01, 0.05
+UNITS = MM
 SMALL = {"n": 6, "steps": 10, "accuracy": 1e-6}
 
 
@@ -73,7 +74,7 @@ def picture(history):
     for layer, style, words in ((LAYER / 5, ":", f"layer {LAYER / 5:g}"), (1e12, "--", "rigid floor")):
         left.plot(line, pressure(line, layer), style, color="0.4", linewidth=1.2, label=words)
     left.legend(frameon=False, fontsize="small")
-    left.set(xlabel="top pressed down by (length)", ylabel="pressure (force per area)")
+    left.set(xlabel="top pressed down by (mm)", ylabel="pressure (MPa)")
     left.set_title("a column pressed down on a layer", fontsize="small")
     mesh = punch_mesh(10)
     for layer, colour, words in ((1e6, COMPUTED, "$10^6$"), (5e4, SECOND, "$5·10^4$"), (1e4, THIRD, "$10^4$")):
@@ -86,9 +87,7 @@ def picture(history):
     right.plot(
         x, 2 * P / (np.pi * a) * np.sqrt(1 - (x / a) ** 2), color="black", linewidth=1.3, label="Hertz: no layer"
     )
-    right.set(
-        xlabel="distance from the middle (length)", xlim=(0, 0.045), ylim=(0, None), xticks=np.arange(0, 0.05, 0.01)
-    )
+    right.set(xlabel="distance from the middle (mm)", xlim=(0, 0.045), ylim=(0, None), xticks=np.arange(0, 0.05, 0.01))
     right.set_title("a block pressed as far on a rough cylinder", fontsize="small")
     right.legend(frameon=False, fontsize="small")
     light_grid(right)

@@ -13,9 +13,10 @@ it. The rod is a model: its error is of the order of H over the slip length.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, FORCE = 50.0, 1.0, 200.0, 1.0, 20.0
+UNITS = MM
 SMALL = {"n": 4, "steps": 36}
 
 
@@ -65,5 +66,5 @@ def picture(history):
     again = back + F**2 / (4 * YOUNG * HEIGHT * BOUND)
     line = np.concatenate([pushed, released[::-1], again]), np.concatenate([F, F[::-1], F])
     beside_closed_form(graph, (found, turns), line, exact_label="rod")
-    graph.set(xlabel="displacement of the end (length)", ylabel="push (force)")
+    graph.set(xlabel="displacement of the end (mm)", ylabel="push (N/mm)")
     return figure

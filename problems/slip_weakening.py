@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.effects import ContactSurface, Contribution, Friction, Law
 
 
@@ -64,6 +64,7 @@ MU = YOUNG / (2 * (1 + POISSON))
 PEAK, RESIDUAL = 1.0, 0.4
 FALL = 0.5 * MU / HEIGHT
 AMPLITUDE = 1.4 * PEAK * HEIGHT / MU
+UNITS = MM
 SMALL = {"n": 4, "steps": 40}
 
 
@@ -116,5 +117,5 @@ def picture(history):
         for sign in (1, -1):
             graph.axhline(sign * bound, color="0.5", linestyle=style, linewidth=1.0)
     graph.legend(frameon=False, fontsize="small", loc="lower right")
-    graph.set(xlabel="top moved aside by $U$ (length)", ylabel="friction, against slip to the right (per length)")
+    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction, against slip to the right (MPa)")
     return figure

@@ -22,7 +22,7 @@ import numpy as np
 
 import vemcvx as vx
 from hertz_contact import grid
-from problem_pictures import face_and_graph
+from problem_pictures import MM, face_and_graph
 from vemcvx.canvas import light_grid
 from vemcvx.plots.style import SLIP, STICK
 
@@ -31,6 +31,7 @@ CONTACT = 0.05
 """About the radius of the contact."""
 REACH = 6 * CONTACT
 PRESS, DRAG = 2.05e-3, 5e-4
+UNITS = MM
 SMALL = {"n": 4, "steps": 4, "accuracy": 1e-6}
 
 
@@ -132,7 +133,7 @@ def picture(history):
         graph.plot(r[chosen], friction[chosen], "o", color=colour, markersize=3.5, label=words)
     mindlin = FRICTION * p0 * (pressure - c / a * spared)
     graph.plot(line, mindlin, color="black", linewidth=1.3, label="Cattaneo and Mindlin")
-    graph.set(xlabel="distance $r$ from the axis (length)", ylabel="force per area", ylim=(0, None))
+    graph.set(xlabel="distance $r$ from the axis (mm)", ylabel="pressure, friction (MPa)", ylim=(0, None))
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
     return figure

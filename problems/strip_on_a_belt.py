@@ -16,11 +16,12 @@ the belt does the work 2/3 g L U* + g L (U1 - U*), of which g L U* / 3 is stored
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND = 20.0, 1.0, 2000.0, 1.0
 FULL = BOUND * LENGTH**2 / (2 * YOUNG * HEIGHT)
 AMPLITUDE = 1.25 * FULL
+UNITS = MM
 SMALL = {"n": 4, "steps": 40}
 
 
@@ -72,5 +73,5 @@ def picture(history):
     for sign in (1, -1):
         graph.axhline(sign * BOUND * LENGTH, color="0.5", linestyle="--", linewidth=1.0)
     graph.legend(frameon=False, fontsize="small", loc="lower right")
-    graph.set(xlabel="run of the belt (length)", ylabel="force that holds the strip")
+    graph.set(xlabel="run of the belt (mm)", ylabel="force that holds the strip (N/mm)")
     return figure

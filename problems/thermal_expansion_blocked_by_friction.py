@@ -27,9 +27,10 @@ u(s) = g (l - s)^2 / (2 E H). The rod is a model: its error is of the order of H
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHT, YOUNG, BOUND, EXPANSION, RISE = 40.0, 1.0, 200.0, 1.0, 1e-3, 100.0
+UNITS = MM
 SMALL = {"n": 4, "steps": 36}
 
 
@@ -83,5 +84,5 @@ def picture(history):
     line = np.concatenate([first * share**2, first - back * (1 - share[::-1]) ** 2, back * (1 + share**2)])
     temperatures = np.concatenate([rise, rise[::-1], rise])
     beside_closed_form(graph, (temperature(history.times), found), (temperatures, line), exact_label="rod")
-    graph.set(xlabel="temperature (degrees)", ylabel="end moved by (length)")
+    graph.set(xlabel="temperature (degrees)", ylabel="end moved by (mm)")
     return figure

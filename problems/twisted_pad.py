@@ -17,7 +17,7 @@ computed within .5 %.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, face_and_graph
+from problem_pictures import MM, beside_closed_form, face_and_graph
 
 YOUNG, RADIUS, HEIGHT = 1000.0, 1.0, 0.25
 PRESSURE, FRICTION = 4.0, 0.5
@@ -26,6 +26,7 @@ FIRST = FRICTION * PRESSURE * HEIGHT / (SHEAR * RADIUS)
 """The angle at which the edge begins to slip."""
 ANGLE = 6 * FIRST
 FULL = 2 / 3 * FRICTION * PRESSURE * np.pi * RADIUS**3
+UNITS = MM
 SMALL = {"n": 6, "steps": 12}
 
 

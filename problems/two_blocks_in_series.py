@@ -17,13 +17,14 @@ reproduce it on any two meshes: whatever differs from it is the error of the alg
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import beside_closed_form, body_and_graph
+from problem_pictures import MM, beside_closed_form, body_and_graph
 
 LENGTH, HEIGHTS, YOUNG, POISSON, BOUND = 2.0, (0.6, 0.4), (10.0, 30.0), 0.3, 0.8
 MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))
 AMPLITUDE = 2.5 * BOUND * COMPLIANCE
 JOINT = "lower|upper"
+UNITS = MM
 SMALL = {"n": 4, "steps": 40}
 
 
@@ -78,5 +79,5 @@ def picture(history):
         graph.axhline(sign * BOUND, color="0.5", linestyle="--", linewidth=1.0)
     graph.legend(frameon=False, fontsize="small", loc="upper left")
     graph.set(ylim=(-0.9, 1.25))
-    graph.set(xlabel="top moved aside by $U$ (length)", ylabel="friction between them (force per length)")
+    graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction between them (MPa)")
     return figure

@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import Collection, PolyCollection
     from matplotlib.colorbar import Colorbar
-    from matplotlib.colors import ListedColormap
+    from matplotlib.colors import Colormap, LinearSegmentedColormap, ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.quiver import Quiver
 
+HATCHING = "0.2"
 CELL_STYLE = {"edgecolor": "0.25", "facecolor": "0.93", "linewidth": 0.5}
 
 
@@ -106,6 +107,13 @@ def distinct(colours: Sequence[str]) -> ListedColormap:
     return ListedColormap(list(colours))
 
 
+def blended(colours: Sequence[str]) -> LinearSegmentedColormap:
+    """Return a colour map that goes from each of these colours to the next."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("blended", list(colours))
+
+
 def light_grid(
     ax: Axes, *, which: Literal["major", "minor", "both"] = "major", axis: Literal["x", "y", "both"] = "both"
 ) -> None:
@@ -140,6 +148,16 @@ def draw_arrows(
     )
 
 
+def draw_hatched(ax: Axes, outlines: Sequence[Floats]) -> None:
+    """Hatch what is within outlines (k, 2); flat ones are lines, or points."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    path = Path.make_compound_path(*(Path([*outline, outline[0]], closed=True) for outline in outlines))
+    style = {"linewidth": 1.6, "capstyle": "round", "joinstyle": "round", "zorder": 2.2}
+    ax.add_patch(PathPatch(path, facecolor="white", edgecolor=HATCHING, hatch="///", **style))
+
+
 def draw_polygons(ax: Axes, corners: Floats, colours: Sequence[str] | None) -> PolyCollection:
     """Fill polygons of equally many corners (k, n, 2), without lines, each in a colour of its own."""
     from matplotlib.collections import PolyCollection
@@ -155,7 +173,9 @@ def colour_bar(ax: Axes, mapped: ScalarMappable, label: str) -> None:
     ax.figure.colorbar(mapped, ax=ax, shrink=0.75).set_label(label, fontsize="small")
 
 
-def show_image(ax: Axes, image: NDArray[np.uint8], colours: str, limits: tuple[float, float], label: str) -> None:
+def show_image(
+    ax: Axes, image: NDArray[np.uint8], colours: str | Colormap, limits: tuple[float, float], label: str
+) -> None:
     """Show an image (height, width, 3), without axes, beside the bar of its colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

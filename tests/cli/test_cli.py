@@ -54,7 +54,8 @@ def test_run_writes_what_it_says(tmp_path):
     assert history.summary() in done.output
     for one in history.extremes:
         assert re.search(rf"^{one.name} +{one.value:.6g} {one.unit} +at \(.*\), t = {one.time:.6g}$", done.output, re.M)
-    pictures = ["deformed_mesh.png", "energy_ledger.png", "friction_traction.png", "stick_slip_map.png", "wear.png"]
+    bodies, along = ["deformed_mesh.png", "stressed_body.png"], ["contact_pressure.png", "contact_slip.png", "wear.png"]
+    pictures = [*bodies, *along, "energy_ledger.png", "friction_traction.png", "stick_slip_map.png"]
     files = [
         "contact.csv",
         "history.npz",
@@ -154,7 +155,11 @@ def test_pictures_alone_go_where_results_go(tmp_path, monkeypatch):
     done = invoke("run", written(tmp_path, MINIMAL, "loose.py"), "--n", 2, "--steps", 1, "--plot")
     assert done.exit_code == 0, done.output
     folder = tmp_path / "results" / "loose"
-    assert sorted(path.name for path in folder.iterdir()) == ["deformed_mesh.png", "energy_ledger.png"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "deformed_mesh.png",
+        "energy_ledger.png",
+        "stressed_body.png",
+    ]
 
 
 def test_a_miss_exits_with_three(tmp_path):

@@ -81,7 +81,7 @@ def paper(tmp_path_factory):
 def test_it_needs_nothing_else(paper):
     read = Reader(paper[1])
     pictures = [address.removeprefix("data:image/png;base64,") for address in read.addresses]
-    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 5 * [b"\x89PNG"]
+    assert [base64.b64decode(data, validate=True)[:4] for data in pictures] == 8 * [b"\x89PNG"]
     assert not {"script", "link", "iframe", "object"} & set(read.tags)
     style = re.search("<style>(.*?)</style>", paper[1]).group(1)
     assert "url(" not in style
@@ -143,7 +143,7 @@ def test_what_users_write_is_escaped(tmp_path):
     assert "<side>" in read.text
     # Without contact there is nothing to say of it.
     assert "slip" not in read.text.split("Results")[1].split("Certificates")[0]
-    assert read.tags.count("img") == 2
+    assert read.tags.count("img") == 3
     moved = vx.read_history(tmp_path / "out").probe([[0.25, 0.0]])[-1, 0]
     for axis, value in zip("xy", moved, strict=True):
         assert f"displacement along {axis}, at (0.25, 0) {value:.6g} length" in read.text
@@ -190,3 +190,29 @@ def test_it_goes_where_results_go(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["run", "hung.py", "--n", "2", "--steps", "1", "--report"])
     assert done.output.splitlines()[-1] == f"report      {Path('results') / 'hung' / 'report.html'}"
     assert [path.name for path in Path("results/hung").iterdir()] == ["report.html"]
+
+
+def test_units_of_a_problem_file_reach_pictures_tables_and_the_terminal(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr("vemcvx.cli.run.write_plots", lambda history, folder, units: given.append(units) or [])
+    path = tmp_path / "hung.py"
+    path.write_text(f'{LOOSE}UNITS = {{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}}\n')
+    options = ["--n", "2", "--steps", "1", "--plot", "--report", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, ["run", str(path), *options])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^largest von Mises stress +\S+ MPa +at \(.*\), t = 1 s$", done.output, re.M)
+    assert re.search(r"^largest displacement +\S+ mm ", done.output, re.M)
+    page = Reader((tmp_path / "out" / "report.html").read_text()).text
+    assert re.search(r"stored energy \S+ N mm ", page)
+    assert re.search(r"largest von Mises stress, at \([^)]*\), t = 1 \S+ MPa ", page)
+    assert "boundary x N y N " in page
+    assert given == [{"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}]
+
+
+def test_units_that_are_none_are_refused_before_the_run(tmp_path):
+    path = tmp_path / "hung.py"
+    path.write_text(f'{LOOSE}UNITS = {{"lenght": "mm"}}\n')
+    done = CliRunner().invoke(app, ["run", str(path), "--n", "2", "--steps", "1"])
+    assert done.exit_code == 2
+    assert "UNITS: found 'lenght': 'mm'; wanted words for 'length', 'force', 'time'" in " ".join(done.output.split())
+    assert "marching" not in done.output

@@ -10,20 +10,34 @@ import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
 from vemcvx.canvas import new_figure
 from vemcvx.plots import (
+    along_contact,
     deformed_mesh,
     energy_ledger,
     friction_traction,
+    hysteresis_loop,
     stick_slip_map,
     stressed_body,
     wear,
     write_plots,
 )
 from vemcvx.plots.contact import contact_line, directions
+from vemcvx.plots.pictures import draw_pictures
 from vemcvx.plots.style import rounded_down
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)
-PICTURES = (deformed_mesh, friction_traction, stick_slip_map, wear, energy_ledger)
+PICTURES = (deformed_mesh, friction_traction, stick_slip_map, along_contact, wear, energy_ledger)
+WRITTEN = {
+    "deformed_mesh",
+    "stressed_body",
+    "contact_pressure",
+    "contact_slip",
+    "friction_traction",
+    "stick_slip_map",
+    "wear",
+    "energy_ledger",
+}
+"""Names of the files that a plane history with contact, under forces, has."""
 
 
 def bound(x, t):
@@ -227,16 +241,16 @@ def test_ticks_of_the_bar_do_not_go_with_the_room_that_is_left_for_them():
 
 
 def test_what_there_is_to_show_is_written(history, loose, tmp_path):
-    names = {f"{picture.__name__}.png" for picture in PICTURES}
+    names = {f"{name}.png" for name in WRITTEN}
     assert {path.name for path in write_plots(history, tmp_path / "new")} == names
     assert {path.name for path in (tmp_path / "new").iterdir()} == names
     for path in (tmp_path / "new").iterdir():
         assert path.read_bytes().startswith(b"\x89PNG")
     fewer = write_plots(loose, tmp_path / "new")
     assert {path.name for path in fewer} == {path.name for path in (tmp_path / "new").iterdir()}
-    assert {path.name for path in fewer} == {"deformed_mesh.png", "energy_ledger.png"}
+    assert {path.name for path in fewer} == {"deformed_mesh.png", "stressed_body.png", "energy_ledger.png"}
     start = vx.simulate(loose.scene, loose.mesh, [0.0])
-    assert [path.name for path in write_plots(start, tmp_path / "new")] == ["deformed_mesh.png"]
+    assert [path.name for path in write_plots(start, tmp_path / "new")] == ["deformed_mesh.png", "stressed_body.png"]
 
 
 def test_pictures_of_others_stay(loose, tmp_path):
@@ -251,10 +265,10 @@ def test_pictures_of_others_stay(loose, tmp_path):
 @pytest.mark.parametrize(("suffix", "begins"), [(".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures_for_print(history, loose, tmp_path, suffix, begins):
     written = write_plots(history, tmp_path, suffix)
-    assert [path.name for path in written] == [f"{picture.__name__}{suffix}" for picture in PICTURES]
+    assert {path.name for path in written} == {f"{name}{suffix}" for name in WRITTEN}
     assert all(path.read_bytes().startswith(begins) for path in written)
     # They are known as ours, and replaced; others' are not.
-    assert len(write_plots(loose, tmp_path, suffix)) == len(list(tmp_path.iterdir())) == 2
+    assert len(write_plots(loose, tmp_path, suffix)) == len(list(tmp_path.iterdir())) == 3
     (tmp_path / f"wear{suffix}").write_bytes(b"a thesis")
     with pytest.raises(vx.HistoryError, match="not drawn by this version"):
         write_plots(history, tmp_path, suffix)
@@ -343,11 +357,11 @@ def test_a_thin_layer_is_not_turned_inside_out():
 
 
 def test_pictures_say_what_they_miss(history, loose, tmp_path):
-    for draw in (friction_traction, stick_slip_map, wear):
+    for draw in (friction_traction, stick_slip_map, along_contact, wear):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no contact nodes"):
             draw(loose)
     start = vx.simulate(history.scene, history.mesh, [0.0])
-    for draw in (energy_ledger, stick_slip_map, wear):
+    for draw in (energy_ledger, stick_slip_map, along_contact, wear):
         with pytest.raises(vx.VemcvxError, match=f"{draw.__name__}: this history has no step"):
             draw(start)
     (tmp_path / "taken").write_text("a file")
@@ -419,3 +433,116 @@ def stressed_body_alone(history, **options):
     figure = new_figure(4, 3)
     stressed_body(figure.add_subplot(), history, **options)
     return figure
+
+
+@pytest.fixture(scope="module")
+def rubbed():
+    """A pad pressed on a floor and rubbed to and fro once and a quarter."""
+
+    def plate(x, t):
+        return np.tile([0.1 * np.sin(2 * np.pi * t), -0.02], (len(x), 1))
+
+    floor = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
+    scene = vx.Scene(vx.Elasticity(10.0, 0.45), vx.PrescribedDisplacement(plate, on="top"), *floor)
+    mesh = vx.meshes.squares((8, 4), box=((0, 2), (0, 1)))
+    return vx.simulate(scene, mesh, np.linspace(0.0, 1.25, 41), initial="settled")
+
+
+def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
+    contact = rubbed.contact
+    order = np.argsort(contact.points[:, 0])
+    for show, values in (("pressure", contact.pressure), ("slip", contact.slip[:, :, 0]), ("wear", contact.wear)):
+        ax = along_contact(rubbed, show, [10, 30]).axes[0]
+        for line, step in zip(ax.lines, (10, 30), strict=True):
+            assert np.array_equal(line.get_xydata(), np.column_stack([contact.points[:, 0], values[step]])[order])
+        low, high = ax.get_ylim()
+        assert low <= values.min()
+        assert high > values.max()
+    assert along_contact(rubbed, "slip").axes[0].get_ylabel() == "slip towards larger $x_1$\n(length)"
+    with pytest.raises(
+        vx.HistoryError, match="along_contact: found show 'gap'; there are 'pressure', 'slip' and 'wear'"
+    ):
+        along_contact(rubbed, "gap")
+
+
+def test_the_loop_is_the_reaction_against_the_motion_of_what_is_prescribed(rubbed):
+    ax = hysteresis_loop(rubbed).axes[0]
+    u, force = ax.lines[0].get_xydata().T
+    assert u == pytest.approx(0.1 * np.sin(2 * np.pi * rubbed.times), abs=1e-15)
+    assert np.array_equal(force, rubbed.reaction("top")[:, 0])
+    # A cycle encloses the work that it takes; the sides of the loop are straight between the instants.
+    cycle = slice(8, 41)
+    work = float(np.sum(0.5 * (force[cycle][1:] + force[cycle][:-1]) * np.diff(u[cycle])))
+    assert work == pytest.approx(np.ptp(rubbed.work_second_order[cycle][[0, -1]]), rel=1e-2)
+    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["begins, t = 0", "ends, t = 1.25"]
+    assert "bottom" in hysteresis_loop(rubbed, "bottom").axes[0].get_title()
+
+
+def test_a_loop_needs_something_that_moves(history, rubbed, tmp_path):
+    words = r"hysteresis_loop: nothing in this history says what moves; name a boundary, on=, of '"
+    with pytest.raises(vx.HistoryError, match=words):
+        hysteresis_loop(history)
+    read = vx.read_history(rubbed.write(tmp_path / "read"))
+    with pytest.raises(vx.HistoryError, match=words):
+        hysteresis_loop(read)
+    lines = hysteresis_loop(read, "top").axes[0].lines
+    assert np.array_equal(lines[0].get_xydata(), hysteresis_loop(rubbed).axes[0].lines[0].get_xydata())
+    with pytest.raises(vx.SceneError, match="hysteresis_loop: .*'lid'"):
+        hysteresis_loop(read, "lid")
+
+
+def test_stresses_that_engineers_quote(rubbed):
+    found = {
+        "von_mises": rubbed.von_mises(-1),
+        "max_principal": rubbed.principal_stresses(-1)[:, 0],
+        "min_principal": rubbed.principal_stresses(-1)[:, 1],
+    }
+    for stress, values in found.items():
+        ax = stressed_body(new_figure().add_subplot(), rubbed, stress=stress)
+        assert np.array_equal(ax.collections[0].get_array(), values)
+    low, high = stressed_body(new_figure().add_subplot(), rubbed, stress="von_mises").collections[0].get_clim()
+    assert low == 0.0 < high
+
+
+def test_every_axis_has_the_unit_that_is_given(rubbed):
+    units = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
+    drawn = draw_pictures(rubbed, units)
+    assert set(drawn) == {*WRITTEN, "hysteresis_loop"}
+    for figure in drawn.values():
+        words = [text.get_text() for text in figure.findobj(matplotlib.text.Text)]
+        assert not [word for word in words if any(name in word for name in ("length", "force)", "time)", " per area"))]
+        figure.draw_without_rendering()
+        page, ink = figure.bbox_inches, figure.get_tightbbox()
+        assert min(ink.x0, ink.y0) >= -0.01
+        assert ink.x1 <= page.width + 0.01
+        assert ink.y1 <= page.height + 0.01
+    # In the plane what is per length of the boundary is per unit of thickness, too.
+    assert drawn["contact_pressure"].axes[0].get_ylabel() == "contact pressure\n(MPa)"
+    assert drawn["contact_slip"].axes[0].get_ylabel() == "slip towards larger $x_1$\n(mm)"
+    assert drawn["hysteresis_loop"].axes[0].get_ylabel() == "reaction (N), per thickness"
+
+
+@pytest.mark.parametrize("draw", [deformed_mesh, stressed_body_alone])
+@pytest.mark.parametrize(("gap", "apart"), [(-0.002, 0.02), (0.0, 0.0), (0.001, 0.01)])
+def test_closed_contact_is_marked_though_magnified_displacements_draw_it_apart(draw, gap, apart):
+    """An interference of .002 was a white gap of .02, under pressure, and a closed gap an overlap."""
+    blocks = {
+        "lower": vx.meshes.squares((4, 2), ((0, 2), (0, 1))),
+        "upper": vx.meshes.squares((4, 2), ((0, 2), (1, 2))),
+    }
+    down = vx.PrescribedDisplacement(lambda x, t: np.tile([0.0, -0.004 * t], (len(x), 1)), on="upper.top")
+    contact = vx.UnilateralContact(on="lower|upper", gap=gap)
+    scene = vx.Scene(vx.Elasticity(100.0, 0.0), vx.Clamp(on="lower.bottom"), down, contact)
+    history = vx.simulate(scene, vx.meshes.bodies(blocks), [0.0, 0.5, 1.0], initial="settled")
+    assert history.contact.closed[-1].all()
+    (patch,) = draw(history, magnify=10.0).axes[0].patches
+    outline = patch.get_path().vertices
+    x, y = outline.T
+    area = 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+    assert area == pytest.approx(2.0 * apart, abs=1e-9)
+    # It reaches from one body, as it is drawn, to the other.
+    drawn = history.mesh.points + 10.0 * history.displacement[-1]
+    for node in np.concatenate([history.contact.nodes, history.contact.partners]):
+        assert np.linalg.norm(outline - drawn[node], axis=1).min() < 1e-12
+    if gap > 0:
+        assert not draw(history, step=0, magnify=10.0).axes[0].patches

@@ -144,7 +144,7 @@ def test_refusals(history):
         contact_face(history, show="stress")
     with pytest.raises(vx.HistoryError, match="wanted a vector of three finite components that is not along x_3"):
         deformed_body(history, view=(0.0, 0.0, 1.0))
-    with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'von_mises', 'mean'"):
+    with pytest.raises(vx.HistoryError, match="found stress 'large'; there are 'von_mises', 'max_principal'"):
         deformed_body(history, stress="large")
 
 
@@ -154,7 +154,7 @@ def test_contact_all_round_is_left_out_and_said():
         with pytest.raises(vx.HistoryError, match="contact goes round the body"):
             draw(around)
     assert set(left_out(around)) >= {"contact_face", "friction_disc"}
-    assert "contact_face" not in draw_pictures(around)
+    assert "contact_face" not in draw_pictures(around, None)
 
 
 def test_without_pyvista_bodies_are_left_out_and_said(history, without_pyvista, tmp_path):

@@ -22,6 +22,7 @@ from vemcvx.cli.supplied import problem_path
 from vemcvx.effects.effect import amount
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.meshes import FAMILIES, SPACE_FAMILIES, AnyMesh, PolygonMesh, PolyhedralMesh, read
+from vemcvx.plots.style import Units, checked_units
 from vemcvx.scene import Scene
 
 
@@ -87,7 +88,7 @@ PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "t
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem file: its scene, mesh, times and initial state."""
+    """A problem file: its scene, mesh, times, initial state, and names of units."""
 
     path: Path
     module: ModuleType
@@ -177,6 +178,11 @@ class Problem:
     def initial(self) -> Any:
         """The initial state, if the file names one: "settled", "equilibrium" or a displacement."""
         return getattr(self.module, "initial", None)
+
+    @property
+    def units(self) -> Units | None:
+        """The names of units of the problem's data, if the file has them as UNITS."""
+        return checked_units(getattr(self.module, "UNITS", None), f"{self.path}: UNITS") or None
 
     def _parameter(self, setting: str) -> tuple[str, Any]:
         name, equals, text = setting.partition("=")

@@ -25,6 +25,7 @@ from vemcvx.estimate.budget import error_budget
 from vemcvx.history import WHY_ESTIMATED, History
 from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
+from vemcvx.plots.style import Units, in_units
 from vemcvx.scene import Scene
 from vemcvx.version import __version__
 
@@ -83,6 +84,10 @@ PARTS = {
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
 CAPTIONS = {
     "deformed_mesh": "The body as it is deformed at the end.",
+    "stressed_body": "The stress in the deformed body at the end.",
+    "contact_pressure": "Pressure along the contact boundary.",
+    "contact_slip": "Slip along the contact boundary.",
+    "hysteresis_loop": "The force that the prescribed motion takes.",
     "friction_traction": "Friction along the contact boundary, within its bound.",
     "stick_slip_map": "Which part of the contact boundary sticks and slips when.",
     "wear": "Friction work along the contact boundary, to which wear is in proportion.",
@@ -105,8 +110,8 @@ def write_report(
     """Write the page into the folder of pictures: `command` repeats the run, `mesh` is its mesh in words."""
     sections = {
         "What was simulated": _prose(problem.text) + _scene(problem.scene(settings), history, mesh),
-        "Pictures": "".join(_pictures(history)),
-        "Results": _results(history, points),
+        "Pictures": "".join(_pictures(history, problem.units)),
+        "Results": _results(history, points, problem.units),
         "Certificates": _certificates(history),
         "Error budget": _budget(history),
         "The run": _run(history),
@@ -157,15 +162,15 @@ def _scene(scene: Scene, history: History, name: str) -> str:
     return _words("The scene, as vemcvx show has it", lines)
 
 
-def _pictures(history: History) -> Iterator[str]:
-    for name, drawn in draw_pictures(history).items():
+def _pictures(history: History, units: Units | None) -> Iterator[str]:
+    for name, drawn in draw_pictures(history, units).items():
         data, says = base64.b64encode(as_png(drawn, 130)).decode(), CAPTIONS[name]
         yield f'<figure><img src="data:image/png;base64,{data}" alt="{says}"><figcaption>{says}</figcaption></figure>'
     for why in dict.fromkeys(left_out(history).values()):
         yield f"<p>Left out: {escape(why)}.</p>"
 
 
-def _results(history: History, points: Floats | None) -> str:
+def _results(history: History, points: Floats | None, named: Units | None) -> str:
     """Energies, extremes over the stored steps, displacements of points at the last one, and reactions."""
     run, contact, end = history.trajectory, history.contact, f"t = {history.times[-1]:.6g}"
     axes = "xyz"[: history.mesh.points.shape[1]]
@@ -178,7 +183,7 @@ def _results(history: History, points: Floats | None) -> str:
     ]
     for one in history.extremes:
         place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
-        rows.append((place, f"{one.value:.6g}", one.unit.replace("/", " / ")))
+        rows.append((place, f"{one.value:.6g}", one.unit))
     if len(contact.nodes):
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
         said = ", ".join(f"{count[-1]} {name}" for name, count in counts.items())
@@ -194,6 +199,7 @@ def _results(history: History, points: Floats | None) -> str:
         f"{THICKNESS[len(axes)]}. Extremes are over the {len(history.stored)} stored of {history.steps + 1} instants; "
         f"displacements of points and reactions are those at {end}."
     )
+    rows = [(what, value, in_units(product, named).replace("/", " / ")) for what, value, product in rows]
     told = f"{_numbers(['quantity', 'value', 'unit'], rows)}<p>{units}</p>"
     forces = {name: history.reaction(name)[-1] for name in history.mesh.boundaries}
     largest = max(float(np.linalg.norm(force)) for force in forces.values())
@@ -201,7 +207,7 @@ def _results(history: History, points: Floats | None) -> str:
     held = {name: force for name, force in forces.items() if np.linalg.norm(force) > 1e-9 * largest}
     if not held:
         return told
-    heads = ["boundary", *(f"{axis}\n{FORCE}" for axis in axes)]
+    heads = ["boundary", *(f"{axis}\n{in_units(FORCE, named)}" for axis in axes)]
     return (
         f"{told}<p>Reactions, forces on the body from supports, contact and friction. A node that boundaries share "
         "counts in each, and in <i>boundary</i>, all of them; those that are not named carry none.</p>"

@@ -36,6 +36,7 @@ from vemcvx.outline import coordinates
 from vemcvx.owned_files import Owned
 from vemcvx.plots import write_plots
 from vemcvx.plots.pictures import check_pictures, left_out
+from vemcvx.plots.style import Units, in_units
 from vemcvx.results.files import (
     ARCHIVE,
     SERIES,
@@ -118,7 +119,7 @@ class Run:
         """The history, written and drawn as asked for, and what there is to say of it."""
         if self.resume is not None and self.out is not None:
             raise ProblemError("--resume: a run goes on in the folder that holds it; leave --out away.")
-        folder = self.out or self.resume
+        folder, units = self.out or self.resume, problem.units
         drawings = folder or Path("results") / problem.name
         self._refuse_early(folder, drawings)
         usual = 64 if self.target is None else 8
@@ -136,7 +137,7 @@ class Run:
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target, shown)
             shown("extremes", 0, None)
-            extremes, start = list(_extremes(history)), time.perf_counter()
+            extremes, start = list(_extremes(history, units)), time.perf_counter()
             files = self._written(history, problem, folder, n, shown)
             written = {"write": time.perf_counter() - start} if folder else {}
             summary = replace(history, seconds={**history.seconds, **written}).summary()
@@ -144,7 +145,8 @@ class Run:
             if rows is not None:
                 rows.remove()
         if self.plot:
-            lines.append(f"pictures    {drawings}: {', '.join(path.name for path in write_plots(history, drawings))}")
+            written = write_plots(history, drawings, units=units)
+            lines.append(f"pictures    {drawings}: {', '.join(path.name for path in written)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
         if self.report:
             path = write_report(
@@ -351,11 +353,11 @@ def _made(run: Run) -> dict[str, Any]:
     return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history)}
 
 
-def _extremes(history: History) -> Iterator[str]:
+def _extremes(history: History, units: Units | None) -> Iterator[str]:
     """Largest displacement, stress, and so on over all stored steps, a line each."""
     for one in history.extremes:
-        where = f"at {coordinates(one.place)}, t = {one.time:.6g}"
-        yield f"{one.name:36s}{one.value:12.6g} {one.unit:14s} {where}"
+        where = f"at {coordinates(one.place)}, t = {one.time:.6g} {(units or {}).get('time', '')}".rstrip()
+        yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,11 @@
 """Pictures of a history: each a function that returns a matplotlib figure, or draws on axes that it is given."""
 
 from vemcvx.plots.body import deformed_body, deformed_mesh, stressed_body
-from vemcvx.plots.contact import contact_face, friction_disc, friction_traction, stick_slip_map, wear
-from vemcvx.plots.pictures import animate, energy_ledger, write_plots
+from vemcvx.plots.contact import along_contact, contact_face, friction_disc, friction_traction, stick_slip_map, wear
+from vemcvx.plots.pictures import animate, energy_ledger, hysteresis_loop, write_plots
 
 __all__ = [
+    "along_contact",
     "animate",
     "contact_face",
     "deformed_body",
@@ -12,6 +13,7 @@ __all__ = [
     "energy_ledger",
     "friction_disc",
     "friction_traction",
+    "hysteresis_loop",
     "stick_slip_map",
     "stressed_body",
     "wear",

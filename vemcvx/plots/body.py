@@ -12,11 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vemcvx.arrays import Floats, Ints, as_real_array, brief, choice
-from vemcvx.canvas import axes_or_new, bar_beside, draw_arrows, legend_below, show_image
+from vemcvx.canvas import (
+    HATCHING,
+    axes_or_new,
+    bar_beside,
+    blended,
+    draw_arrows,
+    draw_hatched,
+    legend_below,
+    show_image,
+)
 from vemcvx.errors import HistoryError, VemcvxError
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh, plane_mesh
 from vemcvx.meshes.polygons.topology import rows_in_order
-from vemcvx.plots.contact import contact_line
+from vemcvx.plots.contact import contact_line, pressures
 from vemcvx.plots.style import (
     COMPRESSION,
     OUTLINE,
@@ -38,32 +47,44 @@ from vemcvx.plots.style import (
     within,
 )
 from vemcvx.results.results import Results
-from vemcvx.vem import equivalent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-Stresses = dict[str, tuple[str, Callable[[Floats], Floats]]]
+Colours = tuple["str | Colormap", tuple[float, float]]
+Stress = tuple[str, Callable[[Results, int], Floats]]
 
 
-def _component(number: str, column: int) -> tuple[str, Callable[[Floats], Floats]]:
-    return rf"$\sigma_{{{number}}}$", lambda s: s[:, column]
+def _component(number: str, column: int) -> Stress:
+    return rf"$\sigma_{{{number}}}$", lambda history, step: history.stress(step)[:, column]
 
 
-STRESSES: Stresses = {
-    **{name: _component(number, k) for k, (name, number) in enumerate({"xx": "11", "yy": "22", "xy": "12"}.items())},
-    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda s: 0.5 * (s[:, 0] + s[:, 1])),
-    "shear": ("largest shear stress", lambda s: np.hypot(0.5 * (s[:, 0] - s[:, 1]), s[:, 2])),
+EQUIVALENT: dict[str, Stress] = {
+    "von_mises": ("von Mises stress", lambda history, step: history.von_mises(step)),
+    "max_principal": ("largest principal stress", lambda history, step: history.principal_stresses(step)[:, 0]),
+    "min_principal": ("smallest principal stress", lambda history, step: history.principal_stresses(step)[:, -1]),
+}
+IN_PLANE = {"xx": "11", "yy": "22", "xy": "12"}
+STRESSES: dict[str, Stress] = {
+    **{name: _component(number, k) for k, (name, number) in enumerate(IN_PLANE.items())},
+    "mean": (r"$(\sigma_{11}+\sigma_{22})/2$", lambda history, step: history.stress(step)[:, :2].mean(axis=1)),
+    "shear": ("largest shear stress", lambda history, step: -0.5 * np.diff(history.principal_stresses(step))[:, 0]),
+    **EQUIVALENT,
 }
 IN_SPACE = {"xx": "11", "yy": "22", "zz": "33", "xy": "12", "yz": "23", "xz": "13"}
-STRESSES_IN_SPACE: Stresses = {
-    "von_mises": ("von Mises stress", equivalent),
-    "mean": (r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$", lambda s: s[:, :3].mean(axis=1)),
+STRESSES_IN_SPACE: dict[str, Stress] = {
+    **EQUIVALENT,
+    "mean": (
+        r"$(\sigma_{11}+\sigma_{22}+\sigma_{33})/3$",
+        lambda history, step: history.stress(step)[:, :3].mean(axis=1),
+    ),
     **{name: _component(number, k) for k, (name, number) in enumerate(IN_SPACE.items())},
 }
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
+CLOSED, ARROWS = "bold or hatched: closed contact", "thick arrows stick, thin slip"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
@@ -97,7 +118,8 @@ def deformed_mesh(
     -------
     matplotlib Figure
         Cells are coloured by the mean of |u| at their vertices; the dashed line is the undeformed outline; arrows are
-        the friction forces per length on the body at contact nodes.
+        the friction forces per length on the body at contact nodes. Closed contact is bold, and hatched where bodies
+        are drawn apart or one in the other, as displacements so magnified do to what touches.
     """
     row, mesh = history.row(step), plane_mesh(history.mesh, "deformed_mesh", "deformed_body draws it")
     factor = common_magnification(history, _size(mesh.points), magnify)
@@ -110,11 +132,15 @@ def deformed_mesh(
     cells.set_array(means[row])
     cells.set(cmap=SIZE, clim=value_range(limits, (0.0, float(means.max()) or 1.0)))
     bar_beside(ax, cells).set_label(label("$|u|$", "length", units))
+    touching = _closed_contact(history, row, mesh.points + factor * history.displacement[row])
+    if touching:
+        draw_hatched(ax, touching)
+        ax.plot([], [], color=HATCHING, linewidth=3, label="closed contact (hatched)")
     ends = mesh.points[mesh.boundaries["boundary"]]
     outline = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
     ax.plot(*outline.T, color=OUTLINE, linewidth=0.8, linestyle="--", label="undeformed", zorder=2.5)
     title = f"{instant(history.times[row], units)}, displacements magnified {factor:g} times"
-    if len(history.contact.nodes):
+    if history.contact.bound.any():
         largest = label(f"{_friction_arrows(ax, history, row, factor):.3g}", "force per length", units)
         title += f"\narrows: friction on the body, at most {largest}"
     ax.update_datalim(extent(history, factor))
@@ -154,10 +180,10 @@ def _friction_arrows(ax: Axes, history: Results, row: int, factor: float) -> flo
     forces = contact.traction[row, shown] * (0.9 * spacing / sizes.max() if sizes.any() else 1.0)
     forces = np.concatenate([forces, -forces[joined]])
     sticks = contact.sticking[row, np.append(shown, shown[joined])]
-    for chosen, colour, word in ((sticks, STICK, "sticks"), (~sticks, SLIP, "slips")):
+    for chosen, colour, word, width in ((sticks, STICK, "sticks", 0.009), (~sticks, SLIP, "slips", 0.004)):
         if chosen.any():
-            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=0.006)
-        ax.plot([], [], color=colour, linewidth=3, label=word)
+            draw_arrows(ax, centres[chosen], forces[chosen], colour=colour, pivot="mid", width=width)
+        ax.plot([], [], color=colour, linewidth=500 * width, label=word)
     for corner in extent(history, factor):
         ax.update_datalim(corner + margin)
     return float(sizes[row])
@@ -185,11 +211,11 @@ def stressed_body(
     history : History
     step : int
         A stored step; negative ones count from the end.
-    stress : str
-        Which: one of `STRESSES`. Tension is red and compression blue.
+    stress : {"mean", "xx", "yy", "xy", "shear", "von_mises", "max_principal", "min_principal"}
+        Principal stresses are those in the plane. Tension is red and compression blue.
     forces : {"contact", "friction", "none"}
         Arrows of pressure and friction together, their heads on the body; of friction alone, beside it; or none. Blue
-        where contact sticks, orange where it slips, grey without friction.
+        and thick where contact sticks, orange and thin where it slips, grey without friction.
     window : ((x0, x1), (y0, y1)), optional
         Draw this part only, in units of length.
     stretch : float
@@ -206,7 +232,8 @@ def stressed_body(
     Returns
     -------
     Axes
-        Displacements are magnified, and forces (per length, on the body) at most, as the title says.
+        Displacements are magnified, and forces (per length, on the body) at most, as the title says. Where contact is
+        closed the boundary is bold; what displacements so magnified draw apart, or one in the other, is hatched.
 
     Raises
     ------
@@ -223,7 +250,7 @@ def stressed_body(
     line = float(np.clip(9.0 / np.sqrt(seen.sum()), 0.0, 0.5))
     mesh.plot(ax=ax, displacement=moved, linewidth=line, edgecolor="0.35")
     cells, (words, part) = ax.collections[0], STRESSES[stress]
-    values = [part(history.stress(int(n))) for n in history.stored]
+    values = [part(history, int(n)) for n in history.stored]
     colours, ends = colours_of([found[seen] for found in values], stress)
     cells.set_array(values[row])
     cells.set(cmap=colours, clim=value_range(limits, ends))
@@ -238,9 +265,16 @@ def stressed_body(
         }
         image.plot(ax=ax, array=cells.get_array(), **style)
     bar_beside(ax, cells).set_label(label(words, "force per area", units), fontsize="small")
+    touching = _closed_contact(history, row, mesh.points + moved)
+    if touching:
+        draw_hatched(ax, [outline * signs for outline in touching for signs in ((1, 1), *mirrors)])
     largest = _contact_arrows(ax, history, row, mesh.points + moved, (forces, size, window, stretch))
-    told = f", {'forces of contact' if forces == 'contact' else forces} at most {largest:.3g}" if largest else ""
-    title = f"{instant(history.times[row], units)}, displacements × {factor:g}{told}"
+    title = f"{instant(history.times[row], units)}, displacements × {factor:g}"
+    if largest:
+        most = f"{largest:.3g} {unit(units, 'force per length') if units else ''}".rstrip()
+        title += f", {'forces of contact' if forces == 'contact' else forces} at most {most}"
+    told = [CLOSED] * bool(touching) + [ARROWS] * (largest > 0.0 and bool(history.contact.bound.any()))
+    title += "\n" * bool(told) + "; ".join(told)
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
     if window is None:
@@ -250,7 +284,7 @@ def stressed_body(
     return ax
 
 
-def colours_of(stresses: Sequence[Floats], name: str) -> tuple[str, tuple[float, float]]:
+def colours_of(stresses: Sequence[Floats], name: str) -> Colours:
     """Return a colour map for the stresses of all steps and its ends: of both signs about zero, or of one.
 
     The corner of a clamp has no largest stress, so colours end where all but one cell in a hundred are. Stresses whose
@@ -265,7 +299,23 @@ def colours_of(stresses: Sequence[Floats], name: str) -> tuple[str, tuple[float,
         return SIZE, (0.0, top)
     if low > -0.1 * top:
         return TENSION, (0.0, top)
-    return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (SIGNED, (-top, top))
+    return (COMPRESSION, (-top, 0.0)) if high < 0.1 * top else (blended(SIGNED), (-top, top))
+
+
+def _closed_contact(history: Results, row: int, places: Floats) -> list[Floats]:
+    """Outlines (k, 2) of what is between bodies drawn at `places` where contact is closed; flat where they touch there.
+
+    Gaps and interferences are no part of the mesh, and bodies turn and slip: what presses is drawn apart, or one in the
+    other, by as much as displacements are magnified.
+    """
+    contact = history.contact
+    if not contact.closed[row].any():
+        return []
+    line = contact_line(history, "stressed_body")
+    nodes, partners, closed = contact.nodes[line.order], contact.partners[line.order], contact.closed[row, line.order]
+    near, far = places[nodes], places[np.where(partners < 0, nodes, partners)]
+    parts = np.split(np.arange(len(nodes)), np.union1d(line.gaps, 1 + np.flatnonzero(closed[1:] != closed[:-1])))
+    return [np.concatenate([near[part], far[part[::-1]]]) for part in parts if closed[part[0]]]
 
 
 def _contact_arrows(
@@ -275,7 +325,7 @@ def _contact_arrows(
     contact, (kind, size, window, stretch) = history.contact, how
     together = kind == "contact"
     seen = np.flatnonzero(within(contact.points, window))
-    every = contact.traction - together * contact.pressure[:, :, None] * contact.normals
+    every = contact.traction - together * pressures(contact)[:, :, None] * contact.normals
     sizes = np.linalg.norm(every[:, seen], axis=2)
     largest = float(sizes[row].max(initial=0.0))
     if largest == 0.0 or kind == "none":
@@ -289,9 +339,11 @@ def _contact_arrows(
         heads = heads + 0.03 * size * contact.normals[shown] / [1.0, stretch]
     # One length of arrows for all steps: the largest of them is as long as may be.
     arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
-    colours = np.where(contact.sticking[row, shown], STICK, SLIP) if contact.bound.any() else PUSH
-    drawn = draw_arrows(ax, heads, arrows, colour=colours, pivot="tip" if together else "mid", width=0.0055)
-    drawn.set_in_layout(False)
+    sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
+    for chosen, colour, width in ((sticks, STICK, 0.008), (~sticks, SLIP if rubs else PUSH, 0.004)):
+        colour, width = (colour, width) if rubs else (PUSH, 0.0055)
+        pivot = "tip" if together else "mid"
+        draw_arrows(ax, heads[chosen], arrows[chosen], colour=colour, pivot=pivot, width=width).set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest
 
@@ -314,8 +366,8 @@ def deformed_body(
     Parameters
     ----------
     history, step, ax, units : as of `friction_traction`
-    stress : str
-        Which: one of `STRESSES_IN_SPACE`. Tension is red and compression blue.
+    stress : {"von_mises", "max_principal", "min_principal", "mean", "xx", "yy", "zz", "xy", "yz", "xz"}
+        Tension is red and compression blue.
     view : (3,) vector
         From where the body is looked at, with x_3 upwards.
     magnify : float, optional
@@ -336,7 +388,7 @@ def deformed_body(
     words, part = STRESSES_IN_SPACE[choice(stress, "deformed_body", "stress", list(STRESSES_IN_SPACE), HistoryError)]
     faces = mesh.boundaries["boundary"]
     factor = common_magnification(history, _size(mesh.points), magnify)
-    stresses = [part(history.stress(int(n)))[mesh.face_cells[faces, 0]] for n in history.stored]
+    stresses = [part(history, int(n))[mesh.face_cells[faces, 0]] for n in history.stored]
     colours, ends = colours_of(stresses, stress)
     scale = value_range(limits, ends)
     points = mesh.points + factor * history.displacement[row]
@@ -368,7 +420,7 @@ def has_pyvista() -> bool:
 def _rendered(
     surface: tuple[Floats, Ints, Ints],
     values: Floats,
-    colours: tuple[str, tuple[float, float]],
+    colours: Colours,
     frame: Floats,
     towards: Floats,
 ) -> NDArray[np.uint8]:

@@ -33,7 +33,9 @@ from vemcvx.plots.style import (
     BACKWARD,
     EARLY_TO_LATE,
     FORWARD,
+    MARKERS,
     OPEN_AREA,
+    PUSH,
     SIZE,
     SLIP,
     SLIP_AREA,
@@ -203,9 +205,10 @@ def friction_traction(
     sticks, slips = touches & still, touches & ~still
     kinds = (sticks, STICK, "o", "stick"), (slips, SLIP, "s", "slip")
     ax = axes_or_new(ax, 6.4, 3.6)
-    for chosen, colour, _, _ in kinds:
+    for chosen, colour, _, word in kinds:
         for start, stop in line.spans(chosen):
-            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0)
+            # Hatched, for print in grey.
+            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if word == "slip" else None)
     # Bounds of slip forward, with the body on the left, and backward: what that is along the line, tangents say.
     onward = line.along(np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])) > 0
     forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
@@ -286,6 +289,64 @@ def directions(history: Results, line: ContactLine) -> Floats:
     return np.where(idle(history)[:, line.order], np.nan, way)[history.stored > 0]
 
 
+def pressures(contact: Contact) -> Floats:
+    """(S, m) the contact pressure that all pictures show."""
+    return contact.pressure
+
+
+PROFILES: dict[str, tuple[str, str, str, Callable[[Contact, ContactLine], Floats]]] = {
+    "pressure": (
+        "force per length",
+        "contact pressure\n",
+        "Pressure along the contact boundary",
+        lambda contact, line: pressures(contact)[:, line.order],
+    ),
+    "slip": (
+        "length",
+        "slip towards larger {}\n",
+        "Slip along the contact boundary since the initial instant",
+        lambda contact, line: line.along(contact.slip),
+    ),
+    "wear": (
+        "energy per length",
+        "friction work\n",
+        "Wear of the contact boundary, in proportion to friction work",
+        lambda contact, line: contact.wear[:, line.order],
+    ),
+}
+"""Quantities along the contact boundary: unit, label, title, and values (S, m) in the order of the line."""
+
+
+def along_contact(
+    history: Results,
+    show: str = "pressure",
+    steps: Sequence[int] | None = None,
+    *,
+    ax: Axes | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
+    """Draw the contact pressure, the slip or the wear along the contact boundary at some steps.
+
+    Parameters
+    ----------
+    history, ax, units : as of `friction_traction`
+    show : {"pressure", "slip", "wear"}
+        Pressure and slip at these instants, or the friction work per length until then.
+    steps : sequence of int, optional
+        Stored steps, at most four; by default as many, evenly apart, the last among them.
+    limits : (low, high), optional
+        Ends of the axis of values; by default from 0, or less, to a little more than the largest of all steps.
+
+    Raises
+    ------
+    HistoryError
+        The history has no contact, or no step; or too many steps are asked for, or what there is no picture of.
+    """
+    choice(show, "along_contact", "show", list(PROFILES), HistoryError)
+    return _profile(history, ("along_contact", show), steps, (ax, limits, units))
+
+
 def wear(
     history: Results,
     steps: Sequence[int] | None = None,
@@ -296,35 +357,43 @@ def wear(
 ) -> Figure:
     """Draw the friction work per length of the contact boundary that was done until some steps.
 
-    The depth worn off is in proportion to it (Archard 1953).
+    The depth worn off is in proportion to it (Archard 1953). This is `along_contact` with ``show="wear"``.
 
     Parameters
     ----------
-    history, ax, units : as of `friction_traction`
-    steps : sequence of int, optional
-        Stored steps, at most four; by default as many, evenly apart, the last among them.
-    limits : (low, high), optional
-        Ends of the axis of wear; by default from 0 to a little more than the largest of all steps.
+    history, steps, ax, limits, units : as of `along_contact`
 
     Raises
     ------
     HistoryError
         The history has no contact, or no step; or too many steps are asked for.
     """
-    line, later, most = contact_line(history, "wear"), _later(history, "wear"), len(EARLY_TO_LATE)
+    return _profile(history, ("wear", "wear"), steps, (ax, limits, units))
+
+
+def _profile(
+    history: Results,
+    named_so: tuple[str, str],
+    steps: Sequence[int] | None,
+    how: tuple[Axes | None, ArrayLike | None, Units | None],
+) -> Figure:
+    """Draw one of `PROFILES` for the picture of that name."""
+    (picture, show), (ax, limits, units) = named_so, how
+    line, later, most = contact_line(history, picture), _later(history, picture), len(EARLY_TO_LATE)
     evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
     rows = [history.row(step) for step in (evenly.tolist() if steps is None else steps)]
     if not 0 < len(rows) <= most:
-        raise HistoryError(f"wear: found {len(rows)} steps; it draws 1 to {most} of them.")
-    ax = axes_or_new(ax, 6.4, 3.6)
-    for row, colour in zip(rows, EARLY_TO_LATE[-len(rows) :], strict=True):
-        worn = line.broken(history.contact.wear[row, line.order])
-        ax.plot(*worn, ".-", color=colour, linewidth=1.4, markersize=4, label=instant(history.times[row], units))
-    top = 1.05 * float(history.contact.wear.max()) or 1.0
+        raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
+    quantity, words, title, found = PROFILES[show]
+    values, ax = found(history.contact, line), axes_or_new(ax, 6.4, 3.6)
+    every = max(1, len(line.order) // 30)
+    for row, colour, mark in zip(rows, EARLY_TO_LATE[-len(rows) :], MARKERS, strict=False):
+        (drawn,) = ax.plot(*line.broken(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
+        drawn.set(label=instant(history.times[row], units), markevery=every)
+    low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
     light_grid(ax)
-    words = label("friction work\n", "energy per length", units)
-    title = "Wear of the contact boundary, in proportion to friction work"
-    return line.framed(ax, words, title, units, value_range(limits, (0.0, top)))
+    ends = value_range(limits, (1.05 * low, 1.05 * high if high > low else 1.0))
+    return line.framed(ax, label(words.format(line.symbol), quantity, units), title, units, ends)
 
 
 @dataclass(frozen=True)
@@ -410,7 +479,7 @@ def _parts(contact: Contact, mesh: PolyhedralMesh) -> tuple[Floats, Ints]:
 
 AREAS = {"sticks": STICK_AREA, "slips": SLIP_AREA, "is open": OPEN_AREA}
 FIELDS: dict[str, tuple[str, str, Callable[[Contact], Floats]]] = {
-    "pressure": ("force per area", "contact pressure", lambda contact: contact.pressure),
+    "pressure": ("force per area", "contact pressure", pressures),
     "friction": ("force per area", "friction", lambda contact: np.linalg.norm(contact.traction, axis=2)),
     "wear": ("energy per area", "friction work", lambda contact: contact.wear),
 }
@@ -488,7 +557,7 @@ def _slip_arrows(ax: Axes, places: Floats, moved: Floats, size: float) -> float:
         # One in each square of a grid of 14, so that what is left out is left out evenly.
         _, kept = np.unique(np.floor((places - places.min(axis=0)) * 14 / size + 0.5), axis=0, return_index=True)
         arrows = moved[kept] * 0.085 * size / largest
-        draw_arrows(ax, places[kept], arrows, colour=SLIP, pivot="mid", width=0.005).set_in_layout(False)
+        draw_arrows(ax, places[kept], arrows, colour=PUSH, pivot="mid", width=0.005).set_in_layout(False)
     return largest
 
 

@@ -1,4 +1,4 @@
-"""Energies in time, and all pictures of a history as files or frames of a film.
+"""Energies and reactions over a run, and all pictures of a history as files or frames of a film.
 
     work - (stored - stored at the start) - dissipated = numerical dissipation = sum over steps of 1/2 a(du, du) >= 0
 
@@ -15,15 +15,40 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vemcvx.arrays import brief, choice, number
-from vemcvx.canvas import figure_of, film_writer, light_grid, new_figure
+from vemcvx.arrays import Floats, brief, choice, number
+from vemcvx.canvas import axes_or_new, figure_of, film_writer, legend_below, light_grid, new_figure
+from vemcvx.effects import PrescribedDisplacement
 from vemcvx.errors import HistoryError
 from vemcvx.meshes import PolyhedralMesh
 from vemcvx.owned_files import path_of
-from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page
-from vemcvx.plots.contact import contact_face, friction_disc, friction_traction, hidden, seen, stick_slip_map, wear
-from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, label, unit, value_range
+from vemcvx.plots.body import MISSING, deformed_body, deformed_mesh, has_pyvista, size_of_page, stressed_body
+from vemcvx.plots.contact import (
+    along_contact,
+    contact_face,
+    friction_disc,
+    friction_traction,
+    hidden,
+    pressures,
+    seen,
+    stick_slip_map,
+    wear,
+)
+from vemcvx.plots.style import (
+    COMPUTED,
+    DISSIPATED,
+    EXACT,
+    NUMERICAL,
+    STORED,
+    WORK,
+    Units,
+    instant,
+    label,
+    named,
+    unit,
+    value_range,
+)
 from vemcvx.results.results import Results
+from vemcvx.vem import Space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,6 +119,92 @@ def _certificates(ax: Axes, history: Results) -> None:
         ax.plot(run.times[shown], values[shown], style, color=colour, markersize=2.5, linewidth=1.4, label=words)
 
 
+def hysteresis_loop(
+    history: Results,
+    on: str | None = None,
+    *,
+    ax: Axes | None = None,
+    limits: ArrayLike | None = None,
+    units: Units | None = None,
+) -> Figure:
+    """Draw the reaction of a boundary against its mean motion, along the axis on which its way to and fro is longest.
+
+    The loop of a cycle encloses the work that it takes, if all nodes of the boundary move alike.
+
+    Parameters
+    ----------
+    history, ax, units : as of `friction_traction`
+    on : str, optional
+        The boundary; by default that of the prescribed displacements which has the longest way.
+    limits : (low, high), optional
+        Ends of the axis of forces.
+
+    Raises
+    ------
+    HistoryError
+        No boundary is named, and no prescribed displacement moves one in the history's scene, which files do not keep.
+    SceneError
+        The mesh has no boundary of that name.
+    """
+    ways = {on: _motion(history, on)} if on is not None else _driven(history)
+    if not ways:
+        names = ", ".join(map(repr, history.mesh.boundaries))
+        raise HistoryError(
+            f"hysteresis_loop: nothing in this history says what moves; name a boundary, on=, of {names}."
+        )
+    name, motion = max(ways.items(), key=lambda way: float(_lengths(way[1]).max()))
+    axis = int(np.argmax(_lengths(motion)))
+    u, force = motion[:, axis], history.reaction(name)[:, axis]
+    ax = axes_or_new(ax, 6.0, 4.4)
+    ax.plot(u, force, ".-", color=COMPUTED, linewidth=1.4, markersize=4)
+    for row, mark, word in ((0, "o", "begins"), (-1, "s", "ends")):
+        when = f"{word}, {instant(history.times[row], units)}"
+        ax.plot(u[row], force[row], mark, color=EXACT, fillstyle="none", markersize=8, label=when)
+    light_grid(ax)
+    if limits is not None:
+        ax.set_ylim(value_range(limits, ()))
+    legend_below(ax)
+    thickness = ", per thickness" if _plane(history) else ""
+    x, y = label(f"mean motion of {name} along $x_{axis + 1}$", "length", units), label("reaction", "force", units)
+    return named(ax, x, f"{y}{thickness}", f"Reaction of {name} along $x_{axis + 1}$ against its motion")
+
+
+def _motion(history: Results, name: str) -> Floats:
+    """The mean displacement (S, dim) of a boundary."""
+    part = Space(history.mesh).part(name, "hysteresis_loop", contact=True)
+    mean: Floats = np.einsum("smd,m->sd", history.displacement[:, part.nodes], part.node_lengths / part.measures.sum())
+    return mean
+
+
+def _lengths(motion: Floats) -> Floats:
+    """The way (dim,) to and fro along each axis."""
+    return np.asarray(np.abs(np.diff(motion, axis=0)).sum(axis=0))
+
+
+def _driven(history: Results) -> dict[str, Floats]:
+    """The mean motions of the boundaries that a prescribed displacement moves, by name."""
+    moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
+    names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
+    rounding = 1e-9 * float(np.abs(history.displacement).max())
+    return {name: way for name in names if _lengths(way := _motion(history, name)).max() > rounding}
+
+
+def _stressed_page(history: Results, units: Units | None = None) -> Figure:
+    """Von Mises' stress on the deformed body, or the largest shear stress where the material does not say it."""
+    figure = new_figure(*size_of_page(history))
+    stress = "von_mises" if history.out_of_plane is not None else "shear"
+    stressed_body(figure.add_subplot(), history, stress=stress, units=units)
+    return figure
+
+
+def _pressed_page(history: Results, units: Units | None = None) -> Figure:
+    return along_contact(history, "pressure", units=units)
+
+
+def _slipped_page(history: Results, units: Units | None = None) -> Figure:
+    return along_contact(history, "slip", units=units)
+
+
 def _plane(history: Results) -> bool:
     return not isinstance(history.mesh, PolyhedralMesh)
 
@@ -110,17 +221,25 @@ def _face(history: Results) -> bool:
     return not _plane(history) and _touches(history) and seen(history.contact)
 
 
-PICTURES: dict[str, tuple[Callable[[Results], Figure], Callable[[Results], bool]]] = {
+def _along(history: Results) -> bool:
+    return _plane(history) and _touches(history) and _moves(history)
+
+
+PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
     "deformed_mesh": (deformed_mesh, _plane),
+    "stressed_body": (_stressed_page, _plane),
+    "contact_pressure": (_pressed_page, lambda h: _along(h) and bool(pressures(h.contact).any())),
+    "contact_slip": (_slipped_page, lambda h: _along(h) and bool(h.contact.slip.any())),
     "friction_traction": (friction_traction, lambda h: _plane(h) and _touches(h)),
-    "stick_slip_map": (stick_slip_map, lambda h: _plane(h) and _touches(h) and _moves(h)),
+    "stick_slip_map": (stick_slip_map, _along),
     "wear": (wear, lambda h: _plane(h) and _moves(h) and bool(h.contact.wear.any())),
     "deformed_body": (deformed_body, lambda h: not _plane(h) and has_pyvista()),
     "contact_face": (contact_face, _face),
     "friction_disc": (friction_disc, lambda h: _face(h) and bool((h.contact.bound[-1] > 0).any())),
+    "hysteresis_loop": (hysteresis_loop, lambda h: _moves(h) and bool(_driven(h))),
     "energy_ledger": (energy_ledger, _moves),
 }
-"""By the names of their files: what draws them, and whether a history has something to show for it."""
+"""By the names of their files: what draws them in given units, and whether a history has something to show for it."""
 MARKS = {
     ".png": ({"Software": "vemcvx"}, b"Software\0vemcvx"),
     ".svg": ({"Creator": "vemcvx"}, b"<dc:title>vemcvx</dc:title>"),
@@ -138,7 +257,9 @@ def left_out(history: Results) -> dict[str, str]:
     return ({} if has_pyvista() else {"deformed_body": MISSING}) | faces
 
 
-def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> list[Path]:
+def write_plots(
+    history: Results, folder: str | Path, suffix: str = ".png", *, units: Units | None = None
+) -> list[Path]:
     """Write the pictures that a history has something to show for; without contact or steps there are fewer.
 
     Parameters
@@ -148,6 +269,8 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
         Made if need be.
     suffix : {".png", ".svg", ".pdf"}
         The kind of file.
+    units : mapping of str to str, optional
+        Names of units: see :mod:`vemcvx.plots.style`.
 
     Returns
     -------
@@ -164,7 +287,7 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
     folder = path_of(folder, "write_plots")
     suffix = choice(suffix, "write_plots", "suffix", list(MARKS), HistoryError)
     check_pictures(folder, suffix)
-    drawn = draw_pictures(history)
+    drawn = draw_pictures(history, units)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name in PICTURES:
@@ -176,9 +299,9 @@ def write_plots(history: Results, folder: str | Path, suffix: str = ".png") -> l
     return [folder / f"{name}{suffix}" for name in drawn]
 
 
-def draw_pictures(history: Results) -> dict[str, Figure]:
+def draw_pictures(history: Results, units: Units | None) -> dict[str, Figure]:
     """The pictures that a history has something to show for, by name."""
-    return {name: draw(history) for name, (draw, shows) in PICTURES.items() if shows(history)}
+    return {name: draw(history, units=units) for name, (draw, shows) in PICTURES.items() if shows(history)}
 
 
 def check_pictures(folder: Path, suffix: str = ".png") -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STICK, SLIP = "#0072B2", "#D55E00"
 STICK_AREA, FORWARD, BACKWARD = "#B3D7EE", "#D55E00", "#3B1C6B"
 """Areas: light, middle, dark; slip towards larger and towards smaller positions."""
-SLIP_AREA, OPEN_AREA = "#F6CDB0", "#EDEDED"
+SLIP_AREA, OPEN_AREA = "#E59866", "#F7F7F7"
 WORK, STORED, DISSIPATED, NUMERICAL = "#000000", "#0072B2", "#D55E00", "#009E73"
 OUTLINE, PUSH = "0.45", "0.2"
 COMPUTED, EXACT = "#0072B2", "#000000"
@@ -36,29 +36,42 @@ SECOND, THIRD = "#D55E00", "#009E73"
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3B1C6B", "#000000")
 MARKERS = "osD^vPX*"
 """Many series: colours, and marks for print without them."""
-SIGNED, TENSION, COMPRESSION, SIZE = "RdBu_r", "Reds", "Blues_r", "viridis"
-"""Colour maps: tension red and compression blue, both or one; and of what has no sign."""
-EARLY_TO_LATE = ("#D8D8D8", "#9FC9E2", "#0072B2", "#3B1C6B")
+TENSION, COMPRESSION, SIZE = "Reds", "Blues_r", "viridis"
+SIGNED = ("#C8EEFF", "#52B5F2", "#8F8F94", "#C0392B", "#5A0012")
+"""Colour maps: tension red and compression blue, one or both; and of what has no sign. From the largest compression to
+the largest tension it gets darker, so that in grey print, too, no stress looks like its opposite."""
+EARLY_TO_LATE = ("#BDBDBD", "#9FC9E2", "#0072B2", "#3B1C6B")
 """Curves of ever later instants: ever darker."""
 
 Units = Mapping[str, str]
 Window = tuple[tuple[float, float], tuple[float, float]]
 DERIVED = {
     "force per length": "{force}/{length}",
-    "force per area": "{force}/{length}$^2$",
+    "force per area": "{force}/{length}²",
     "energy": "{force} {length}",
     "energy per length": "{force} {length}/{length}",
-    "energy per area": "{force} {length}/{length}$^2$",
+    "energy per area": "{force} {length}/{length}²",
 }
+THICKNESS = {"force per length": "force per area", "energy per length": "energy per area"}
+"""What is per length of a contact boundary in the plane is per unit of thickness, too."""
+WORDS = {"force/length": "force per length", "force/length²": "force per area", "force × length": "energy"}
+"""Quantities by the products of units that tables have for them."""
 QUANTITIES = ("length", "force", "time", *DERIVED)
 
 
 def unit(units: Units | None, quantity: str) -> str:
     """Return the name of the unit of a quantity: as given, made of force and length, or the quantity itself."""
     given = checked_units(units)
+    if quantity not in given and THICKNESS.get(quantity) in given:
+        quantity = THICKNESS[quantity]
     if quantity not in given and quantity in DERIVED and {"force", "length"} <= set(given):
         return DERIVED[quantity].format(**given)
     return given.get(quantity, quantity)
+
+
+def in_units(product: str, units: Units | None) -> str:
+    """Return the unit of a table, such as "force/length²", by the names that are given; without any as it is."""
+    return unit(units, WORDS.get(product, product)) if units else product
 
 
 def label(words: str, quantity: str, units: Units | None) -> str:
@@ -71,16 +84,16 @@ def instant(t: float, units: Units | None) -> str:
     return f"t = {t:.4g} {checked_units(units).get('time', '')}".rstrip()
 
 
-def checked_units(units: Units | None) -> Units:
+def checked_units(units: Units | None, subject: str = "units") -> Units:
     """Return units as given, none for None; HistoryError if they are no mapping from known quantities to words."""
     if units is None:
         return {}
     known = ", ".join(map(repr, QUANTITIES))
     if not isinstance(units, Mapping):
-        raise HistoryError(f"units: found {brief(units)}; wanted a mapping such as {{'length': 'mm'}} of {known}.")
+        raise HistoryError(f"{subject}: found {brief(units)}; wanted a mapping such as {{'length': 'mm'}} of {known}.")
     for name, word in units.items():
         if name not in QUANTITIES or not isinstance(word, str):
-            raise HistoryError(f"units: found {brief(name)}: {brief(word)}; wanted words for {known}.")
+            raise HistoryError(f"{subject}: found {brief(name)}: {brief(word)}; wanted words for {known}.")
     return units
 
 

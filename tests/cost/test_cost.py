@@ -156,6 +156,28 @@ def test_who_says_n_gets_these_meshes_and_no_finer_ones(tmp_path, monkeypatch):
     assert "for 50 %: use squares n = " in done.output
 
 
+def test_errors_may_be_those_of_friction_work(tmp_path, monkeypatch):
+    stay_at_home(monkeypatch)
+    asked = ("--mesh", "squares", "--n", "3,6", "--steps", "2", "--solver", "newton", "--workers", "1")
+    done = cost(PROBLEM, *asked, "--target", ".2", "--of", "dissipated", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    told, found = json.loads((tmp_path / "reference.json").read_text()), rows(tmp_path)
+    assert told["of"] == "dissipated"
+    assert told["estimated"] <= told["goal"] == 0.05
+    assert f"errors      of the energy that friction dissipates at the end, {told['value']:.6g} by the" in done.output
+    assert sorted((row["n"], row["target"]) for row in found) == [("3", ""), ("3", "0.2"), ("6", "")]
+    for row in found:
+        value = float(row["value"])
+        assert float(row["error"]) == pytest.approx(abs(value - told["value"]) / told["value"])
+        if not row["target"]:
+            run = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(int(row["n"])), feng_han_huang.times(2))
+            assert value == pytest.approx(run.dissipated_second_order[-1])
+            assert float(row["estimated"]) == pytest.approx(vx.quantities(run)["dissipated"].relative)
+        else:
+            assert float(row["error"]) <= 0.2
+    assert "--of: found 'heat'; errors are of energy" in cost(PROBLEM, "--of", "heat").output
+
+
 def test_a_finer_reference_moves_errors_by_no_more_than_its_own(tmp_path):
     recipe, instants, found = Recipe(), np.array([0.5, 1.0]), []
     ran = run_point(recipe, UNIFORM, instants)

@@ -15,15 +15,15 @@ import typer
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
-from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
+from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName
 from vemcvx.cli.problem_file import Problem, is_file, read_problem
-from vemcvx.cli.report import check_report, write_report
+from vemcvx.cli.report import check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.cli.supplied import problems_folder
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.errors import ProblemError
-from vemcvx.estimate.adapt import adapt
+from vemcvx.estimate.adapt import OF, adapt
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
@@ -78,8 +78,9 @@ class Run:
     ] = None
     linear: Linear = None
     target: Annotated[
-        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
+        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error: 0.02.")
     ] = None
+    of: Of = "energy"
     probes: Annotated[
         list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
     ] = NONE
@@ -104,6 +105,7 @@ class Run:
                 history, told = self.simulated(problem, mesh, steps, store, rows)
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target)
+            history, left = with_errors(history) if self.report else (history, "")
             lines = [f"{problem.name}: {problem.title}", *told, history.summary(), *_extremes(history)]
             lines += self._written(history, problem, folder, n)
             if rows is not None:
@@ -120,6 +122,7 @@ class Run:
                 mesh=mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None),
                 points=self.points,
                 command=self._command(problem, n, steps, folder),
+                why=left,
             )
             lines.append(f"report      {path}")
         say("\n".join(lines))
@@ -166,11 +169,16 @@ class Run:
         if self.resume or self.store != "all" or self.linear is not None or not self.condense:
             raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
         solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
-        found = adapt(problem.scene(self.settings), mesh, times, target, solver=solver, initial=problem.initial)
+        scene, begin = problem.scene(self.settings), problem.initial
+        found = adapt(scene, mesh, times, target, of=self.of, solver=solver, initial=begin)
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:
         """Refuse a run that could not be resumed, written or drawn before it begins."""
+        if self.of not in OF:
+            raise ProblemError(f"--of: found {self.of!r}; a target is of {', '.join(OF)}.")
+        if self.of != "energy" and self.target is None:
+            raise ProblemError(f"--of: {self.of} goes with --target X, the relative error that mesh and steps are for.")
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.points is not None and folder is None and not self.report:
@@ -209,6 +217,7 @@ class Run:
             ("--accuracy", self.accuracy),
             ("--linear", self.linear),
             ("--target", self.target),
+            ("--of", None if self.of == "energy" else self.of),
             ("--out", folder),
             ("--store", None if self.store == "all" else self.store),
         ]

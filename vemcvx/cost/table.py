@@ -30,15 +30,17 @@ class Row:
     Attributes
     ----------
     family, n : meshes, and cells across the shortest side (of an adaptive run to begin with)
-    target : relative energy error that an adaptive run aims at; None for uniform ones
+    of : the quantity that errors and targets are of: "energy" (the energy norm), "dissipated", "work" or "wear"
+    target : relative error that an adaptive run aims at; None for uniform ones
     solver, accuracy : and the certified relative energy error of a step that is asked of it
     steps : steps of backward Euler, made
     status : done, refused or crashed
     key : identifies the point, the problem and the reference
     cells, unknowns : of the (last) mesh
     error : true error: the largest over the instants looked at, in the energy norm, against the reference, relative to
-        its largest energy norm; `error_end` is that at the last instant
-    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time
+        its largest energy norm; `error_end` is that at the last instant. Of another quantity both are its relative
+        error at the end, and `value` is what the run has
+    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time; or vemcvx.quantities
     certificate : certified relative energy error of the steps, added up
     seconds : what the answer costs: assemble + prepare + solve + adapt
     assemble, prepare, solve : as in history.seconds (of an adaptive run: of its last pass)
@@ -76,6 +78,8 @@ class Row:
     wall: float | None = None
     at: float | None = None
     message: str = ""
+    of: str = "energy"
+    value: float | None = None
 
     @property
     def done(self) -> bool:
@@ -229,8 +233,10 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 
 
-def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "") -> Figure:
-    """Draw true errors against seconds and against unknowns, of rows of which some has an answer.
+def picture(
+    rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "", of: str = "the energy norm"
+) -> Figure:
+    """Draw true errors of a quantity against seconds and against unknowns, of rows of which some has an answer.
 
     Lines mark the errors of `levels`, and a band those below the estimated error of the reference, `resolved`.
     """
@@ -262,7 +268,7 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
         light_grid(ax)
     low = min([*errors, *([] if resolved is None else [100 * resolved])])
-    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel="true error in the energy norm, %")
+    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel=f"true error of {of}, %")
     plain_logarithms(axes[0].yaxis)
     if resolved is not None:
         own_error = 0.02, 93 * resolved

@@ -15,6 +15,7 @@ from vemcvx.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, s
 from vemcvx.errors import HistoryError, SceneError, SceneWarning
 from vemcvx.meshes import AnyMesh
 from vemcvx.program import SolvedProgram
+from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
@@ -25,37 +26,6 @@ from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 """By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
-
-
-@dataclass(frozen=True)
-class Extreme:
-    """An extreme value of a field over all stored steps.
-
-    Attributes
-    ----------
-    key : str
-        "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction" or
-        "pressure".
-    name : str
-        The same in words, such as "largest von Mises stress".
-    value : float
-    unit : str
-        In words, such as "force/length²".
-    place : (dim,)
-        The node, or the centroid of the cell, where it was reached first.
-    time : float
-        The instant.
-    step : int
-        The step that ends there.
-    """
-
-    key: str
-    name: str
-    value: float
-    unit: str
-    place: Floats
-    time: float
-    step: int
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -78,6 +48,9 @@ class Results:
     errors: dict[str, float] | None = None
     dragged_ends: Annotated[Ints | None, "dragged 2", ""] = None
     dragged_friction: Annotated[Floats | None, "S dragged dim", "force"] = None
+    quantities: dict[str, quoted.Quantity] | None = None
+    dissipated_error: Annotated[Floats | None, "N", "energy"] = None
+    work_error: Annotated[Floats | None, "N", "energy"] = None
 
     @property
     def steps(self) -> int:
@@ -295,14 +268,14 @@ class Results:
         return fields | {"out_of_plane_stress": across, "von_mises": equivalent(stress, across)}
 
     @cached_property
-    def extremes(self) -> tuple[Extreme, ...]:
+    def extremes(self) -> tuple[quoted.Extreme, ...]:
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, where and when.
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure those of contact nodes. Signs are kept: the smallest principal stress is the largest compression.
         Found once, when first asked for.
         """
-        found: dict[str, Extreme] = {}
+        found: dict[str, quoted.Extreme] = {}
         # Squares beyond the largest number are infinite, as are the extremes then.
         with np.errstate(over="ignore", invalid="ignore"):
             for row, step in enumerate(self.stored.tolist()):
@@ -311,7 +284,7 @@ class Results:
                     k = int(np.argmax(sign * values))
                     if key not in found or sign * values[k] > sign * found[key].value:
                         at = {"place": points[k], "time": float(self.times[row]), "step": step}
-                        found[key] = Extreme(key, name, float(values[k]), unit, **at)
+                        found[key] = quoted.Extreme(key, name, float(values[k]), unit, **at)
         return tuple(found.values())
 
     def row(self, step: int) -> int:

@@ -70,6 +70,10 @@ class History(Results, Outlined):
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target",
         if an energy error was asked for.
+    sides : Sides or None
+        The conditions on the boundary, by which `extremes` knows corners; None in space.
+    growth : dict of str to str, or None
+        Extremes that grew from mesh to mesh of an adaptive run by a factor that does not fall, and how, by their keys.
     quantities : dict of str to Quantity, or None
         "dissipated", "work" and "wear" with their estimated errors, where these were asked for: see
         :func:`vemcvx.quantities`.

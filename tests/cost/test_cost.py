@@ -26,7 +26,7 @@ from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference, run_point
 from vemcvx.cost.settings import Grid, common_instants
 from vemcvx.cost.sweeping import finished_row
-from vemcvx.cost.table import append, read_journal, table
+from vemcvx.cost.table import append, read_journal, table, without_limit
 from vemcvx.cost.workers import alone
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.files import peak_memory_mb, read_archive
@@ -289,6 +289,18 @@ def test_the_front_is_what_nothing_beats():
         elif k not in kept:
             cheaper = errors[costs < costs[k]].min()
             assert errors[k] > 0.99 * cheaper
+
+
+def test_extremes_without_a_limit_are_told():
+    def row(n, peak):
+        return Row("squares", n, None, "newton", 1e-8, 8, "done", str(n), von_mises=peak, pressure=2.0 - 1.0 / n)
+
+    rows = [row(n, n**0.3) for n in (16, 4, 8)]
+    assert without_limit(rows) == [
+        "the largest von Mises stress grew from mesh to mesh by a factor that does not fall: 1.52, 1.87, 2.3 "
+        "(squares, n = 4, 8, 16)"
+    ]
+    assert without_limit(rows[:2]) == []
 
 
 def test_advice_is_the_cheapest_run_that_is_good_enough():

@@ -17,7 +17,7 @@ from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
-from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach
+from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach, without_limit
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
 from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, plane_mesh
@@ -199,6 +199,7 @@ def _of_points(found: Sweep) -> list[str]:
         lines.append(
             f"            {row.status}: {row.settings}: {words.split('; ')[0] if row.status == REFUSED else words}"
         )
+    lines += [f"extremes    {words}" for words in without_limit(rows)]
     warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
     lines += [f"warning     {words}" for words in warned]
     return lines

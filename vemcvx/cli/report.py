@@ -185,6 +185,7 @@ def _results(history: History, points: Floats | None) -> str:
     ]
     for one in history.extremes:
         place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
+        place += f" ({one.unbounded})" if one.unbounded else ""
         rows.append((place, f"{one.value:.6g}", one.unit.replace("/", " / ")))
     if len(contact.nodes):
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}

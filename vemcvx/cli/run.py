@@ -233,6 +233,8 @@ def _extremes(history: History) -> Iterator[str]:
     for one in history.extremes:
         where = f"at {coordinates(one.place)}, t = {one.time:.6g}"
         yield f"{one.name:36s}{one.value:12.6g} {one.unit:14s} {where}"
+        if one.unbounded:
+            yield f"{'':48s} {one.unbounded}"
 
 
 @dataclass(frozen=True, kw_only=True)

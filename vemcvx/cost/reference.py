@@ -22,7 +22,7 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.cost.settings import Ingredients, Point, Recipe
-from vemcvx.cost.table import sealed, unsealed
+from vemcvx.cost.table import EXTREMES, sealed, unsealed
 from vemcvx.errors import HistoryError, MeshError, SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
@@ -31,6 +31,7 @@ from vemcvx.estimate.quantities import quantities, value_of
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
+from vemcvx.results.results import largest_values
 
 SHORT, REPEATS = 0.3, 3
 """Seconds of runs that are repeated, and how often they are made: the median one counts."""
@@ -82,6 +83,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         **seconds,
         "mesh": meshing,
         "repeats": repeats,
+        **{one.key: finite_or_none(one.value) for one, _ in largest_values(history) if one.key in EXTREMES},
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }

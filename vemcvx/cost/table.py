@@ -14,6 +14,7 @@ from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
 from vemcvx.plots.style import SERIES
+from vemcvx.results.quoted import growth
 from vemcvx.version import __version__
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ class Row:
     wall : seconds of the whole point: start of a process, warming up, repeats, measuring
     at : when it was done, seconds since 1970
     message : the refusal, or warnings
+    von_mises, pressure, friction : the largest over the instants looked at
     """
 
     family: str | None
@@ -80,6 +82,9 @@ class Row:
     message: str = ""
     of: str = "energy"
     value: float | None = None
+    von_mises: float | None = None
+    pressure: float | None = None
+    friction: float | None = None
 
     @property
     def done(self) -> bool:
@@ -199,6 +204,28 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
             best = errors[k]
             kept.append(k)
     return kept
+
+
+EXTREMES = {
+    "von_mises": "the largest von Mises stress",
+    "pressure": "the largest pressure",
+    "friction": "the largest friction",
+}
+
+
+def without_limit(rows: Sequence[Row]) -> list[str]:
+    """A sentence for each extreme that grows from mesh to mesh of one family by a factor that does not fall."""
+    uniform = [row for row in rows if row.done and row.target is None]
+    lines = []
+    for key, words in EXTREMES.items():
+        for family in dict.fromkeys(row.family for row in uniform):
+            own = {row.n: getattr(row, key) or 0.0 for row in uniform if row.family == family}
+            found = growth([1.0 / n for n in sorted(own)], [own[n] for n in sorted(own)])
+            if found:
+                counts = ", ".join(map(str, sorted(own)[-4:]))
+                lines.append(f"{words} {found} ({family or 'its own mesh'}, n = {counts})")
+                break
+    return lines
 
 
 def within_reach(rows: Sequence[Row]) -> list[float]:

@@ -34,7 +34,8 @@ from vemcvx.history import History
 from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
-from vemcvx.results.results import record
+from vemcvx.results.quoted import SINGULAR, growth
+from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
@@ -136,6 +137,8 @@ class Pass:
     space: float
     time: float
     seconds: float
+    extremes: dict[str, tuple[float, float]]
+    """by key, those that may grow without limit: the size of the cells where it stands, and its value"""
 
     @property
     def total(self) -> float:
@@ -263,7 +266,7 @@ def adapt(
     """
     check_kinds(scene, mesh)
     mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
-    _check(target, of, theta, most_unknowns, progress)
+    _check(target, of, theta=theta, most=most_unknowns, progress=progress)
     if not (initial is None or isinstance(initial, str)):
         raise SceneError(
             "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
@@ -277,7 +280,7 @@ def adapt(
     while True:
         start = time.perf_counter()
         if not passes:
-            instants, finer = _begin(scene, mesh, wanted, target, initial, of)
+            instants, finer = _begin(scene, mesh, wanted, (target, of), initial)
         posed = pose_scene(scene, mesh, instants.tolist())
         kept = np.searchsorted(instants, wanted).tolist()
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
@@ -300,6 +303,7 @@ def adapt(
             unknowns=posed.system.n,
             steps=len(instants) - 1,
             seconds=time.perf_counter() - start,
+            extremes=_extremes(history),
             **parts,
         )
         passes.append(now)
@@ -309,17 +313,34 @@ def adapt(
         log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
         if progress is not None:
             progress(now)
-        marked, split = _next(now, indicators, lost, instants, target, theta)
+        marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
         done = done or (of != "energy" and stalled(passes))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
             if of != "energy":
                 budget, _ = _judged(posed, history, _looked_at(instants, wanted), target, None)
             asked = {"target": target} if of == "energy" else {}
-            history = replace(history, errors={**budget.largest, **asked})
+            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes))
             return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
+
+
+def _extremes(history: History) -> dict[str, tuple[float, float]]:
+    mesh, found = plane_mesh(history.mesh, "adapt"), {}
+    for one, _ in largest_values(history):
+        if one.key in SINGULAR:
+            # Of a contact node, the smallest cell nearby, whose centroid is not a cell's width away.
+            near = np.linalg.norm(mesh.centroids - one.place, axis=1)
+            found[one.key] = float(np.sqrt(mesh.areas[np.argmin(near)])), one.value
+    return found
+
+
+def _growth(passes: Sequence[Pass]) -> dict[str, str]:
+    """The extremes that grew from pass to pass by a factor that does not fall, and how."""
+    keys = set.intersection(*(set(one.extremes) for one in passes))
+    told = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
+    return {key: words for key, words in told.items() if words}
 
 
 def _judged(
@@ -335,17 +356,15 @@ def _judged(
     return budget_of(posed, history, rows, finer), finer
 
 
-def _next(
-    now: Pass, squares: Floats, lost: Lost, instants: Floats, target: float, theta: float
-) -> tuple[Bools, Floats]:
+def _next(now: Pass, squares: Floats, steps: tuple[Floats, Lost], target: float, theta: float) -> tuple[Bools, Floats]:
     """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
     # The tolerance of the mesh is what algebra and steps leave of the target.
     for_space = max(target - now.algebra - min(now.time, TIME_SHARE * target), 0.5 * target)
     marked = cells_to_refine(squares, for_space**2, theta)
     # Steps are split once the error of the mesh is this near to what it may be.
     if now.space > 1.5 * for_space or now.time <= TIME_SHARE * target:
-        return marked, instants
-    return marked, split_steps(instants, lost, TIME_SHARE * target)
+        return marked, steps[0]
+    return marked, split_steps(*steps, TIME_SHARE * target)
 
 
 def _check(target: object, of: object, theta: object, most: object, progress: object) -> None:
@@ -361,7 +380,7 @@ def _check(target: object, of: object, theta: object, most: object, progress: ob
 
 
 def _begin(
-    scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initial: str | None, of: str
+    scene: Scene, mesh: PolygonMesh, wanted: Floats, aim: tuple[float, str], initial: str | None
 ) -> tuple[Floats, Finer | None]:
     """Instants with which the coarse mesh loses little to time, and, for energies, the run beside one in finer steps.
 
@@ -379,7 +398,7 @@ def _begin(
         )
     run = prepare(posed.system, None, False, True)
     state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
-    known, times, finer = course(posed.system, wanted), wanted, None
+    (target, of), known, times, finer = aim, course(posed.system, wanted), wanted, None
     while True:
         if of == "energy":
             finer = beside_finer(run, times, state.unknowns, known)

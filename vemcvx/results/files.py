@@ -69,7 +69,7 @@ def write_archive(history: Results, path: Path) -> None:
     mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
     about = {
         "format": FORMAT,
-        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds")},
+        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds", "growth")},
         "quantities": None if quoted is None else {name: asdict(one) for name, one in quoted.items()},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
@@ -114,6 +114,7 @@ def _history(arrays: Arrays) -> Results:
     components = len(component_names(dim))
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
+    known["growth"] = about.get("growth")
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     quoted = about.get("quantities")
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
@@ -152,6 +153,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
         *((run["solver"], str), (run["linear"], str), (run["seconds"], dict)),
         *((run["accuracy"], (float, type(None))), (about["errors"], (dict, type(None)))),
+        (known["growth"], (dict, type(None))),
         *((one.unit, str) for one in (known["quantities"] or {}).values()),
         *((value, float) for one in (known["quantities"] or {}).values() for value in (one.value, one.steps, one.mesh)),
     ]
@@ -246,6 +248,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
                 "t": one.time,
                 "step": one.step,
                 "unit": one.unit,
+                "unbounded": one.unbounded or None,
             }
             for one in history.extremes
         },

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,6 +31,9 @@ class Extreme:
         The instant.
     step : int
         The step that ends there.
+    unbounded : str
+        Why the value means nothing but on this mesh, as it grows without limit when the mesh is refined: it sits at a
+        corner (:mod:`vemcvx.results.corners`), or grew from mesh to mesh; empty where nothing is known against it.
     """
 
     key: str
@@ -38,6 +43,36 @@ class Extreme:
     place: Floats
     time: float
     step: int
+    unbounded: str = ""
+
+
+SINGULAR = "von_mises", "largest_principal_stress", "smallest_principal_stress", "friction", "pressure"
+"""Keys of the extremes that may have no limit."""
+
+
+def growth(sizes: Sequence[float], values: Sequence[float]) -> str:
+    """The sentence where the values on ever finer meshes grow by a factor that does not fall; empty where they do not.
+
+    Towards a limit the rates log(v_k+1 / v_k) / log(h_k / h_k+1) fall by half, or by 2^.5, where cells are halved;
+    where stress grows like r^-a they come near a. Two rates tell: the last is at least .05, and .75 of the one before.
+    Meshes on which the size h is that of the one before say nothing new.
+
+    Parameters
+    ----------
+    sizes : of the cells where the value stands, from the coarsest mesh on
+    values : on these meshes
+    """
+    finer = [(h, abs(v)) for h, v in zip(sizes, values, strict=True) if v]
+    kept: list[tuple[float, float]] = []
+    for h, v in finer:
+        if kept and h > 0.75 * kept[-1][0]:
+            kept = kept[:-1]
+        kept.append((h, v))
+    rates = [np.log(w / v) / np.log(g / h) for (g, v), (h, w) in pairwise(kept) if g > h]
+    if len(rates) < 2 or rates[-1] < 0.05 or rates[-1] < 0.75 * rates[-2]:
+        return ""
+    listed = ", ".join(f"{v:.3g}" for _, v in kept[-4:])
+    return f"grew from mesh to mesh by a factor that does not fall: {listed}"
 
 
 @dataclass(frozen=True)

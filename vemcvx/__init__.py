@@ -47,7 +47,7 @@ from vemcvx.errors import (
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
-from vemcvx.estimate.quantities import Quantity, quantities
+from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
 from vemcvx.friction_law import Law
 from vemcvx.history import History, read_history
@@ -55,6 +55,7 @@ from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
 from vemcvx.program import Answer, Certificate, Damping, Limits, Norms, Operators, SolvedProgram, StepProgram, System
 from vemcvx.results.contact import Contact
+from vemcvx.results.quoted import Quantity
 from vemcvx.scene import Scene
 from vemcvx.simulation import programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy

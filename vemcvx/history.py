@@ -20,6 +20,7 @@ from vemcvx.plots.style import Units
 from vemcvx.program import SolvedProgram
 from vemcvx.results.files import read_results, write_results
 from vemcvx.results.probe import Profile, places, profile
+from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import Results, programs_of_steps
 from vemcvx.results.tables import Columns, dataset, frame, table
 
@@ -67,7 +68,18 @@ class History(Results, Outlined):
     dragged_friction : (S, q, dim) or None
         The friction on the body at these nodes, which `forces` include.
     errors : dict or None
-        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
+        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target",
+        if an energy error was asked for.
+    sides : Sides or None
+        The conditions on the boundary, by which `extremes` knows corners; None in space.
+    growth : dict of str to str, or None
+        Extremes that grew from mesh to mesh of an adaptive run by a factor that does not fall, and how, by their keys.
+    quantities : dict of str to Quantity, or None
+        "dissipated", "work" and "wear" with their estimated errors, where these were asked for: see
+        :func:`vemcvx.quantities`.
+    dissipated_error, work_error : (N + 1,) or None
+        The estimated errors of `dissipated_second_order` and `work_second_order` at all instants, of steps and mesh
+        together, likewise.
     """
 
     @classmethod
@@ -256,7 +268,7 @@ def in_words(history: Results) -> Outline:
         ("solver", history.solver),
         ("certified", certified),
         *kind,
-        *_errors(history.errors),
+        *_errors(history.errors, history.quantities),
         ("iterations", iterations),
         ("energy", energy),
         ("", between),
@@ -266,8 +278,10 @@ def in_words(history: Results) -> Outline:
     return Outline(title, lines)
 
 
-def _errors(errors: dict[str, float] | None) -> Lines:
+def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | None) -> Lines:
+    lines = [(name, one.words) for name, one in (quantities or {}).items()]
     if errors is None:
-        return []
+        return lines
     parts = ", ".join(f"{name} {errors[name]:.2%}" for name in ("algebra", "space", "time"))
-    return [("estimated", f"{errors['total']:.2%} energy error ({parts}); {errors['target']:.2%} was asked for")]
+    asked = f"; {errors['target']:.2%} was asked for" if "target" in errors else ""
+    return [("estimated", f"{errors['total']:.2%} energy error ({parts}){asked}"), *lines]

@@ -108,7 +108,7 @@ def simulate(
             posed.system,
             instants,
             solver=solver,
-            initial=_free(initial, posed, float(instants[0])),
+            initial=free_unknowns(initial, posed, float(instants[0])),
             store=store,
             check=check,
             condense=condense,
@@ -174,7 +174,7 @@ def programs(
         posed.system,
         instants,
         solver=solver,
-        initial=_free(initial, posed, float(instants[0])),
+        initial=free_unknowns(initial, posed, float(instants[0])),
         check=check,
         condense=condense,
         linear=linear,
@@ -202,8 +202,8 @@ def check_kinds(scene: object, mesh: object) -> None:
         )
 
 
-def _free(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> ArrayLike | str | None:
-    """The free unknowns of an initial displacement."""
+def free_unknowns(initial: ArrayLike | str | None, posed: PosedScene, t: float) -> ArrayLike | str | None:
+    """The free unknowns of an initial displacement; words pass."""
     if isinstance(initial, str):
         return initial
     held = posed.supports.motion(t)

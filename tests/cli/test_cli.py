@@ -379,6 +379,19 @@ def test_a_target_chooses_mesh_and_instants(tmp_path):
     assert invoke("run", PROBLEM, "--target", 3).exit_code == 2
 
 
+def test_a_target_may_be_of_friction_work(tmp_path):
+    done = invoke("run", PROBLEM, "--target", 0.1, "--of", "dissipated", "--n", 4, "--steps", 4, "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "target 10.00% of the energy that friction dissipates: met" in done.output
+    told = json.loads((tmp_path / "summary.json").read_text())["quantities"]["dissipated"]
+    assert 0 < told["error"] <= 0.1 * told["value"]
+    assert re.search(rf"dissipated +{told['value']:.6g}, error estimated {told['error']:.2g}", done.output)
+    assert "--of: found 'stress'; a target is of energy, dissipated, work, wear" in invoke(
+        "run", PROBLEM, "--target", 0.1, "--of", "stress"
+    ).output.replace("\n", " ")
+    assert "--of: work goes with --target X" in invoke("run", PROBLEM, "--of", "work").output.replace("\n", " ")
+
+
 def test_version_and_help():
     assert invoke("--version").output == f"vemcvx {vx.__version__}\n"
     said = invoke("--help").output

@@ -88,6 +88,20 @@ def test_it_needs_nothing_else(paper):
     assert "@import" not in style
 
 
+def test_it_has_the_quantities_with_their_errors(paper):
+    told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
+    names = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
+    assert list(told["quantities"]) == list(names)
+    for name, words in names.items():
+        one = told["quantities"][name]
+        assert one["error"] > 0
+        relative = 100 * one["error"] / one["value"]
+        parts = f"{one['value']:.6g} {one['error']:.2g} {relative:.3g} % {one['steps']:.2g} {one['mesh']:.2g}"
+        assert f"{words} {parts}" in text, name
+    history = vx.read_history(paper[0])
+    assert history.table("steps")["dissipated_error"][-1] == told["quantities"]["dissipated"]["error"]
+
+
 def test_it_has_the_numbers_of_the_summary(paper):
     told, text = json.loads((paper[0] / "summary.json").read_text()), Reader(paper[1]).text
     assert f"{told['mesh']['cells']} cells, {told['mesh']['nodes']} nodes" in text

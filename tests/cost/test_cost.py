@@ -26,7 +26,7 @@ from vemcvx.cost import Ingredients, Point, Row, advice, front
 from vemcvx.cost.reference import PART, Reference, build_reference, errors, read_reference, run_point
 from vemcvx.cost.settings import Grid, common_instants
 from vemcvx.cost.sweeping import finished_row
-from vemcvx.cost.table import append, read_journal, table
+from vemcvx.cost.table import append, read_journal, table, without_limit
 from vemcvx.cost.workers import alone
 from vemcvx.estimate.measures import energy_distance
 from vemcvx.results.files import peak_memory_mb, read_archive
@@ -156,6 +156,28 @@ def test_who_says_n_gets_these_meshes_and_no_finer_ones(tmp_path, monkeypatch):
     assert "for 50 %: use squares n = " in done.output
 
 
+def test_errors_may_be_those_of_friction_work(tmp_path, monkeypatch):
+    stay_at_home(monkeypatch)
+    asked = ("--mesh", "squares", "--n", "3,6", "--steps", "2", "--solver", "newton", "--workers", "1")
+    done = cost(PROBLEM, *asked, "--target", ".2", "--of", "dissipated", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    told, found = json.loads((tmp_path / "reference.json").read_text()), rows(tmp_path)
+    assert told["of"] == "dissipated"
+    assert told["estimated"] <= told["goal"] == 0.05
+    assert f"errors      of the energy that friction dissipates at the end, {told['value']:.6g} by the" in done.output
+    assert sorted((row["n"], row["target"]) for row in found) == [("3", ""), ("3", "0.2"), ("6", "")]
+    for row in found:
+        value = float(row["value"])
+        assert float(row["error"]) == pytest.approx(abs(value - told["value"]) / told["value"])
+        if not row["target"]:
+            run = vx.simulate(feng_han_huang.scene(), feng_han_huang.mesh(int(row["n"])), feng_han_huang.times(2))
+            assert value == pytest.approx(run.dissipated_second_order[-1])
+            assert float(row["estimated"]) == pytest.approx(vx.quantities(run)["dissipated"].relative)
+        else:
+            assert float(row["error"]) <= 0.2
+    assert "--of: found 'heat'; errors are of energy" in cost(PROBLEM, "--of", "heat").output
+
+
 def test_a_finer_reference_moves_errors_by_no_more_than_its_own(tmp_path):
     recipe, instants, found = Recipe(), np.array([0.5, 1.0]), []
     ran = run_point(recipe, UNIFORM, instants)
@@ -267,6 +289,18 @@ def test_the_front_is_what_nothing_beats():
         elif k not in kept:
             cheaper = errors[costs < costs[k]].min()
             assert errors[k] > 0.99 * cheaper
+
+
+def test_extremes_without_a_limit_are_told():
+    def row(n, peak):
+        return Row("squares", n, None, "newton", 1e-8, 8, "done", str(n), von_mises=peak, pressure=2.0 - 1.0 / n)
+
+    rows = [row(n, n**0.3) for n in (16, 4, 8)]
+    assert without_limit(rows) == [
+        "the largest von Mises stress grew from mesh to mesh by a factor that does not fall: 1.52, 1.87, 2.3 "
+        "(squares, n = 4, 8, 16)"
+    ]
+    assert without_limit(rows[:2]) == []
 
 
 def test_advice_is_the_cheapest_run_that_is_good_enough():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from random_scenes import coarse_mesh, random_scene
 from scenes import paper_scene
 
 import vemcvx as vx
-from vemcvx.estimate.adapt import GAIN, MARGIN, cells_to_refine, split_steps
-from vemcvx.estimate.finer_steps import Finer, beside_finer
+from vemcvx.estimate.adapt import GAIN, MARGIN, Lost, cells_to_refine, split_steps
+from vemcvx.estimate.finer_steps import beside_finer
 from vemcvx.scene import pose_scene
 from vemcvx.stepping.state import prepare
 
@@ -135,7 +136,7 @@ def test_curved_loads_are_followed_by_halving():
     for allowed in (0.09, 0.01):
         while True:
             finer = beside_finer(run, times, np.zeros(posed.system.n))
-            split = split_steps(times, finer, allowed * finer.norm)
+            split = split_steps(times, Lost.of_energy(finer, finer.norm), allowed)
             if len(split) == len(times):
                 break
             times = split
@@ -156,7 +157,7 @@ def test_steps_are_split_where_they_lose():
     times, none = np.array([0.0, 1.0, 2.0, 3.0]), np.zeros(0)
 
     def lost(added, bends=none):
-        return Finer(np.cumsum(np.append(0.0, added)), np.array(added), times, 10.0, np.array(bends), ())
+        return Lost(sum(added), np.array(added) ** 2, np.array(bends))
 
     assert split_steps(times, lost([1.0, 2.0, 0.0]), 4.0).tolist() == times.tolist()
     assert split_steps(times, lost([0.0, 2.0, 0.0]), 1.0).tolist() == [0.0, 1.0, 1.5, 2.0, 3.0]
@@ -171,6 +172,7 @@ def test_steps_are_split_where_they_lose():
     [
         ({"target": 2.0}, r"^adapt: found target = 2\.0; it is a relative error, between 0 and 1"),
         ({"target": "fine"}, r"^adapt: found target = 'fine'"),
+        ({"of": "stress"}, r"^adapt: found of = 'stress'; a target is of 'energy', 'dissipated', 'work', 'wear'"),
         ({"target": True}, r"^adapt: found target = True; it is a relative error"),
         ({"most_unknowns": -5}, r"^adapt: found most_unknowns = -5; it is a number of unknowns"),
         ({"progress": True}, r"^adapt: found progress = True; it is a function that is told of each Pass"),
@@ -241,3 +243,73 @@ def test_adaptive_meshes_pay():
     assert adaptive_meshes.slope(equal) > -0.47
     # The gain grows as errors fall: a fifth here, .15 at twice the size.
     assert others[1][1].unknowns <= others[1][0].unknowns / 4
+
+
+@pytest.mark.parametrize("of", ["dissipated", "work"])
+def test_targets_of_energies_are_met_in_truth(of):
+    """Coulomb's law under a load that turns smoothly between few instants: mesh and steps have to be refined."""
+    scene, mesh = rubbed_pad(), vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
+    target = {"dissipated": 0.08, "work": 0.04}[of]
+    found = vx.adapt(scene, mesh, [0.0, 2.0], target, of=of)
+    last, aim = found.passes[-1], found.history.quantities[of]
+    assert found.met
+    assert found.of == of
+    assert aim.relative == pytest.approx(last.space + last.time)
+    assert last.steps > 2
+    assert aim == vx.quantities(found.history)[of]
+    assert f"target {target:.2%} of the" in found.summary()
+    assert f"{of} " in found.history.summary()
+    times = found.history.trajectory.times
+    finer = np.unique(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(times)]))
+    truth = vx.simulate(scene, found.history.mesh.refine().refine(), finer, store="last")
+    value = getattr(truth, f"{of}_second_order")[-1]
+    assert abs(aim.value - value) <= target * abs(value)
+
+
+def test_wear_is_met_where_it_has_a_limit():
+    found = vx.adapt(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], 0.03, of="wear")
+    truth = vx.simulate(paper_scene(), vx.meshes.squares(64), [0.0, 1.0]).contact.wear_second_order[-1].max()
+    assert found.met
+    assert abs(found.history.quantities["wear"].value - truth) <= 0.03 * truth
+
+
+def test_wear_without_a_limit_ends_with_a_sentence():
+    """At the ends of a pad that is pressed the pressure is singular."""
+    mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
+    found = vx.adapt(rubbed_pad(), mesh, [0.0, 0.5, 1.0], 0.05, of="wear")
+    assert not found.met
+    assert len(found.passes) < 12
+    assert "its error does not fall as the mesh is refined" in found.summary()
+
+
+def test_files_have_quantities_with_their_errors(tmp_path):
+    mesh = vx.meshes.squares(2, box=((0.0, 2.0), (0.0, 1.0)))
+    history = vx.adapt(rubbed_pad(), mesh, [0.0, 1.0, 2.0], 0.5, of="dissipated").history
+    history.write(tmp_path)
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert "target" not in told["estimated_energy_errors"]
+    for name, one in history.quantities.items():
+        numbers = {"value": one.value, "steps": one.steps, "mesh": one.mesh, "error": one.error}
+        assert told["quantities"][name] == numbers | {"unit": one.unit}
+    table = np.genfromtxt(tmp_path / "steps.csv", delimiter=",", names=True)
+    for name in ("dissipated", "work"):
+        errors, one = table[f"{name}_error"], history.quantities[name]
+        assert len(errors) == history.steps + 1
+        assert errors[-1] == pytest.approx(one.error)
+        assert table[f"{name}_second_order"][-1] == pytest.approx(one.value)
+        assert errors[0] == 0.0
+    again = vx.read_history(tmp_path)
+    assert vx.quantities(again) == history.quantities
+    np.testing.assert_array_equal(again.work_error, history.work_error)
+
+
+def rubbed_pad():
+    def plate(x, t):
+        return np.tile([0.06 * np.sin(np.pi * t), -0.02 * min(t, 1.0)], (len(x), 1))
+
+    return vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.PrescribedDisplacement(plate, on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+    )

@@ -96,6 +96,7 @@ def test_files_keep_them(plane, tmp_path):
     assert {"displacement", "slip", "pressure", "pressure_recovered", "friction", "von_mises"} < set(told)
     for one in plane.extremes:
         found = {"value": one.value, "place": one.place.tolist(), "t": one.time, "step": one.step, "unit": one.unit}
+        found["unbounded"] = one.unbounded or None
         assert told[one.key] == found
     assert told["von_mises"]["unit"] == "force/length²"
     for one, again in zip(plane.extremes, vx.read_history(tmp_path).extremes, strict=True):

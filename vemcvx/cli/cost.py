@@ -10,15 +10,16 @@ from typing import Annotated, Any
 
 import typer
 
-from vemcvx.cli.options import CELLS, NONE, File, Settings, families, solver_names
+from vemcvx.cli.options import CELLS, NONE, File, Of, Settings, families, solver_names
 from vemcvx.cli.problem_file import Problem, read_problem
 from vemcvx.cli.solver_names import named_solver
 from vemcvx.cli.terminal import listed, progress_bar, say
 from vemcvx.cost import Ingredients, Point, Sweep, advice, sweep
 from vemcvx.cost.settings import Grid
 from vemcvx.cost.sweeping import JOURNAL
-from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach
+from vemcvx.cost.table import REFUSED, answers, picture, table, within_reach, without_limit
 from vemcvx.errors import HistoryError, ProblemError, VemcvxError
+from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES, plane_mesh
 from vemcvx.owned_files import Owned
 from vemcvx.stepping.backward_euler import checked_times
@@ -88,6 +89,7 @@ class Cost:
             help="Relative errors to aim at, and to give advice for. (default: 0.05,0.02,0.01; none, with --n)",
         ),
     ] = None
+    of: Of = "energy"
     workers: Annotated[int, typer.Option(help="Processes at once.")] = 2
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Take the workers of this dask.distributed scheduler.")
@@ -104,6 +106,8 @@ class Cost:
         """Sweep, write the table and the picture, and say what came out."""
         problem = read_problem(self.file)
         grid = self.grid(problem)
+        if self.of not in OF:
+            raise ProblemError(f"--of: found {self.of!r}; errors are of {', '.join(OF)}.")
         if self.workers < 1:
             raise ProblemError(f"--workers: found {self.workers}; wanted at least one.")
         recipe = FromFile(str(problem.path.resolve()), tuple(self.settings))
@@ -144,6 +148,7 @@ class Cost:
             accuracies=None if self.accuracy is None else listed("--accuracy", self.accuracy, _share, SHARES),
             targets=tuple(sorted(listed("--target", targets, _share, SHARES), reverse=True)) if targets else (),
             adaptive=self.adaptive,
+            of=self.of,
         )
 
 
@@ -170,7 +175,9 @@ def _of_reference(found: Sweep) -> list[str]:
     lines = [
         f"reference   {it.cells} cells, {it.unknowns} unknowns, {it.made} steps, {own} (wanted: {it.goal:.2%}), "
         f"{it.seconds:.3g} s",
-        f"errors      in the energy norm, the largest at t = {instants}, relative to the largest norm",
+        f"errors      in the energy norm, the largest at t = {instants}, relative to the largest norm"
+        if it.value is None
+        else f"errors      of {OF[it.of]} at the end, {it.value:.6g} by the reference, relative to that",
         "seconds     in one thread, from assembly to answer; the first mesh is made before",
     ]
     if it.estimated is not None and it.estimated > it.goal:
@@ -192,6 +199,7 @@ def _of_points(found: Sweep) -> list[str]:
         lines.append(
             f"            {row.status}: {row.settings}: {words.split('; ')[0] if row.status == REFUSED else words}"
         )
+    lines += [f"extremes    {words}" for words in without_limit(rows)]
     warned = dict.fromkeys(row.message for row in rows if row.done and row.message)
     lines += [f"warning     {words}" for words in warned]
     return lines
@@ -206,7 +214,7 @@ def _written(found: Sweep, grid: Grid, folder: Path, problem: Problem) -> str:
             if not any(row.done for row in found.rows):
                 return f"{files}\npicture     none: no run has an answer"
             title = f"{problem.name}: what accuracy costs"
-            picture(found.rows, grid.targets, found.reference.estimated, title).savefig(places[1], dpi=160)
+            picture(found.rows, grid.targets, found.reference.estimated, title, OF[grid.of]).savefig(places[1], dpi=160)
         except OSError as error:
             raise HistoryError(f"{folder}: cannot write the table and the picture there: {error}.") from error
         except VemcvxError as error:

@@ -16,6 +16,7 @@ import typer
 from vemcvx.cli.solver_names import LINEAR, completions
 from vemcvx.cli.supplied import lessons, problem_files
 from vemcvx.cli.terminal import reported
+from vemcvx.estimate.adapt import OF
 from vemcvx.meshes import FAMILIES
 
 
@@ -79,6 +80,14 @@ Linear = Annotated[
 CELLS = "Cells across the shortest side."
 N = Annotated[int | None, typer.Option("--n", min=1, help=f"{CELLS} (default: 16; 8 in space)")]
 Steps = Annotated[int, typer.Option(min=1, help="Steps of backward Euler.")]
+Of = Annotated[
+    str,
+    typer.Option(
+        metavar="QUANTITY",
+        autocompletion=completing(lambda: OF),
+        help="The quantity of that error: energy (the energy norm), dissipated, work or wear.",
+    ),
+]
 Condense = Annotated[bool, typer.Option(help="Solve on the contact unknowns, or on all.")]
 Settings = Annotated[
     list[str], typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene; may be repeated.")

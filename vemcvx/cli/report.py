@@ -22,7 +22,9 @@ from vemcvx.cli.problem_file import Problem
 from vemcvx.cli.show import scene_in_words
 from vemcvx.errors import ProblemError, VemcvxError
 from vemcvx.estimate.budget import error_budget
+from vemcvx.estimate.quantities import with_quantities
 from vemcvx.history import WHY_ESTIMATED, History
+from vemcvx.meshes import PolygonMesh
 from vemcvx.outline import Lines, Outline, Table, coordinates
 from vemcvx.plots.pictures import draw_pictures, left_out
 from vemcvx.plots.style import Units, in_units
@@ -81,6 +83,7 @@ PARTS = {
     "total": "all",
     "target": "what was asked for",
 }
+QUANTITIES = {"dissipated": "dissipated by friction", "work": "work of forces and supports", "wear": "largest wear"}
 MEANING = {"bound": "a bound", "estimate": "an estimate"}
 CAPTIONS = {
     "deformed_mesh": "The body as it is deformed at the end.",
@@ -106,14 +109,18 @@ def write_report(
     mesh: str,
     points: Floats | None,
     command: str,
+    why: str = "",
 ) -> Path:
-    """Write the page into the folder of pictures: `command` repeats the run, `mesh` is its mesh in words."""
+    """Write the page into the folder of pictures: `command` repeats the run, `mesh` is its mesh in words.
+
+    `why` says why quantities have no estimated errors, if that is so.
+    """
     sections = {
         "What was simulated": _prose(problem.text) + _scene(problem.scene(settings), history, mesh),
         "Pictures": "".join(_pictures(history, problem.units)),
         "Results": _results(history, points, problem.units),
         "Certificates": _certificates(history),
-        "Error budget": _budget(history),
+        "Error budget": _budget(history) + _quantities(history, why),
         "The run": _run(history),
         "How to repeat it": _again(problem, settings, command),
     }
@@ -183,6 +190,7 @@ def _results(history: History, points: Floats | None, named: Units | None) -> st
     ]
     for one in history.extremes:
         place = f"{one.name}, at {coordinates(one.place)}, t = {one.time:.6g}"
+        place += f" ({one.unbounded})" if one.unbounded else ""
         rows.append((place, f"{one.value:.6g}", one.unit))
     if len(contact.nodes):
         counts = {"stick": contact.stick_count, "slip": contact.slip_count, "are open": contact.open_count}
@@ -250,6 +258,45 @@ def _budget(history: History) -> str:
         "<p>Parts of the largest energy norm of the run, at the last stored step; algebra is certified, the others are "
         "estimated.</p>"
     ) + _numbers(["part", "relative energy error", "from"], rows)
+
+
+MOST_UNKNOWNS = 400_000
+"""Of the refined mesh by which errors of quantities are estimated unasked, as many as an adaptive run has at most."""
+
+
+def with_errors(history: History) -> tuple[History, str]:
+    """The history with its quantities and their errors, or why it has none."""
+    if history.quantities is not None:
+        return history, ""
+    refined = 4 * history.trajectory.state.shape[1]
+    if isinstance(history.mesh, PolygonMesh) and refined > MOST_UNKNOWNS:
+        return history, f"The refined mesh has some {refined} unknowns; vemcvx.quantities(history) simulates on it."
+    try:
+        return with_quantities(history)[0], ""
+    except VemcvxError as error:
+        return history, str(error)
+
+
+def _quantities(history: History, why: str) -> str:
+    """Friction work, work and wear with their errors, or the reason why there are none."""
+    if history.quantities is None:
+        return f"<p>Errors of friction work, work and wear are not estimated. {escape(why)}</p>"
+    rows = [
+        [
+            QUANTITIES[name],
+            f"{one.value:.6g}",
+            f"{one.error:.2g}",
+            f"{100 * one.relative:.3g} %",
+            f"{one.steps:.2g}",
+            "-" if np.isnan(one.mesh) else f"{one.mesh:.2g}",
+            one.unit.replace("energy", ENERGY).replace("/", " / "),
+        ]
+        for name, one in history.quantities.items()
+    ]
+    return (
+        "<p>Quantities over the whole run, of second order in the steps, with errors that are estimated by the same "
+        "run in finer steps, and on the mesh whose cells are all refined.</p>"
+    ) + _numbers(["quantity", "value", "error", "relative", "of the steps", "of the mesh", "unit"], rows)
 
 
 def _run(history: History) -> str:

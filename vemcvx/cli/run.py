@@ -17,9 +17,9 @@ import typer
 
 from vemcvx.arrays import Floats
 from vemcvx.canvas import new_figure
-from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Settings, SolverName
+from vemcvx.cli.options import CELLS, NONE, Accuracy, Condense, File, Linear, Mesh, N, Of, Settings, SolverName
 from vemcvx.cli.problem_file import SPACE_N, Problem, is_file, read_problem
-from vemcvx.cli.report import check_report, write_report
+from vemcvx.cli.report import check_report, with_errors, write_report
 from vemcvx.cli.show import mesh_name
 from vemcvx.cli.solver_names import named_linear, named_solver
 from vemcvx.cli.supplied import problems_folder
@@ -28,7 +28,7 @@ from vemcvx.cost import study
 from vemcvx.cost.foreseen import Growth, check_fits
 from vemcvx.cost.workers import Crashed, alone, pool
 from vemcvx.errors import NotCertified, ProblemError, VemcvxError
-from vemcvx.estimate.adapt import Pass, adapt
+from vemcvx.estimate.adapt import OF, Pass, adapt
 from vemcvx.exchange import FORMATS, encoded, put
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh
@@ -87,8 +87,9 @@ class Run:
     ] = None
     linear: Linear = None
     target: Annotated[
-        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative energy error: 0.02.")
+        float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error: 0.02.")
     ] = None
+    of: Of = "energy"
     probes: Annotated[
         list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
     ] = NONE
@@ -136,6 +137,7 @@ class Run:
                 history, told = self.simulated(problem, mesh, steps, self._stored, shown=shown, rows=rows)
             else:
                 history, told = self._adapted(problem, mesh, steps, self.target, shown)
+            history, left = with_errors(history) if self.report else (history, "")
             shown("extremes", 0, None)
             extremes, start = list(_extremes(history, units)), time.perf_counter()
             files = self._written(history, problem, folder, n, shown)
@@ -145,8 +147,8 @@ class Run:
             if rows is not None:
                 rows.remove()
         if self.plot:
-            written = write_plots(history, drawings, units=units)
-            lines.append(f"pictures    {drawings}: {', '.join(path.name for path in written)}")
+            drawn = write_plots(history, drawings, units=units)
+            lines.append(f"pictures    {drawings}: {', '.join(path.name for path in drawn)}")
             lines += [f"left out    {why}" for why in dict.fromkeys(left_out(history).values())]
         if self.report:
             path = write_report(
@@ -157,6 +159,7 @@ class Run:
                 mesh=mesh_name(problem, self.mesh, n) + ", adapted" * (self.target is not None),
                 points=self.points,
                 command=self._command(problem, n, steps, folder),
+                why=left,
             )
             lines.append(f"report      {path}")
         return history, lines
@@ -277,11 +280,15 @@ class Run:
         def told(now: Pass) -> None:
             shown(f"adapting, {now.unknowns} unknowns and {now.steps} steps have {now.total:.1%}", 0, None)
 
-        found = adapt(scene, mesh, times, target, solver=solver, initial=initial, progress=told)
+        found = adapt(scene, mesh, times, target, of=self.of, solver=solver, initial=initial, progress=told)
         return found.history, [found.summary()]
 
     def _refuse_early(self, folder: Path | None, drawings: Path) -> None:
         """Refuse a run that could not be resumed, written or drawn before it begins."""
+        if self.of not in OF:
+            raise ProblemError(f"--of: found {self.of!r}; a target is of {', '.join(OF)}.")
+        if self.of != "energy" and self.target is None:
+            raise ProblemError(f"--of: {self.of} goes with --target X, the relative error that mesh and steps are for.")
         if self.resume and not os.path.isfile(self.resume / ROWS / CHECKPOINT):
             raise ProblemError(f"--resume: {folder} holds no interrupted run; begin one with --out {folder}.")
         if self.points is not None and folder is None and not self.report:
@@ -320,6 +327,7 @@ class Run:
             ("--accuracy", self.accuracy),
             ("--linear", self.linear),
             ("--target", self.target),
+            ("--of", None if self.of == "energy" else self.of),
             ("--out", folder),
             ("--store", None if self.store == "all" else self.store),
         ]
@@ -358,6 +366,8 @@ def _extremes(history: History, units: Units | None) -> Iterator[str]:
     for one in history.extremes:
         where = f"at {coordinates(one.place)}, t = {one.time:.6g} {(units or {}).get('time', '')}".rstrip()
         yield f"{one.name:36s}{one.value:12.6g} {in_units(one.unit, units):14s} {where}"
+        if one.unbounded:
+            yield f"{'':48s} {one.unbounded}"
 
 
 @dataclass(frozen=True, kw_only=True)

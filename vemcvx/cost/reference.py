@@ -22,14 +22,16 @@ import numpy as np
 
 from vemcvx.arrays import Floats
 from vemcvx.cost.settings import Ingredients, Point, Recipe
-from vemcvx.cost.table import sealed, unsealed
+from vemcvx.cost.table import EXTREMES, sealed, unsealed
 from vemcvx.errors import HistoryError, MeshError, SceneError, SceneWarning, VemcvxError
 from vemcvx.estimate.budget import error_budget
 from vemcvx.estimate.measures import Field, energy_distance
 from vemcvx.estimate.measures.distance import step_at
+from vemcvx.estimate.quantities import quantities, value_of
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.results.files import finite_or_none, peak_memory_mb, read_archive, write_archive
+from vemcvx.results.results import largest_values
 
 SHORT, REPEATS = 0.3, 3
 """Seconds of runs that are repeated, and how often they are made: the median one counts."""
@@ -64,9 +66,7 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         history, seconds, repeats, estimated = _repeated(made, point, instants)
         peak = peak_memory_mb()
         if point.target is None:
-            # Scenes with viscosity have no estimate.
-            with contextlib.suppress(SceneError):
-                estimated = error_budget(history).largest["total"]
+            estimated = _estimated(history, point.of)
     said = [str(warning.message) for warning in caught if issubclass(warning.category, SceneWarning)]
     if point.target is not None and estimated is not None and estimated > point.target:
         said.append(f"the target was not met: {estimated:.2%} estimated")
@@ -78,14 +78,23 @@ def run_point(recipe: Recipe, point: Point, instants: Floats) -> Ran:
         "unknowns": run.state.shape[1],
         "estimated": finite_or_none(estimated),
         "certificate": finite_or_none(run.certificate_total[-1]),
+        "value": None if point.of == "energy" else value_of(history, point.of),
         "seconds": sum(seconds.values()),
         **seconds,
         "mesh": meshing,
         "repeats": repeats,
+        **{one.key: finite_or_none(one.value) for one, _ in largest_values(history) if one.key in EXTREMES},
         "peak_mb": peak,
         "message": "; ".join(dict.fromkeys(said)),
     }
     return Ran(plane_mesh(history.mesh, "cost"), history.displacement[rows], history.moduli, columns)
+
+
+def _estimated(history: History, of: str) -> float | None:
+    """What a run estimates its own relative error to be; None where scenes have no estimate, as with viscosity."""
+    with contextlib.suppress(SceneError):
+        return error_budget(history).largest["total"] if of == "energy" else quantities(history)[of].relative
+    return None
 
 
 def _warm_up(recipe: Recipe, point: Point) -> None:
@@ -109,7 +118,7 @@ def _timed(made: Ingredients, point: Point, instants: Floats) -> tuple[History, 
         history = made.simulated(store=steps.tolist())
         return history, {**history.seconds, "adapt": 0.0}, None
     start = time.perf_counter()
-    adapted = made.adapted(instants, point.target)
+    adapted = made.adapted(instants, point.target, of=point.of)
     wall, last = time.perf_counter() - start, adapted.history.seconds
     return adapted.history, {**last, "adapt": wall - sum(last.values())}, adapted.passes[-1].total
 
@@ -127,6 +136,7 @@ class Reference:
     adapted : whether its mesh is adapted, so that the goal and not `n` and `steps` says how fine it is
     common : whether meshes of the problem cover different domains, so that only what they share is measured
     cells, unknowns, made : its size, and the steps made
+    of, value : the quantity that errors are of, and its value; None of the energy norm
     digest : of the file with the fields, which tells whether that is whole
     """
 
@@ -142,11 +152,13 @@ class Reference:
     unknowns: int
     made: int
     seconds: float
+    of: str = "energy"
+    value: float | None = None
     digest: str = ""
 
     def serves(self, problem: str, instants: Sequence[float], goal: float, finest: Point) -> bool:
         """Return True if the reference is fine enough for this sweep of this problem."""
-        same = self.problem == problem and self.instants == tuple(instants)
+        same = self.problem == problem and self.instants == tuple(instants) and self.of == finest.of
         if not self.adapted or self.common:
             return same and self.n >= finest.n and self.steps >= (finest.steps or 0) and self.goal <= goal
         return same and self.estimated is not None and min(self.estimated, self.goal) <= goal
@@ -173,11 +185,8 @@ def _digest(path: Path) -> str:
 
 def estimated_error(recipe: Recipe, finest: Point) -> float:
     """The estimated error of the finest uniform run, in two digits; 1 where scenes have no estimate."""
-    history = recipe(finest).simulated()
-    try:
-        return float(f"{error_budget(history).largest['total']:.2g}")
-    except SceneError:
-        return 1.0
+    estimated = _estimated(recipe(finest).simulated(), finest.of)
+    return 1.0 if estimated is None else float(f"{estimated:.2g}")
 
 
 def build_reference(
@@ -191,13 +200,12 @@ def build_reference(
     try:
         # 700,000 unknowns take some 4 GB. Refining more than `adapt` does by default makes fewer passes.
         start_from = replace(made, mesh=fine.mesh if common else made.mesh)
-        found = start_from.adapted(instants, goal, most_unknowns=700_000, theta=0.7)
+        found = start_from.adapted(instants, goal, of=finest.of, most_unknowns=700_000, theta=0.7)
         history, estimated = found.history, found.passes[-1].total
     except (SceneError, MeshError):
         adapted = False
         history = fine.simulated(store=[int(np.argmin(np.abs(fine.times - t))) for t in instants])
-        with contextlib.suppress(SceneError):
-            estimated = error_budget(history).largest["total"]
+        estimated = _estimated(history, finest.of)
     # A process that dies from here on leaves fields that are not those of the digest, and so no reference.
     write_archive(history, folder / ARCHIVE)
     reference = Reference(
@@ -213,6 +221,8 @@ def build_reference(
         unknowns=history.trajectory.state.shape[1],
         made=history.steps,
         seconds=time.perf_counter() - start,
+        of=finest.of,
+        value=None if finest.of == "energy" else value_of(history, finest.of),
         digest=_digest(folder / ARCHIVE),
     )
     (folder / ABOUT).write_text(sealed(reference), encoding="utf-8")
@@ -222,8 +232,14 @@ def build_reference(
 def errors(ran: Ran, folder: Path, reference: Reference) -> tuple[float, float, float]:
     """The largest error over the instants and the one at the last, relative to the largest norm of the reference.
 
-    The third number is the relative difference of the moduli of the two meshes: those of the run weigh the error.
+    Of another quantity than the energy norm both are the relative error at the end. The third number is the relative
+    difference of the moduli of the two meshes: those of the run weigh the error.
     """
+    if reference.value is not None:
+        if reference.value == 0.0:
+            raise HistoryError(f"the reference has no {reference.of} at all: no relative error exists.")
+        error = abs(ran.columns["value"] - reference.value) / abs(reference.value)
+        return error, error, 0.0
     fine = read_archive(folder / ARCHIVE)
     found = []
     for u, t in zip(ran.displacement, reference.instants, strict=True):
@@ -248,5 +264,8 @@ def measured_point(recipe: Recipe, point: Point, folder: Path, reference: Refere
         raise OSError(str(lost)) from lost
     said = [ran.columns["message"]] if ran.columns["message"] else []
     if apart > 0:
-        said.append("the elastic moduli of its mesh and of the reference's differ in places; its own weigh the error")
+        said.append(
+            "in places the material of its mesh is not that of the reference's mesh, because cells have one material "
+            "each and lie across the border between two: errors are weighed with the moduli of its own mesh"
+        )
     return {**ran.columns, "error": error, "error_end": error_end, "message": "; ".join(said)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from typing import Any, Protocol
 
@@ -30,6 +30,7 @@ class Point:
     """Settings of one run: those of :class:`vemcvx.cost.Row`.
 
     `family` is None for the problem's own, and `steps` where an adaptive run, which has a `target`, chooses them.
+    Errors and targets are `of` the energy norm or of another quantity that :func:`vemcvx.adapt` aims at.
     """
 
     family: str | None
@@ -38,6 +39,7 @@ class Point:
     solver: str
     accuracy: float
     target: float | None = None
+    of: str = "energy"
 
     def key(self, mark: str) -> str:
         """A key that identifies the point among all runs; `mark` names all else that the answer depends on."""
@@ -94,7 +96,7 @@ class Grid:
     """The grid of a sweep: all combinations of its fields.
 
     Without `solvers` and `accuracies` Newton runs everywhere at 1e-8, and others at a few points. `targets` are those
-    of adaptive runs, and the levels that advice is given for.
+    of adaptive runs, and the levels that advice is given for; they, and all errors, are `of` one quantity.
     """
 
     families: tuple[str | None, ...]
@@ -104,6 +106,7 @@ class Grid:
     accuracies: tuple[float, ...] | None
     targets: tuple[float, ...]
     adaptive: bool = True
+    of: str = "energy"
 
     @property
     def points(self) -> tuple[Point, ...]:
@@ -121,17 +124,18 @@ class Grid:
             # Without a choice of solvers Newton runs everywhere, and these on two meshes of the first family.
             chosen = product(where, self.steps[-1:], OTHERS, (1e-3, 1e-6))
             found += [Point(self.families[0], *settings) for settings in chosen]
+        found = [replace(point, of=self.of) for point in found]
         return tuple(sorted(dict.fromkeys(found), key=lambda point: -point.work))
 
     @property
     def coarsest(self) -> Point:
         """The point whose mesh the reference is refined from."""
-        return Point(self.families[0], min(self.ns), max(self.steps), "newton", 1e-8)
+        return Point(self.families[0], min(self.ns), max(self.steps), "newton", 1e-8, of=self.of)
 
     @property
     def finest(self) -> Point:
         """The point that the reference has to beat where it cannot be adapted."""
-        return Point(self.families[0], max(self.ns), max(self.steps), "newton", 1e-8)
+        return Point(self.families[0], max(self.ns), max(self.steps), "newton", 1e-8, of=self.of)
 
 
 def common_instants(courses: Sequence[Floats]) -> Floats:

@@ -14,6 +14,7 @@ from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
 from vemcvx.plots.style import SERIES
+from vemcvx.results.quoted import growth
 from vemcvx.version import __version__
 
 if TYPE_CHECKING:
@@ -30,15 +31,17 @@ class Row:
     Attributes
     ----------
     family, n : meshes, and cells across the shortest side (of an adaptive run to begin with)
-    target : relative energy error that an adaptive run aims at; None for uniform ones
+    of : the quantity that errors and targets are of: "energy" (the energy norm), "dissipated", "work" or "wear"
+    target : relative error that an adaptive run aims at; None for uniform ones
     solver, accuracy : and the certified relative energy error of a step that is asked of it
     steps : steps of backward Euler, made
     status : done, refused or crashed
     key : identifies the point, the problem and the reference
     cells, unknowns : of the (last) mesh
     error : true error: the largest over the instants looked at, in the energy norm, against the reference, relative to
-        its largest energy norm; `error_end` is that at the last instant
-    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time
+        its largest energy norm; `error_end` is that at the last instant. Of another quantity both are its relative
+        error at the end, and `value` is what the run has
+    estimated : the run's own estimate, vemcvx.error_budget: algebra + space + time; or vemcvx.quantities
     certificate : certified relative energy error of the steps, added up
     seconds : what the answer costs: assemble + prepare + solve + adapt
     assemble, prepare, solve : as in history.seconds (of an adaptive run: of its last pass)
@@ -49,6 +52,7 @@ class Row:
     wall : seconds of the whole point: start of a process, warming up, repeats, measuring
     at : when it was done, seconds since 1970
     message : the refusal, or warnings
+    von_mises, pressure, friction : the largest over the instants looked at
     """
 
     family: str | None
@@ -76,6 +80,11 @@ class Row:
     wall: float | None = None
     at: float | None = None
     message: str = ""
+    of: str = "energy"
+    value: float | None = None
+    von_mises: float | None = None
+    pressure: float | None = None
+    friction: float | None = None
 
     @property
     def done(self) -> bool:
@@ -197,6 +206,28 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     return kept
 
 
+EXTREMES = {
+    "von_mises": "the largest von Mises stress",
+    "pressure": "the largest pressure",
+    "friction": "the largest friction",
+}
+
+
+def without_limit(rows: Sequence[Row]) -> list[str]:
+    """A sentence for each extreme that grows from mesh to mesh of one family by a factor that does not fall."""
+    uniform = [row for row in rows if row.done and row.target is None]
+    lines = []
+    for key, words in EXTREMES.items():
+        for family in dict.fromkeys(row.family for row in uniform):
+            own = {row.n: getattr(row, key) or 0.0 for row in uniform if row.family == family}
+            found = growth([1.0 / n for n in sorted(own)], [own[n] for n in sorted(own)])
+            if found:
+                counts = ", ".join(map(str, sorted(own)[-4:]))
+                lines.append(f"{words} {found} ({family or 'its own mesh'}, n = {counts})")
+                break
+    return lines
+
+
 def within_reach(rows: Sequence[Row]) -> list[float]:
     """The two smallest of the levels 50 %, 20 %, 10 % ... that a run is as good as."""
     levels = [share * 10.0**-k for k in range(1, 9) for share in (5.0, 2.0, 1.0)]
@@ -229,8 +260,10 @@ def advice(rows: Sequence[Row], levels: Sequence[float]) -> list[str]:
 AXES = {"seconds": "seconds, in one thread", "unknowns": "unknowns"}
 
 
-def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "") -> Figure:
-    """Draw true errors against seconds and against unknowns, of rows of which some has an answer.
+def picture(
+    rows: Sequence[Row], levels: Sequence[float], resolved: float | None, title: str = "", of: str = "the energy norm"
+) -> Figure:
+    """Draw true errors of a quantity against seconds and against unknowns, of rows of which some has an answer.
 
     Lines mark the errors of `levels`, and a band those below the estimated error of the reference, `resolved`.
     """
@@ -262,7 +295,7 @@ def picture(rows: Sequence[Row], levels: Sequence[float], resolved: float | None
         ax.set(xscale="log", yscale="log", xlabel=AXES[cost])
         light_grid(ax)
     low = min([*errors, *([] if resolved is None else [100 * resolved])])
-    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel="true error in the energy norm, %")
+    axes[0].set(ylim=(low / 1.25, max(errors) * 1.25), ylabel=f"true error of {of}, %")
     plain_logarithms(axes[0].yaxis)
     if resolved is not None:
         own_error = 0.02, 93 * resolved

@@ -9,6 +9,9 @@ adaptive algorithm for Poisson's equation*, SIAM J. Numer. Anal. 33, 1996). Wher
 less is taken: the squared indicator of a cell drops to a quarter when it is split in four, as h^2 does. A step that
 loses much has data that bend or jump inside it, and these are instants from then on; or it is halved. The steps that
 together make up a given part of the loss are split at once: the smallest set, as of cells.
+
+Where the target is of friction work, work or wear, the errors of mesh and steps are those of that quantity
+(:mod:`.quantities`), found by two more runs a pass; cells are still marked by energy indicators, scaled to its error.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from __future__ import annotations
 import logging
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,11 +29,13 @@ from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, is_real, part
 from vemcvx.errors import SceneError, SceneWarning
 from vemcvx.estimate.budget import ErrorBudget, budget_of, check_estimable, in_time
 from vemcvx.estimate.finer_steps import ACROSS, Finer, beside_finer, course
+from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History
 from vemcvx.meshes import AnyMesh, PolygonMesh, plane_mesh
 from vemcvx.outline import Outline, Outlined
 from vemcvx.program.tolerances import ADAPTED
-from vemcvx.results.results import record
+from vemcvx.results.quoted import SINGULAR, growth
+from vemcvx.results.results import largest_values, record
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.simulation import check_kinds
@@ -47,6 +52,17 @@ MARGIN = 0.9
 TIME_SHARE = 0.3
 """Part of the target for time."""
 THETA = 0.6
+MOST_STEPS = 4000
+"""Beyond so many, steps are not split before the mesh is."""
+STALL = 4
+"""Passes after which the error of the mesh has fallen, if it ever does: cells are three to eight times as many then."""
+OF = {
+    "energy": "the energy norm",
+    "dissipated": "the energy that friction dissipates",
+    "work": "the work",
+    "wear": "the largest wear",
+}
+"""Quantities whose relative error a target may be of, in words."""
 
 
 def cells_to_refine(squares: Floats, goal: float, theta: float) -> Bools:
@@ -68,28 +84,51 @@ def largest(values: Floats, part: float) -> Bools:
     return chosen
 
 
-def split_steps(times: Floats, finer: Finer, allowed: float) -> Floats:
-    """The instants (N + 1,) of a run, more where its steps lose most, if its energy error is beyond the one allowed."""
-    error = float(finer.errors.max())
-    lost = np.where(np.diff(times) > ACROSS * (times[-1] - times[0]), finer.added, 0.0)
-    if error <= allowed or not lost.any():
+@dataclass(frozen=True)
+class Lost:
+    """The relative error that steps make, and what each adds to it."""
+
+    error: float
+    squares: Floats
+    """(N,) parts that add up, of energy errors their squares"""
+    bends: Floats
+
+    @classmethod
+    def of_energy(cls, finer: Finer, unit: float) -> Lost:
+        """By the energy norm, relative to `unit`."""
+        return cls(float(finer.errors.max()) / (unit or 1.0), finer.added**2, finer.bends)
+
+    @classmethod
+    def of_quantity(cls, found: StepErrors, of: str, value: float) -> Lost:
+        """By a quantity."""
+        return cls(float(found.errors[of][-1]) / (abs(value) or 1.0), found.added[of], found.bends)
+
+
+def split_steps(times: Floats, lost: Lost, allowed: float) -> Floats:
+    """The instants (N + 1,) of a run, more where its steps lose most, if its relative error is beyond the one allowed.
+
+    Where loads are smooth errors fall with the square of the step: beyond four times what is allowed steps are cut into
+    more than two at once.
+    """
+    squares = np.where(np.diff(times) > ACROSS * (times[-1] - times[0]), lost.squares, 0.0)
+    if lost.error <= allowed or not squares.any():
         return times
-    # Steps with .8 of the squared loss are split at once.
-    marked = largest(lost**2, 0.8)
-    # Where loads are smooth the error falls with the square of the step.
-    # Steps are cut into more than two at once where the error exceeds this many times what is allowed.
-    parts = 2 if error <= 4.0 * allowed else 3
+    parts = 2 if lost.error <= 4.0 * allowed else 3
     new = [times]
-    for n in np.flatnonzero(marked):
+    # Steps with .8 of the squared loss are split at once.
+    for n in np.flatnonzero(largest(squares, 0.8)):
         a, b = times[n], times[n + 1]
-        inside = finer.bends[(finer.bends > a) & (finer.bends < b)]
+        inside = lost.bends[(lost.bends > a) & (lost.bends < b)]
         new.append(inside if len(inside) else np.linspace(a, b, parts + 1)[1:-1])
     return np.unique(np.concatenate(new))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """One pass: sizes, the parts of its estimated relative error, and its seconds."""
+    """One pass: sizes, the parts of its estimated relative error, and its seconds.
+
+    `space` and `time` are of what the target is of, `algebra` is certified of the energy norm.
+    """
 
     cells: int
     unknowns: int
@@ -98,11 +137,21 @@ class Pass:
     space: float
     time: float
     seconds: float
+    extremes: dict[str, tuple[float, float]]
+    """by key, those that may grow without limit: the size of the cells where it stands, and its value"""
 
     @property
     def total(self) -> float:
         """The sum of the three parts."""
         return self.algebra + self.space + self.time
+
+
+def stalled(passes: Sequence[Pass]) -> bool:
+    """True where the error of the mesh does not fall any more: the quantity has no limit, as of a singular pressure.
+
+    Where it has one, a pass that refines half of the squared error takes a fifth of it away at least.
+    """
+    return len(passes) > STALL and passes[-1].space > 0.9 * min(one.space for one in passes[:-STALL])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -118,13 +167,16 @@ class Adapted(Outlined):
     passes : tuple of Pass
         From the coarse mesh to the last.
     target : float
-        The relative energy error that was asked for.
+        The relative error that was asked for.
+    of : {"energy", "dissipated", "work", "wear"}
+        The quantity that it is of; `history.quantities` has the last three with their errors, if it is one of them.
     """
 
     history: History
     budget: ErrorBudget
     passes: tuple[Pass, ...]
     target: float
+    of: str = "energy"
 
     @property
     def met(self) -> bool:
@@ -136,7 +188,7 @@ class Adapted(Outlined):
         last, met = self.passes[-1], "met" if self.met else "not met"
         parts = ", ".join(f"{name} {getattr(last, name):.1e}" for name in ("algebra", "space", "time"))
         lines = [
-            ("estimated", f"{last.total:.2%} of the energy norm ({parts})"),
+            ("estimated", f"{last.total:.2%} of {OF[self.of]} ({parts})"),
             ("passes", f"{len(self.passes)}; last: cells {last.cells}, unknowns {last.unknowns}, steps {last.steps}"),
             *(("jump", words) for words in self.budget.jumps),
         ]
@@ -151,7 +203,11 @@ class Adapted(Outlined):
             for p in self.passes
         ]
         met = "met" if self.met else "not met"
-        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of the energy norm: {met}"])
+        if self.of != "energy" and not self.met and stalled(self.passes):
+            met += (
+                ", and its error does not fall as the mesh is refined: there is no limit, as where stress is singular"
+            )
+        return "\n".join([head, *rows, *self.budget.jumps, f"target {self.target:.2%} of {OF[self.of]}: {met}"])
 
 
 def adapt(
@@ -160,13 +216,14 @@ def adapt(
     times: ArrayLike,
     target: float = 0.02,
     *,
+    of: str = "energy",
     solver: Solver | Solves | None = None,
     initial: ArrayLike | str | None = None,
     most_unknowns: int = 400_000,
     theta: float = THETA,
     progress: Callable[[Pass], None] | None = None,
 ) -> Adapted:
-    """Simulate with a mesh and time steps chosen so that the estimated relative energy error is at most `target`.
+    """Simulate with a mesh and time steps chosen so that the estimated relative error is at most `target`.
 
     Parameters
     ----------
@@ -176,7 +233,12 @@ def adapt(
     times : increasing sequence of instants
         The first and the last instant, and those at which the history stores the answer; others are inserted between.
     target : float
-        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined.
+        Relative energy error (:class:`vemcvx.estimate.budget.ErrorBudget`), the largest over the instants examined; or
+        the relative error of another quantity at the last instant, see `of`.
+    of : {"energy", "dissipated", "work", "wear"}
+        The quantity whose error is meant: the displacement in the energy norm; the energy that friction dissipates; the
+        work; the largest wear (:func:`vemcvx.quantities`), which has no limit where pressure is singular: passes
+        end when the error has not fallen in four of them. Each pass costs two more runs, one with all cells refined.
     solver : Solver, or object with solve(program, target), optional
         An accuracy finer than a hundredth of the target is replaced by that: nothing finer is needed.
     initial : None, "equilibrium" or "settled"
@@ -204,7 +266,7 @@ def adapt(
     """
     check_kinds(scene, mesh)
     mesh = plane_mesh(mesh, "adapt", "simulate on finer meshes")
-    _check(target, theta, most_unknowns, progress)
+    _check(target, of, theta=theta, most=most_unknowns, progress=progress)
     if not (initial is None or isinstance(initial, str)):
         raise SceneError(
             "adapt: found an initial displacement, which belongs to one mesh; begin from None, 'equilibrium' or "
@@ -218,7 +280,7 @@ def adapt(
     while True:
         start = time.perf_counter()
         if not passes:
-            instants, finer = _begin(scene, mesh, wanted, target, initial)
+            instants, finer = _begin(scene, mesh, wanted, (target, of), initial)
         posed = pose_scene(scene, mesh, instants.tolist())
         kept = np.searchsorted(instants, wanted).tolist()
         trajectory = march(posed.system, instants, solver=_lenient(solver, target), initial=initial, store=kept)
@@ -226,14 +288,22 @@ def adapt(
         history = History.of(record(posed, trajectory, assembled, Memory()))
         # Steps are looked at once the mesh of the pass before came this near the target; before, as on the coarse
         # mesh.
-        near = len(passes) > 0 and passes[-1].space <= 1.4 * target
+        near = of == "energy" and len(passes) > 0 and passes[-1].space <= 1.4 * target
         budget, finer = _judged(posed, history, _looked_at(instants, wanted), target, None if near else finer)
         parts = {name: budget.largest[name] for name in ("algebra", "space", "time")}
+        lost, indicators = Lost.of_energy(finer, budget.scale or finer.norm), budget.cells**2
+        if of != "energy":
+            history, found = with_quantities(history)
+            aim = (history.quantities or {})[of]
+            lost = Lost.of_quantity(found, of, aim.value)
+            parts |= {"space": aim.mesh / (abs(aim.value) or 1.0), "time": lost.error}
+            indicators = indicators * (parts["space"] ** 2 / (indicators.sum() or 1.0))
         now = Pass(
             cells=mesh.n_cells,
             unknowns=posed.system.n,
             steps=len(instants) - 1,
             seconds=time.perf_counter() - start,
+            extremes=_extremes(history),
             **parts,
         )
         passes.append(now)
@@ -243,13 +313,34 @@ def adapt(
         log.info("pass %d: %d cells, %d steps, estimated error %.3g", len(passes), now.cells, now.steps, now.total)
         if progress is not None:
             progress(now)
-        marked, split = _next(budget, finer, instants, target, theta)
+        marked, split = _next(now, indicators, (instants, lost), target, theta)
         done = now.total <= target or not (marked.any() or len(split) > len(instants))
+        done = done or (of != "energy" and stalled(passes))
         if done or now.unknowns * (1 + 3 * marked.mean()) > most_unknowns:
-            history = replace(history, errors={**budget.largest, "target": target})
-            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target)
+            if of != "energy":
+                budget, _ = _judged(posed, history, _looked_at(instants, wanted), target, None)
+            asked = {"target": target} if of == "energy" else {}
+            history = replace(history, errors={**budget.largest, **asked}, growth=_growth(passes))
+            return Adapted(history=history, budget=budget, passes=tuple(passes), target=target, of=of)
         mesh = mesh.refine(marked) if marked.any() else mesh
         instants, finer = split, finer if len(split) == len(instants) else None
+
+
+def _extremes(history: History) -> dict[str, tuple[float, float]]:
+    mesh, found = plane_mesh(history.mesh, "adapt"), {}
+    for one, _ in largest_values(history):
+        if one.key in SINGULAR:
+            # Of a contact node, the smallest cell nearby, whose centroid is not a cell's width away.
+            near = np.linalg.norm(mesh.centroids - one.place, axis=1)
+            found[one.key] = float(np.sqrt(mesh.areas[np.argmin(near)])), one.value
+    return found
+
+
+def _growth(passes: Sequence[Pass]) -> dict[str, str]:
+    """The extremes that grew from pass to pass by a factor that does not fall, and how."""
+    keys = set.intersection(*(set(one.extremes) for one in passes))
+    told = {key: growth(*zip(*(one.extremes[key] for one in passes), strict=True)) for key in SINGULAR if key in keys}
+    return {key: words for key, words in told.items() if words}
 
 
 def _judged(
@@ -265,20 +356,21 @@ def _judged(
     return budget_of(posed, history, rows, finer), finer
 
 
-def _next(budget: ErrorBudget, finer: Finer, instants: Floats, target: float, theta: float) -> tuple[Bools, Floats]:
+def _next(now: Pass, squares: Floats, steps: tuple[Floats, Lost], target: float, theta: float) -> tuple[Bools, Floats]:
     """Cells to refine, and the instants of the next pass; these wait until the mesh is nearly good enough."""
-    worst = budget.largest
     # The tolerance of the mesh is what algebra and steps leave of the target.
-    for_space = max(target - worst["algebra"] - min(worst["time"], TIME_SHARE * target), 0.5 * target)
-    marked = cells_to_refine(budget.cells**2, for_space**2, theta)
+    for_space = max(target - now.algebra - min(now.time, TIME_SHARE * target), 0.5 * target)
+    marked = cells_to_refine(squares, for_space**2, theta)
     # Steps are split once the error of the mesh is this near to what it may be.
-    if worst["space"] > 1.5 * for_space or worst["time"] <= TIME_SHARE * target:
-        return marked, instants
-    return marked, split_steps(instants, finer, TIME_SHARE * target * (budget.scale or finer.norm))
+    if now.space > 1.5 * for_space or now.time <= TIME_SHARE * target:
+        return marked, steps[0]
+    return marked, split_steps(*steps, TIME_SHARE * target)
 
 
-def _check(target: object, theta: object, most: object, progress: object) -> None:
+def _check(target: object, of: object, theta: object, most: object, progress: object) -> None:
     part(target, "adapt", "target", "a relative error,", "0.02")
+    if not (isinstance(of, str) and of in OF):
+        raise SceneError(f"adapt: found of = {brief(of)}; a target is of {', '.join(map(repr, OF))}.")
     part(theta, "adapt", "theta", "a part,", "0.6")
     if not (is_real(most) and 1 <= most <= np.finfo(float).max):
         raise SceneError(f"adapt: found most_unknowns = {brief(most)}; it is a number of unknowns, such as 400_000.")
@@ -287,8 +379,10 @@ def _check(target: object, theta: object, most: object, progress: object) -> Non
     check_takes(progress, 1, "adapt: progress", "each Pass")
 
 
-def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initial: str | None) -> tuple[Floats, Finer]:
-    """Instants with which the coarse mesh loses little to time, and the run beside one in finer steps.
+def _begin(
+    scene: Scene, mesh: PolygonMesh, wanted: Floats, aim: tuple[float, str], initial: str | None
+) -> tuple[Floats, Finer | None]:
+    """Instants with which the coarse mesh loses little to time, and, for energies, the run beside one in finer steps.
 
     Nothing is left out here: what is zero at the instants asked for need not be so between them.
     """
@@ -304,13 +398,17 @@ def _begin(scene: Scene, mesh: PolygonMesh, wanted: Floats, target: float, initi
         )
     run = prepare(posed.system, None, False, True)
     state = certified_in_full(run, initial_state(run, float(wanted[0]), initial))
-    known, times = course(posed.system, wanted), wanted
+    (target, of), known, times, finer = aim, course(posed.system, wanted), wanted, None
     while True:
-        finer = beside_finer(run, times, state.unknowns, known)
-        allowed = TIME_SHARE * target * finer.norm
-        split = split_steps(times, finer, allowed)
-        # Beyond so many, steps are not split before the mesh is.
-        if len(split) == len(times) or len(split) > 4000:
+        if of == "energy":
+            finer = beside_finer(run, times, state.unknowns, known)
+            lost = Lost.of_energy(finer, finer.norm)
+        else:
+            last = march(posed.system, times, initial=initial, store="last", check=False)
+            history = History.of(record(posed, last, 0.0, Memory()))
+            lost = Lost.of_quantity(errors_of_steps(history), of, value_of(history, of))
+        split = split_steps(times, lost, TIME_SHARE * target)
+        if len(split) == len(times) or len(split) > MOST_STEPS:
             return times, finer
         times = split
 

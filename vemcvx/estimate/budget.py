@@ -53,12 +53,13 @@ from vemcvx.arrays import Floats, Ints, brief, plain, totals
 from vemcvx.errors import HistoryError, SceneError
 from vemcvx.estimate.data_oscillation import POINCARE, DataOscillation
 from vemcvx.estimate.finer_steps import Finer, beside_finer
-from vemcvx.estimate.quantities import Quantity, quantities
+from vemcvx.estimate.quantities import quantities
 from vemcvx.estimate.skeleton import Instant, Skeleton, body_forces, instant, skeleton, surface_forces
 from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.geometry import right_of
 from vemcvx.outline import Outline, Outlined
+from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
 from vemcvx.scene.scene import InitialStresses

@@ -11,53 +11,39 @@ missed, which is of first order and asks for 4/3, and a sixteenth where all is s
 of it where the order is one, as with singular corners, and a quarter where the solution is smooth. Both are estimates
 and no bounds. Where pressure is singular, as at most corners of contact, the largest wear grows without limit as the
 mesh is refined, and the error that the mesh makes in it is that of the next refinement only.
+
+:func:`vemcvx.adapt` splits the steps in which both runs gain most differently, and refines the cells with the largest
+energy errors until the quantity that it aims at is as exact as asked for.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vemcvx.arrays import Floats, brief
-from vemcvx.errors import HistoryError
+from vemcvx.errors import HistoryError, SceneWarning
 from vemcvx.estimate.finer_steps import course, finer_instants
 from vemcvx.history import History
-from vemcvx.meshes import PolygonMesh
-from vemcvx.results.results import SPREAD, displacement
+from vemcvx.meshes import AnyMesh, PolygonMesh
+from vemcvx.results.quoted import Quantity
+from vemcvx.results.results import SPREAD, displacement, record
+from vemcvx.scene import Scene
 from vemcvx.scene.pose import pose_scene
-from vemcvx.simulation import simulate
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity over a whole run with its estimated error.
-
-    Attributes
-    ----------
-    value : float
-        Of second order in the steps.
-    steps, mesh : float
-        The estimated errors that time steps and mesh make in it; `mesh` is NaN in space, where no mesh is refined.
-    unit : str
-        In words.
-    """
-
-    value: float
-    steps: float
-    mesh: float
-    unit: str
-
-    @property
-    def error(self) -> float:
-        """The sum of the two; that of the steps alone where nothing is known of the mesh."""
-        return self.steps if np.isnan(self.mesh) else self.steps + self.mesh
+from vemcvx.simulation import free_unknowns
+from vemcvx.stepping.backward_euler import march
+from vemcvx.stepping.trajectory import Memory
 
 
 def quantities(history: History) -> dict[str, Quantity]:
     """Friction work, work and the largest wear of a run, of second order in its steps, with estimated errors.
 
-    The scene is simulated twice more: in finer steps, and, in the plane, on a refined mesh.
+    The scene is simulated twice more: in finer steps, and, in the plane, on a refined mesh; unless the history has them
+    already, as those of adaptive runs that aim at one have.
 
     Parameters
     ----------
@@ -78,33 +64,100 @@ def quantities(history: History) -> dict[str, Quantity]:
     """
     if not isinstance(history, History):
         raise HistoryError(f"quantities: found {brief(history)} where a History is wanted.")
+    return history.quantities or with_quantities(history)[0].quantities or {}
+
+
+def value_of(history: History, of: str) -> float:
+    """A quantity at the last instant."""
+    return float(_courses(history)[of][-1])
+
+
+def with_quantities(history: History) -> tuple[History, StepErrors]:
+    """The history with its quantities and the errors of energies at all instants, and what steps contribute."""
+    own, found = _courses(history), errors_of_steps(history)
+    steps = found.errors
+    refined = dict.fromkeys(own, np.array([np.nan]))
+    if isinstance(history.mesh, PolygonMesh):
+        begin = "settled" if _start(history).any() else None
+        refined = _courses(_beside(history, history.mesh.refine(), history.trajectory.times, begin))
+    mesh = {name: 2.0 * np.abs(own[name] - refined[name]) for name in own}
+    over = SPREAD[history.mesh.points.shape[1]][0]
+    units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
+    told = replace(
+        history,
+        quantities={
+            name: Quantity(float(own[name][-1]), float(steps[name][-1]), float(mesh[name][-1]), units[name])
+            for name in own
+        },
+        dissipated_error=steps["dissipated"] + np.nan_to_num(mesh["dissipated"]),
+        work_error=steps["work"] + np.nan_to_num(mesh["work"]),
+    )
+    return told, found
+
+
+@dataclass(frozen=True)
+class StepErrors:
+    """The errors that steps make, and where: at all instants (N + 1,), of "wear" at the last one alone."""
+
+    errors: dict[str, Floats]
+    added: dict[str, Floats]
+    """(N,) what each step adds; to wear by its part of the friction work"""
+    bends: Floats
+    """instants at which data bend or jump"""
+
+
+def errors_of_steps(history: History) -> StepErrors:
+    """Compare a run with one in finer steps."""
+    times = history.trajectory.times
+    with _unwarned():
+        known = course(pose_scene(_scene(history), history.mesh).system, times)
+    finer, begin = finer_instants(times, known), _start(history)
+    own, other = _courses(history), _courses(_beside(history, history.mesh, finer, begin))
+    at = np.searchsorted(finer, times)
+    apart = {name: 1.5 * (own[name] - other[name][at if len(other[name]) > 1 else -1]) for name in own}
+    added = {name: np.abs(np.diff(apart[name])) for name in ("dissipated", "work")}
+    return StepErrors(
+        errors={name: np.abs(off) for name, off in apart.items()},
+        added=added | {"wear": added["dissipated"]},
+        bends=known.bends,
+    )
+
+
+def _courses(history: History) -> dict[str, Floats]:
+    """Friction work and work at all instants, and the largest wear at the last one."""
+    run, contact = history.trajectory, history.contact
+    wear = contact.wear_second_order[-1:].max(axis=1, initial=0.0)
+    return {"dissipated": run.dissipated_second_order, "work": run.work_second_order, "wear": wear}
+
+
+def _scene(history: History) -> Scene:
     if history.scene is None or history.trajectory.initial is None:
         raise HistoryError(
             "quantities: this history was read from files, and its scene is not among them; simulate the scene."
         )
-    scene, mesh, times = history.scene, history.mesh, history.trajectory.times
-    posed = pose_scene(scene, mesh)
-    start = displacement(pose_scene(scene, mesh, times.tolist()), history.trajectory.initial, float(times[0]))
-    finer = finer_instants(times, course(posed.system, times))
-    begin = start.reshape(mesh.points.shape)
-    own = _values(history)
-    in_time = _values(simulate(scene, mesh, finer, initial=begin, store="last", check=False))
-    steps = 1.5 * np.abs(own - in_time)
-    refined = np.full(len(own), np.nan)
-    if isinstance(mesh, PolygonMesh):
-        rest = "settled" if start.any() else None
-        refined = _values(simulate(scene, mesh.refine(), times, initial=rest, store="last", check=False))
-    over = SPREAD[mesh.points.shape[1]][0]
-    units = {"dissipated": "energy", "work": "energy", "wear": f"energy/{over}"}
-    off = 2.0 * np.abs(own - refined)
-    return {
-        name: Quantity(float(own[i]), float(steps[i]), float(off[i]), unit)
-        for i, (name, unit) in enumerate(units.items())
-    }
+    return history.scene
 
 
-def _values(history: History) -> Floats:
-    """Friction work, work and the largest wear at the end of a run."""
-    run = history.trajectory
-    wear = history.contact.wear_second_order[-1].max(initial=0.0)
-    return np.array([run.dissipated_second_order[-1], run.work_second_order[-1], wear])
+def _start(history: History) -> Floats:
+    """The nodal displacements (n_nodes, 2) at the initial instant."""
+    times, initial = history.trajectory.times, history.trajectory.initial
+    assert initial is not None
+    with _unwarned():
+        posed = pose_scene(_scene(history), history.mesh, times.tolist())
+    return displacement(posed, initial, float(times[0])).reshape(history.mesh.points.shape)
+
+
+def _beside(history: History, mesh: AnyMesh, times: Floats, begin: Floats | str | None) -> History:
+    """Another run of the scene. It gives no warnings: the run that it stands beside has."""
+    with _unwarned():
+        posed = pose_scene(_scene(history), mesh, times.tolist())
+        initial = free_unknowns(begin, posed, float(times[0]))
+        run = march(posed.system, times, initial=initial, store="last", check=False)
+        return History.of(record(posed, run, 0.0, Memory()))
+
+
+@contextmanager
+def _unwarned() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        yield

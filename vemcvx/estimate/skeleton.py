@@ -27,7 +27,7 @@ from vemcvx.scene.contact import Obstacles, Terms
 from vemcvx.scene.contact_table import jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
-from vemcvx.scene.supports import on_free
+from vemcvx.scene.supports import free_directions, on_free
 from vemcvx.vem import elastic_matrix, mean_shear
 
 
@@ -163,7 +163,7 @@ def skeleton(posed: PosedScene) -> Skeleton:
         outer_corners=outer,
         outer_edges=edges[outer],
         outer_normals=normals[outer],
-        free=_free(posed.supports.P, edges[outer]),
+        free=free_directions(posed.supports.P, edges[outer]),
         joints=joints(posed, edges[outer], normals[outer]),
     )
 
@@ -179,21 +179,6 @@ def _extents(mesh: PolygonMesh, edges: Ints, owner: Ints) -> Floats:
     extents = np.zeros((mesh.n_cells, 2, 2))
     np.add.at(extents, owner, share[:, None, None] * np.einsum("eki,ekj->eij", corners, corners))
     return extents
-
-
-def _free(P: sp.csr_matrix, edges: Ints) -> Floats:
-    """(b, 2, 2) projectors on the span of what is free at the two ends of each edge."""
-    nodes, place = np.unique(edges, return_inverse=True)
-    rows = P[(2 * nodes[:, None] + np.arange(2)).ravel()]
-    gram = sp.bsr_matrix(rows @ rows.T, blocksize=(2, 2)).tocoo()
-    own = np.zeros((len(nodes), 2, 2))
-    near = gram.row // 2 == gram.col // 2
-    own[gram.row[near] // 2, gram.row[near] % 2, gram.col[near] % 2] = gram.data[near]
-    values, vectors = np.linalg.eigh(own[place.reshape(-1, 2)].sum(axis=1))
-    # A direction in which both ends of an edge move by less than this part of their freedom is held.
-    kept = np.where(values > 1e-9, 1.0, 0.0)
-    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
-    return projectors
 
 
 @dataclass(frozen=True)

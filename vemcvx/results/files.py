@@ -33,7 +33,7 @@ import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable, Set
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ from vemcvx.meshes import AnyMesh, Interface, PolygonMesh, PolyhedralMesh
 from vemcvx.meshes.io.vtk import packed_cells, write_cells
 from vemcvx.meshes.polyhedra import Faces, listed_faces
 from vemcvx.owned_files import DRAFTS, Owned, path_of
+from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import RECORDS, Results, labelled
 from vemcvx.results.tables import FILES, write_tables
 from vemcvx.vem import component_names
@@ -65,10 +66,11 @@ KINDS = "|".join([STEP, *map(re.escape, (ARCHIVE, SERIES, SUMMARY, *FILES.values
 
 def write_archive(history: Results, path: Path) -> None:
     """Write every array of a history, its mesh with boundaries and cell data, and its words."""
-    mesh, run = history.mesh, vars(history.trajectory)
+    mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
     about = {
         "format": FORMAT,
-        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds")},
+        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds", "growth")},
+        "quantities": None if quoted is None else {name: asdict(one) for name, one in quoted.items()},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
@@ -112,7 +114,10 @@ def _history(arrays: Arrays) -> Results:
     components = len(component_names(dim))
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
+    known["growth"] = about.get("growth")
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
+    quoted = about.get("quantities")
+    known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
     _check_words(about, known)
     found: Results = record_of(Results, arrays, known)
@@ -148,6 +153,9 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
         *((run["solver"], str), (run["linear"], str), (run["seconds"], dict)),
         *((run["accuracy"], (float, type(None))), (about["errors"], (dict, type(None)))),
+        (known["growth"], (dict, type(None))),
+        *((one.unit, str) for one in (known["quantities"] or {}).values()),
+        *((value, float) for one in (known["quantities"] or {}).values() for value in (one.value, one.steps, one.mesh)),
     ]
     if not all(isinstance(value, kind) for value, kind in kinds) or any(
         known[n] is not None for n in SHAPES.keys() & known
@@ -226,6 +234,12 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
+        "quantities": history.quantities
+        and {
+            name: {key: finite_or_none(getattr(one, key)) for key in ("value", "steps", "mesh", "error")}
+            | {"unit": one.unit}
+            for name, one in history.quantities.items()
+        },
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
         "extremes": {
             one.key: {
@@ -234,6 +248,7 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
                 "t": one.time,
                 "step": one.step,
                 "unit": one.unit,
+                "unbounded": one.unbounded or None,
             }
             for one in history.extremes
         },

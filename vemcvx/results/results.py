@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from vemcvx.arrays import Floats, Ints, Quantity, brief, is_whole, quantities, summed_columns
 from vemcvx.errors import HistoryError, SceneError, SceneWarning
-from vemcvx.meshes import AnyMesh
+from vemcvx.meshes import AnyMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
+from vemcvx.results import quoted
 from vemcvx.results.contact import Contact, contact_history
+from vemcvx.results.corners import Corners, Sides, sides_of
 from vemcvx.scene import Scene
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene, pose_scene
@@ -25,37 +27,6 @@ from vemcvx.vem import Space, equivalent, principal, strains, stresses
 
 SPREAD = {2: ("length", "force/length"), 3: ("area", "force/length²")}
 """By dimension: the extent that forces of contact are spread over, and the unit of such a force."""
-
-
-@dataclass(frozen=True)
-class Extreme:
-    """An extreme value of a field over all stored steps.
-
-    Attributes
-    ----------
-    key : str
-        "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction",
-        "pressure" or, in the plane, "pressure_recovered".
-    name : str
-        The same in words, such as "largest von Mises stress".
-    value : float
-    unit : str
-        In words, such as "force/length²".
-    place : (dim,)
-        The node, or the centroid of the cell, where it was reached first.
-    time : float
-        The instant.
-    step : int
-        The step that ends there.
-    """
-
-    key: str
-    name: str
-    value: float
-    unit: str
-    place: Floats
-    time: float
-    step: int
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -78,6 +49,11 @@ class Results:
     errors: dict[str, float] | None = None
     dragged_ends: Annotated[Ints | None, "dragged 2", ""] = None
     dragged_friction: Annotated[Floats | None, "S dragged dim", "force"] = None
+    sides: Sides | None = None
+    growth: dict[str, str] | None = None
+    quantities: dict[str, quoted.Quantity] | None = None
+    dissipated_error: Annotated[Floats | None, "N", "energy"] = None
+    work_error: Annotated[Floats | None, "N", "energy"] = None
 
     @property
     def steps(self) -> int:
@@ -295,24 +271,22 @@ class Results:
         return fields | {"out_of_plane_stress": across, "von_mises": equivalent(stress, across)}
 
     @cached_property
-    def extremes(self) -> tuple[Extreme, ...]:
+    def extremes(self) -> tuple[quoted.Extreme, ...]:
         """The largest displacement, stresses, slip, friction and pressure over all stored steps, where and when.
 
         Displacements are those of nodes, stresses those of cells, Pi u's, at their centroids, and slips, friction and
         pressure, raw and recovered, those of contact nodes. Signs are kept: the smallest principal stress is the
-        largest compression. Found once, when first asked for.
+        largest compression. `unbounded` says of those at corners that they grow without limit as the mesh is refined.
+        Found once, when first asked for.
         """
-        found: dict[str, Extreme] = {}
-        # Squares beyond the largest number are infinite, as are the extremes then.
-        with np.errstate(over="ignore", invalid="ignore"):
-            for row, step in enumerate(self.stored.tolist()):
-                for key, (name, unit, values, points) in _fields(self, row, step):
-                    sign = -1.0 if key.startswith("smallest") else 1.0
-                    k = int(np.argmax(sign * values))
-                    if key not in found or sign * values[k] > sign * found[key].value:
-                        at = {"place": points[k], "time": float(self.times[row]), "step": step}
-                        found[key] = Extreme(key, name, float(values[k]), unit, **at)
-        return tuple(found.values())
+        corners, grew = Corners(self.mesh, self.contact, self.moduli, self.sides), self.growth or {}
+        told = (
+            (one, corners.sentence(_nodes(self, corners, one.key, k), self.row(one.step), one.key) if one.value else "")
+            for one, k in largest_values(self)
+        )
+        return tuple(
+            replace(one, unbounded="; ".join(filter(None, [words, grew.get(one.key, "")]))) for one, words in told
+        )
 
     def row(self, step: int) -> int:
         """The row of a step in the arrays; negative steps count from the end."""
@@ -322,6 +296,31 @@ class Results:
             kept = np.array2string(self.stored, threshold=8)
             raise SceneError(f"history: step {brief(step)} was not stored; stored are {kept} of 0 ... {self.steps}.")
         return stored.index(wanted)
+
+
+def largest_values(history: Results) -> Iterator[tuple[quoted.Extreme, int]]:
+    """The extremes, each with the number of its node, cell or contact node."""
+    found: dict[str, tuple[quoted.Extreme, int]] = {}
+    # Squares beyond the largest number are infinite, as are the extremes then.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for row, step in enumerate(history.stored.tolist()):
+            for key, (name, unit, values, points) in _fields(history, row, step):
+                sign = -1.0 if key.startswith("smallest") else 1.0
+                k = int(np.argmax(sign * values))
+                if key not in found or sign * values[k] > sign * found[key][0].value:
+                    at = {"place": points[k], "time": float(history.times[row]), "step": step}
+                    found[key] = quoted.Extreme(key, name, float(values[k]), unit, **at), k
+    yield from found.values()
+
+
+def _nodes(history: Results, corners: Corners, key: str, k: int) -> list[int]:
+    """The nodes near which an extreme stands: those of its cell, or a contact node and those next to it."""
+    if key in ("pressure", "friction"):
+        return corners.beside(int(history.contact.nodes[k]))
+    mesh = history.mesh
+    if isinstance(mesh, PolyhedralMesh) or key in ("displacement", "slip"):
+        return []
+    return list(map(int, mesh.cells[k]))
 
 
 def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[str, str, Floats, Floats]]]:
@@ -347,13 +346,15 @@ def _fields(history: Results, row: int, step: int) -> Iterator[tuple[str, tuple[
             yield "pressure_recovered", (smooth, unit, contact.pressure_recovered[row], contact.points)
 
 
-RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory}
+RECORDS: dict[str, type] = {"": Results, "contact.": Contact, "trajectory.": Trajectory, "sides.": Sides}
 """Records whose arrays make up a history, under the first part of the names that their arrays have in files."""
 
 
 def labelled(history: Results) -> Iterator[tuple[str, NDArray[Any], Quantity]]:
     """Give every array of a history with its name and what there is to say of it."""
-    for prefix, record in zip(RECORDS, (history, history.contact, history.trajectory), strict=True):
+    for prefix, record in zip(RECORDS, (history, history.contact, history.trajectory, history.sides), strict=True):
+        if record is None:
+            continue
         for name, of in quantities(type(record)).items():
             if (values := getattr(record, name)) is not None:
                 yield prefix + name, values, of
@@ -396,6 +397,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
         out_of_plane_prestress=blocked_across,
         out_of_plane=None if across is None else np.ascontiguousarray(across[:, :3]),
         inactive=posed.inactive + _untouched(posed, trajectory),
+        sides=sides_of(posed),
         **_friction_of_dragged(posed, trajectory),
     )
 

@@ -23,6 +23,8 @@ TABLES = "steps", "contact", "probes"
 FILES = {name: f"{name}.csv" for name in TABLES}
 DERIVED = "work_second_order", "certificate", "certificate_floor", "certificate_total", "certified", "certified_total"
 """Scalars of every step that a trajectory computes from its arrays."""
+ERRORS = "dissipated_error", "work_error"
+"""Columns of every step where a history has estimates."""
 DIMENSIONS = {"S": "step", "N": "instant", "nodes": "node", "cells": "cell", "m": "contact", "dim": "axis"}
 """Names of sizes in datasets; others keep theirs, in the singular, and numbers are "of_2" and so on."""
 
@@ -42,6 +44,7 @@ def _steps(history: Results) -> Columns:
     run = history.trajectory
     names = [name for name, of in quantities(type(run)).items() if of.sizes == ("N",) and name != "times"]
     found = {name: getattr(run, name) for name in (*names, *DERIVED)}
+    found |= {name: getattr(history, name) for name in ERRORS}
     columns = {"step": np.arange(len(run.times)), "time": run.times}
     return columns | {name: values for name, values in found.items() if values is not None}
 

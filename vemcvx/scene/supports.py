@@ -409,3 +409,18 @@ def along(tangents: Floats, vectors: Floats) -> Floats:
     """(k * (dim - 1),) the components of vectors (k, dim) along the tangents (k, dim - 1, dim) of each row."""
     components: Floats = np.einsum("kbd,kd->kb", tangents, vectors).ravel()
     return components
+
+
+def free_directions(P: sp.csr_matrix, edges: Ints) -> Floats:
+    """(b, 2, 2) projectors on the span of what is free at the two ends of each edge."""
+    nodes, place = np.unique(edges, return_inverse=True)
+    rows = P[(2 * nodes[:, None] + np.arange(2)).ravel()]
+    gram = sp.bsr_matrix(rows @ rows.T, blocksize=(2, 2)).tocoo()
+    own = np.zeros((len(nodes), 2, 2))
+    near = gram.row // 2 == gram.col // 2
+    own[gram.row[near] // 2, gram.row[near] % 2, gram.col[near] % 2] = gram.data[near]
+    values, vectors = np.linalg.eigh(own[place.reshape(-1, 2)].sum(axis=1))
+    # A direction in which both ends of an edge move by less than this part of their freedom is held.
+    kept = np.where(values > 1e-9, 1.0, 0.0)
+    projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+    return projectors

@@ -1,0 +1,158 @@
+"""Corners where stress has no limit: exponents against closed forms, and what is said of extremes there."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from test_extremes import cycle
+
+import hertz_contact
+import l_shaped_bracket
+import plate_with_hole
+import press_fit
+import two_blocks_in_series
+import vemcvx as vx
+from vemcvx.results.corners import CLAMPED, FREE, Corners, Sector, exponent, held_along, joined, slipping
+from vemcvx.results.quoted import growth
+
+KAPPA = 3.0 - 4.0 * 0.3
+
+
+def sector(degrees):
+    return Sector(np.deg2rad(degrees), KAPPA, 7.0)
+
+
+@pytest.mark.parametrize("degrees", [190, 225, 270, 315, 350])
+def test_free_sides_are_as_williams_has_them(degrees):
+    """Symmetric fields: sin(lam a) = -lam sin(a)."""
+    a = np.deg2rad(degrees)
+    closed = brentq(lambda lam: np.sin(lam * a) + lam * np.sin(a), 0.4, 0.99)
+    assert exponent([sector(degrees)], [], (FREE, FREE)) == pytest.approx(closed, abs=1e-8)
+
+
+@pytest.mark.parametrize("degrees", [75, 90, 105, 120])
+def test_a_clamp_beside_a_free_side_is_as_williams_has_it(degrees):
+    """sin^2(lam a) = (kappa + 1)^2 / 4 kappa - lam^2 sin^2(a) / kappa."""
+    a = np.deg2rad(degrees)
+
+    def closed(lam):
+        return np.sin(lam * a) ** 2 - (KAPPA + 1) ** 2 / (4 * KAPPA) + lam**2 * np.sin(a) ** 2 / KAPPA
+
+    for ends in ((CLAMPED, FREE), (FREE, CLAMPED)):
+        assert exponent([sector(degrees)], [], ends) == pytest.approx(brentq(closed, 0.3, 0.995), abs=1e-8)
+
+
+def test_exponents_that_everybody_knows():
+    smooth, crack, clamped = sector(180), sector(360), (CLAMPED, FREE)
+    assert exponent([smooth], [], (FREE, FREE)) == 1.0
+    assert exponent([sector(60)], [], (FREE, FREE)) == 1.0
+    assert exponent([crack], [], (FREE, FREE)) == pytest.approx(0.5, abs=1e-6)
+    # Half plane, half of it clamped: 1/2 +- i log(kappa) / 2 pi.
+    assert exponent([smooth], [], clamped) == pytest.approx(0.5, abs=1e-8)
+    # A corner of 90 degrees on a half plane of the same material, glued: a reentrant corner of 270 degrees.
+    glued = exponent([sector(90), smooth], [joined("sticks")], (FREE, FREE))
+    assert glued == pytest.approx(0.544483736782464, abs=1e-8)
+    # Without friction: .774 (Dundurs and Lee, Stress concentration at a sharp edge in contact problems, 1972).
+    pressed = exponent([sector(90), smooth], [joined("slips")], (FREE, FREE))
+    assert pressed == pytest.approx(0.774, abs=5e-4)
+    # With friction, one edge is worse and the other better (Comninou 1976).
+    worse, better = sorted(exponent([sector(90), smooth], [joined("slips", f)], (FREE, FREE)) for f in (-0.3, 0.3))
+    assert worse < pressed < better
+    # A ring: a crack closed by glue is none.
+    assert exponent([crack], [joined("sticks")], None) == 1.0
+    assert exponent([crack], [joined("open")], None) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_plane_of_symmetry_is_half_of_the_whole():
+    roller = held_along(0.0, 1.0)
+    np.testing.assert_array_equal(np.abs(roller), np.abs(slipping(0.0)))
+    assert exponent([sector(135)], [], (roller, FREE)) == pytest.approx(0.544483736782464, abs=1e-8)
+    assert exponent([sector(90)], [], (roller, FREE)) == 1.0
+
+
+def said(history):
+    return {one.key: one.unbounded for one in history.extremes}
+
+
+def test_a_clamp_and_contact_that_sticks_are_told():
+    """From squares of 1/8 to 1/16 the pressure at the corner grows by 2^.29, as the exponent says."""
+    found = {n: cycle(vx.meshes.squares(n)) for n in (8, 16)}
+    told = said(found[16])
+    clamp = "at a corner of clamp and free side: grows without limit as the mesh is refined, like r^-0.29"
+    touch = "at a corner of contact that sticks and free side: grows without limit as the mesh is refined, like r^-0.29"
+    assert told["von_mises"] == told["largest_principal_stress"] == clamp
+    assert told["pressure"] == told["friction"] == touch
+    assert told["displacement"] == told["slip"] == ""
+    peak = [{one.key: one.value for one in history.extremes}["pressure"] for history in found.values()]
+    assert peak[1] / peak[0] == pytest.approx(2**0.29, rel=0.03)
+
+
+def test_clamp_and_contact_at_an_obtuse_corner():
+    """120 degrees between them: by symmetry 240 degrees between two clamps, singular where 90 degrees are not."""
+    mesh = vx.PolygonMesh(np.array([[0, 0], [2, 0], [2, 1], [-(3**-0.5), 1]]), [[0, 1, 2, 3]]).refine().refine()
+    mesh = mesh.with_boundary("flank", lambda x: np.abs(x[:, 0] * 3**0.5 + x[:, 1]) < 1e-9)
+    mesh = mesh.with_boundary("base", lambda x: x[:, 1] < 1e-9).with_boundary("top", lambda x: x[:, 1] > 1 - 1e-9)
+    pressed = vx.UnilateralContact(on="flank"), vx.Traction((-1.0, -1.0), on="top")
+    for friction in ((), (vx.TrescaFriction(0.1, on="flank"),)):
+        scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="base"), *pressed, *friction)
+        corners = corners_of(vx.simulate(scene, mesh, [0.0, 1.0], initial="settled"))
+        assert corners.sentence([0], -1, "pressure").startswith("at a corner of clamp and contact: grows without limit")
+        assert corners.sentence([0], -1, "friction") == ""
+    a = np.deg2rad(240)
+    odd, even = (brentq(lambda lam, f=f: KAPPA * np.sin(lam * a) + f * lam * np.sin(a), 0.5, 0.99) for f in (-1, 1))
+    assert exponent([sector(240)], [], (CLAMPED, CLAMPED)) == pytest.approx(min(odd, even), abs=1e-8)
+    assert exponent([sector(120)], [], (CLAMPED, slipping(0.0))) == pytest.approx(max(odd, even), abs=1e-8)
+    assert exponent([sector(90)], [], (CLAMPED, slipping(0.0))) == 1.0
+
+
+def corners_of(history):
+    return Corners(history.mesh, history.contact, history.moduli, history.sides)
+
+
+@pytest.mark.parametrize(
+    ("problem", "n"), [(hertz_contact, 8), (plate_with_hole, 6), (press_fit, 4), (two_blocks_in_series, 4)]
+)
+def test_nothing_is_said_where_stress_has_a_limit(problem, n):
+    """Contact that ends where it opens, curves of polygons, planes of symmetry, bodies glued by friction."""
+    begin = getattr(problem, "initial", None)
+    history = vx.simulate(problem.scene(), problem.mesh(n), problem.times(4), initial=begin)
+    assert not any(said(history).values())
+
+
+def test_a_reentrant_corner_is_told():
+    mesh = vx.meshes.l_shape(8)
+    scene = l_shaped_bracket.scene()
+    history = vx.simulate(scene, mesh, [0.0, 1.0])
+    near = np.linalg.norm(mesh.centroids - 0.5, axis=1).argmin()
+    node = int(np.linalg.norm(mesh.points - 0.5, axis=1).argmin())
+    assert node in mesh.cells[near]
+    told = corners_of(history).sentence(mesh.cells[near].tolist(), -1, "von_mises")
+    assert told == "at a reentrant corner: grows without limit as the mesh is refined, like r^-0.46"
+
+
+def test_values_that_grow_by_a_factor_are_told_from_those_with_a_limit():
+    h = 0.5 ** np.arange(5)
+    assert growth(h, h**-0.29).startswith("grew from mesh to mesh by a factor that does not fall: 1.22, 1.49, 1.83")
+    assert growth(h, -3.0 * h**-0.1)
+    assert growth(h, 2.0 - h) == ""
+    assert growth(h, 2.0 - 0.9 * np.sqrt(h)) == ""
+    assert growth(h, np.ones(5)) == ""
+    assert growth(h[:2], h[:2] ** -0.5) == ""
+    # Two meshes with the same cells there are one.
+    assert growth([1.0, 1.0, 0.5, 0.5, 0.25], [1.0, 1.1, 1.3, 1.35, 1.7]) != ""
+
+
+def test_adaptive_runs_tell_growth_and_keep_it(tmp_path):
+    scene = cycle(vx.meshes.squares(2)).scene
+    found = vx.adapt(scene, vx.meshes.squares(4), np.linspace(0.0, 2.0, 9), 0.1)
+    told = said(found.history)
+    assert "at a corner of contact that sticks and free side" in told["pressure"]
+    assert "; grew from mesh to mesh by a factor that does not fall: " in told["pressure"]
+    assert set(found.history.growth) >= {"von_mises", "pressure"}
+    found.history.write(tmp_path)
+    kept = json.loads((tmp_path / "summary.json").read_text())["extremes"]
+    assert {key: one["unbounded"] or "" for key, one in kept.items()} == told
+    again = vx.read_history(tmp_path)
+    assert again.growth == found.history.growth
+    assert said(again) == told

@@ -46,6 +46,7 @@ from vemcvx.errors import (
 )
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
+from vemcvx.estimate.bound.error_bound import ErrorBound, error_bound
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import Quantity, quantities
 from vemcvx.exchange import read_program, write_program
@@ -77,6 +78,7 @@ __all__ = [
     "Effect",
     "ElasticFoundation",
     "Elasticity",
+    "ErrorBound",
     "ErrorBudget",
     "History",
     "HistoryError",
@@ -125,6 +127,7 @@ __all__ = [
     "Viscosity",
     "__version__",
     "adapt",
+    "error_bound",
     "error_budget",
     "march",
     "measures",

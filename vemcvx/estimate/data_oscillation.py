@@ -235,7 +235,7 @@ class DataOscillation:
             on_edges += np.sum([self._obstacle(obstacle, now) for obstacle in part.obstacles], axis=0)
             on_edges += np.sum([self._support(support, now) for support in part.supports], axis=0)
         in_cells, force = self._body(now.t)
-        local = totals(edges.outer, on_edges, n) + in_cells + self._stress(now.t, strain)
+        local = totals(edges.outer, on_edges, n) + in_cells + self.stress(now.t, strain)
         return local + self._of_the_body(lacking, force)
 
     # The whole body.
@@ -428,7 +428,7 @@ class DataOscillation:
         lacking = np.stack([self._integrals(one) for one in apart.T], axis=1)
         return POINCARE * edges.sizes**2 / edges.shear * self._integrals(np.sum(apart**2, axis=1)), lacking
 
-    def _stress(self, t: float, strain: Floats) -> Floats:
+    def stress(self, t: float, strain: Floats) -> Floats:
         """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
         laws = [(part.material, part.material.at) for part in self.parts if part.material and part.material.at]
         swelling = [(one, one.at) for part in self.parts for one in part.eigenstrains if one.at]

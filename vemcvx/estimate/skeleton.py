@@ -23,8 +23,7 @@ from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import cross, right_of
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, positions
-from vemcvx.scene.contact import Obstacles, Terms
-from vemcvx.scene.contact_table import jump_rows
+from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.scene.supports import on_free
@@ -257,7 +256,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
     return total
 
 
-def at_ends(edges: Skeleton, rows: Terms | Obstacles, values: Floats) -> Floats:
+def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """(b, 2, k) values (m, k) of rows at the two ends of each edge that they own; zero where there is none.
 
     Where supports hold an end of an interface they bear what acts there, whatever it is: it is taken to be as at the

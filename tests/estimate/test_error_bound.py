@@ -1,0 +1,249 @@
+"""Guaranteed bounds: above the exact error, below it, near it; and what has none says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bounds import circle_of, distance, error_from
+from scenes import FAMILIES, paper_scene
+
+import manufactured_full_slip as full_slip
+import vemcvx as vx
+
+pytestmark = pytest.mark.arithmetic
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.3)
+ROUNDING = 1e-9
+
+
+def slipping(poisson):
+    """Manufactured full slip, held on the left alone, where the displacement is linear."""
+    lam = full_slip.lame(poisson)
+
+    def of(field):
+        return lambda x, t: field(x[:, 0], x[:, 1], t, lam)
+
+    def on_the_right(x, t):
+        x, y = x.T
+        xx, _, xy = np.moveaxis(full_slip.strain(x, y, t, lam), -1, 0)
+        # As in the problem file: e_xx + e_yy would cancel.
+        return np.column_stack([2.0 * xx + lam / (1.0 + lam) * (1.0 + x * y) * np.exp(x * y) * t / 3.0, xy])
+
+    return vx.Scene(
+        vx.Elasticity(young=2.0 * (1.0 + poisson), poisson=poisson),
+        vx.BodyForce(of(full_slip.body_force)),
+        vx.PrescribedDisplacement(of(full_slip.displacement), on="left"),
+        vx.Traction(of(full_slip.traction_on_top), on="top"),
+        vx.Traction(on_the_right, on="right"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(lambda x, t: t * x[:, 0] ** 2 * (lam + 2.0) / (6.0 * (lam + 1.0)), on="bottom"),
+    )
+
+
+def slipped(poisson, family, n, times=(0.0, 1.0)):
+    return vx.simulate(slipping(poisson), vx.meshes.FAMILIES[family](n), times)
+
+
+def exact_error(history, poisson, u=None):
+    lam, u = full_slip.lame(poisson), history.displacement[-1] if u is None else u
+    strain = lambda x: full_slip.strain(x[:, 0], x[:, 1], 1.0, lam)  # noqa: E731
+    return error_from(circle_of(history), u, 1.0, strain)
+
+
+def exact_energy(poisson):
+    """1/2 a(u, u) of the closed form."""
+    history = slipped(0.3, "squares", 2)
+    lam = full_slip.lame(poisson)
+    s, w = np.polynomial.legendre.leggauss(12)
+    x, y = (0.5 + 0.5 * one.ravel() for one in np.meshgrid(s, s))
+    e = full_slip.strain(x, y, 1.0, lam)
+    volume = (1.0 + x * y) * np.exp(x * y) / 3.0 / (1.0 + lam)
+    density = 2.0 * (e[:, 0] ** 2 + e[:, 1] ** 2 + 0.5 * e[:, 2] ** 2) + lam * volume**2
+    assert history.displacement.shape[0] == 2
+    return float(0.5 * (0.25 * np.outer(w, w).ravel()) @ density)
+
+
+def test_the_error_of_full_slip_is_bounded_from_both_sides(family):
+    history = slipped(0.3, family, 6)
+    bound, error = vx.error_bound(history, step=-1), exact_error(history, 0.3)
+    assert error * (1.0 - ROUNDING) <= bound.upper <= 1.2 * error
+    assert 0.95 * error <= bound.lower <= error * (1.0 + ROUNDING)
+    assert bound.energy[0] <= exact_energy(0.3) <= bound.energy[1]
+    assert np.isclose(bound.cells.sum(), bound.upper**2)
+    assert bound.kind == "bound"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49, 0.4999, 0.4999995, 0.4999999])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisson):
+    for n in (8, 16, 32):
+        history = slipped(poisson, family, n)
+        bound, error = vx.error_bound(history, step=-1), exact_error(history, poisson)
+        # Near 1/2 rounding in lambda div u is what all are exact to.
+        rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
+        assert error * (1.0 - rounding) <= bound.upper <= (1.1 if n == 8 else 1.05) * error
+        locks = family == "triangles" and poisson > 0.4
+        assert (0.9 if locks else 0.98) * error <= bound.lower <= error * (1.0 + rounding)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bounds_hold_for_answers_that_are_wrong(seed):
+    """Nodal values and multipliers disturbed by a tenth: the bound is one of what is there."""
+    rng, history = np.random.default_rng(seed), slipped(0.3, "voronoi", 5)
+    run, posed = history.trajectory, circle_of(history).posed
+    y = run.state * (1.0 + 0.1 * rng.normal(size=run.state.shape))
+    u = np.stack(
+        [(posed.supports.P @ y[k] + posed.supports.motion(t)).reshape(-1, 2) for k, t in enumerate((0.0, 1.0))]
+    )
+    lam = run.multipliers * (1.0 + rng.normal(size=run.multipliers.shape))
+    wrong = replace(history, displacement=u, trajectory=replace(run, state=y, multipliers=lam))
+    bound, error = vx.error_bound(wrong, step=-1), exact_error(history, 0.3, u[1])
+    assert error > 3.0 * exact_error(history, 0.3)
+    assert error <= bound.upper <= 1.2 * error
+    assert bound.lower <= error
+
+
+# Against runs on meshes so fine that their own bound hardly matters.
+
+
+def tilted(*contact):
+    """A block pressed on the left and lifted on the right of its floor, pulled along."""
+
+    def load(x, t):
+        return np.column_stack([np.full(len(x), 8.0 * t), (12.0 - 28.0 * x[:, 0]) * t])
+
+    return vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(load, on="top"), *contact)
+
+
+TRESCA = vx.TrescaFriction(2.0, on="bottom", while_closed=False)
+LIFTED = tilted(vx.UnilateralContact(on="bottom"), TRESCA)
+WARM = vx.Scene(
+    STEEL,
+    vx.Clamp(on="left"),
+    vx.ThermalStrain(1e-3, lambda x, t: np.full(len(x), 10.0 * t)),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(0.5, on="bottom"),
+)
+WEIGHT = vx.Scene(
+    STEEL,
+    vx.Symmetry(on="left"),
+    vx.Clamp(on="top"),
+    vx.Pressure(lambda x, t: 5.0 * t * (1.0 + x[:, 1]), on="right"),
+    vx.BodyForce(lambda x, t: np.column_stack([np.zeros(len(x)), -3.0 * t * x[:, 0]])),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(lambda x, t: 0.2 * (1.0 + x[:, 0]), on="bottom"),
+)
+CONTRAST = vx.Scene(
+    vx.Elasticity(young=lambda x: np.where(x[:, 1] < 0.5, 200.0, 2.0), poisson=0.3),
+    vx.Clamp(on="right"),
+    vx.Traction(lambda x, t: np.tile([0.08 * t, -0.01 * t], (len(x), 1)), on="left"),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(0.02, on="bottom"),
+)
+SCENES = {
+    "paper": paper_scene(),
+    "lifted": LIFTED,
+    "lifted from a gap": tilted(vx.UnilateralContact(on="bottom", gap=0.01), TRESCA),
+    "compliant": tilted(vx.NormalCompliance(500.0, on="bottom"), TRESCA),
+    "warm": WARM,
+    "weight": WEIGHT,
+    "one way": vx.Scene(
+        STEEL,
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.tile([8.0 * t, -0.5 * t], (len(x), 1)), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(4.0, backward=1.5, on="bottom"),
+    ),
+    "contrast": CONTRAST,
+}
+
+
+def check_against_finer(name, mesh, finer):
+    coarse, fine = (vx.simulate(SCENES[name], one, [0.0, 1.0]) for one in (mesh, finer))
+    bound, (apart, of_fine) = vx.error_bound(coarse, step=-1), distance(coarse, fine)
+    # Strains jump within triangles of the other mesh, whose quadrature is a hundredth off.
+    assert bound.upper >= 0.99 * apart - of_fine
+    assert bound.lower <= 1.01 * apart + of_fine
+    assert bound.upper <= 1.35 * apart
+    assert bound.upper <= 1.5 * bound.lower
+
+
+@pytest.mark.parametrize("name", ["paper", "lifted"])
+def test_bounds_hold_against_a_finer_mesh(name):
+    check_against_finer(name, vx.meshes.squares(6), vx.meshes.squares(24))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("family", ["squares", "triangles", "voronoi", "hexagons", "hanging"])
+def test_bounds_hold_against_much_finer_meshes(name, family):
+    if name == "contrast" and family in ("voronoi", "hexagons"):
+        return  # Their cells do not follow the seam of the two materials.
+    check_against_finer(name, vx.meshes.FAMILIES[family](8), vx.meshes.squares(64))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_bounds_of_two_meshes_agree_on_the_energy_that_a_step_makes_least(name):
+    found = [vx.error_bound(vx.simulate(SCENES[name], vx.meshes.squares(n), [0.0, 1.0]), step=-1) for n in (4, 8)]
+    (low, high), (least, most) = (bound.potential for bound in found)
+    assert max(low, least) <= min(high, most)
+    assert most - least < high - low
+    assert all(bound.upper <= 1.6 * bound.lower for bound in found)
+
+
+def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
+    scene = tilted(vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0]), step=-1)
+    assert bound.kind == "bound for the given friction"
+    assert bound.lower <= bound.upper <= 1.3 * bound.lower
+
+
+def test_penetration_is_part_of_the_bound():
+    history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
+    u = history.displacement.copy()
+    u[-1, history.contact.nodes, 1] -= 1e-3
+    deep = replace(history, displacement=u)
+    assert vx.error_bound(deep, step=-1).upper > vx.error_bound(history, step=-1).upper
+
+
+def test_later_steps_are_bounded_given_the_one_before():
+    history = vx.simulate(paper_scene(lambda t: np.sin(np.pi * t)), vx.meshes.squares(8), np.linspace(0.0, 1.0, 5))
+    for step in range(1, 5):
+        bound = vx.error_bound(history, step=step)
+        assert bound.steps == step
+        assert bound.lower <= bound.upper <= 1.4 * bound.lower
+
+
+# What has no bound.
+
+
+@pytest.mark.parametrize(
+    ("effects", "said"),
+    [
+        ([vx.Viscosity(1.0, 1.0)], "Viscosity"),
+        ([vx.PointLoad(lambda x, t: (0.0, t), at=(0.0, 1.0))], "PointLoad"),
+        ([vx.ElasticFoundation(normal=1.0, on="top")], "ElasticFoundation"),
+        ([vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")], "linearly between nodes"),
+    ],
+)
+def test_what_has_no_bound_says_so(effects, said):
+    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Traction(lambda x, t: (t, 0.0), on="left"), *effects)
+    history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match=said):
+        vx.error_bound(history, step=-1)
+
+
+def test_bodies_in_space_and_steps_that_are_not_there_say_so():
+    history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
+    with pytest.raises(vx.SceneError, match="step 1 was not stored"):
+        vx.error_bound(history, step=-1)
+    with pytest.raises(vx.SceneError, match="store='all'"):
+        vx.error_bound(history)
+    whole = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="step 0 is where the run begins"):
+        vx.error_bound(whole, step=0)
+    with pytest.raises(vx.SceneError, match="step=-1"):
+        vx.error_bound(vx.simulate(LIFTED, vx.meshes.squares(4), [0.0, 1.0]))

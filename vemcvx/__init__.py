@@ -8,6 +8,7 @@ contact problem"; equation numbers in this package are its.
 
 from vemcvx import interrupt as interrupt
 from vemcvx import meshes
+from vemcvx.bound.error_bound import ErrorBound, error_bound
 from vemcvx.effects import (
     BilateralContact,
     BodyForce,
@@ -46,7 +47,6 @@ from vemcvx.errors import (
 )
 from vemcvx.estimate import measures
 from vemcvx.estimate.adapt import Adapted, adapt
-from vemcvx.estimate.bound.error_bound import ErrorBound, error_bound
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import Quantity, quantities
 from vemcvx.exchange import read_program, write_program

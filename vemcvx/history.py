@@ -68,6 +68,10 @@ class History(Results, Outlined):
         The friction on the body at these nodes, which `forces` include.
     errors : dict or None
         Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
+    bound : dict or None
+        Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
+        norm in the "step" for which the upper one is largest, each step given the one before
+        (:func:`vemcvx.error_bound`), and "relative", upper in parts of the largest energy norm of the run.
     """
 
     @classmethod
@@ -257,6 +261,7 @@ def in_words(history: Results) -> Outline:
         ("certified", certified),
         *kind,
         *_errors(history.errors),
+        *_bound(history.bound),
         ("iterations", iterations),
         ("energy", energy),
         ("", between),
@@ -264,6 +269,13 @@ def in_words(history: Results) -> Outline:
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
+
+
+def _bound(bound: dict[str, float] | None) -> Lines:
+    if bound is None:
+        return []
+    words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
+    return [("guaranteed", f"{words}: the error of the mesh in step {bound['step']:.0f}, the largest of all steps")]
 
 
 def _errors(errors: dict[str, float] | None) -> Lines:

@@ -145,6 +145,8 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "certified_energy_error": float,
         "extremes": dict,
         "estimated_energy_errors": type(None),
+        "bound_upper": type(None),
+        "bound_lower": type(None),
         "energy": float,
         "dissipated": float,
         "work": float,

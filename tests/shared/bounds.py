@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from vemcvx.estimate.bound.displacement import NODES, strains_at_stations
-from vemcvx.estimate.bound.fan import BARYCENTRIC, COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
-from vemcvx.estimate.bound.hypercircle import hypercircle
-from vemcvx.estimate.skeleton import instant
+from vemcvx.bound.displacement import NODES, strains_at_stations
+from vemcvx.bound.fan import BARYCENTRIC, COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
+from vemcvx.bound.hypercircle import hypercircle
+from vemcvx.bound.skeleton import instant
 from vemcvx.results.probe import locate
 from vemcvx.scene.pose import pose_scene
 

@@ -68,7 +68,7 @@ def write_archive(history: Results, path: Path) -> None:
     mesh, run = history.mesh, vars(history.trajectory)
     about = {
         "format": FORMAT,
-        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds")},
+        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "bound", "seconds")},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
     }
@@ -112,6 +112,7 @@ def _history(arrays: Arrays) -> Results:
     components = len(component_names(dim))
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
+    known["bound"] = about.get("bound")
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     known |= {f"trajectory.{name}": value for name, value in about["trajectory"].items()}
     _check_words(about, known)
@@ -148,6 +149,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         *((about["seconds"][name], (int, float)) for name in ("assemble", "prepare", "solve")),
         *((run["solver"], str), (run["linear"], str), (run["seconds"], dict)),
         *((run["accuracy"], (float, type(None))), (about["errors"], (dict, type(None)))),
+        (about.get("bound"), (dict, type(None))),
     ]
     if not all(isinstance(value, kind) for value, kind in kinds) or any(
         known[n] is not None for n in SHAPES.keys() & known
@@ -225,6 +227,8 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "certified_energy_error": finite_or_none(run.certified.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
+        "bound_upper": None if history.bound is None else finite_or_none(history.bound["upper"]),
+        "bound_lower": None if history.bound is None else finite_or_none(history.bound["lower"]),
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         "contact": {"nodes": len(touch.nodes)} | {name: int(count[-1]) for name, count in counts.items()},
         "extremes": {

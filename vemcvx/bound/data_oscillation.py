@@ -12,13 +12,13 @@ was assembled does work r(v) on test functions that the residual of the answer d
     motions         the same                                     mu pi sum k |d_k|^2, d = sum d_k sin(k pi s / l_e)
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and l_e
-the length of e. These are energies, without the constant of the residuals (:mod:`.budget`): the first two by the
-Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e / (2
-mu); that of motions is what a half space stores under waves along its surface, at most 2 mu times the wave number. The
-last is the work itself, in its dual norm: with it the divergence of thermal stresses inside cells is accounted for.
-Bounds count where friction is at its bound, or something has slipped before; elsewhere only where they are less than
-what holds there.
+with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and
+l_e the length of e. These are energies, without the constant of the residuals in :mod:`vemcvx.estimate.budget`: the
+first two by the Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in
+parts of l_e / (2 mu); that of motions is what a half space stores under waves along its surface, at most 2 mu times
+the wave number. The last is the work itself, in its dual norm: with it the divergence of thermal stresses inside
+cells is accounted for. Bounds count where friction is at its bound, or something has slipped before; elsewhere only
+where they are less than what holds there.
 
 All that is local. The means of tractions, body forces and bounds are forces r on the whole body. Two answers whose
 loads differ by r are no farther apart than sup r(v) / |v|, also with friction and contact: in the discrete space that
@@ -40,9 +40,9 @@ import scipy.sparse as sp
 from scipy.fft import dst
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
 from vemcvx.errors import SceneWarning
-from vemcvx.estimate.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import outlines, places, triangulated

@@ -24,10 +24,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.bound.fan import Fans
+from vemcvx.bound.skeleton import Skeleton
+from vemcvx.bound.stress import VOIGT, FanStress, stresses_at_stations
 from vemcvx.errors import SceneError
-from vemcvx.estimate.bound.fan import Fans
-from vemcvx.estimate.bound.stress import VOIGT, FanStress, stresses_at_stations
-from vemcvx.estimate.skeleton import Skeleton
 from vemcvx.linear import Factor, LinearSolver, choose_linear
 from vemcvx.meshes import PolygonMesh
 

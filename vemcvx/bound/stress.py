@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.estimate.bound.fan import (
+from vemcvx.bound.fan import (
     COEFFICIENTS,
     CORNERS,
     LINEAR_MASS_INVERSE,

@@ -48,11 +48,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Floats, Ints, totals
-from vemcvx.effects import Load
-from vemcvx.errors import SceneError
-from vemcvx.estimate.bound.displacement import VALUES, FanDisplacement, fan_displacement, forces_of, strains_at_stations
-from vemcvx.estimate.bound.equilibrium import Equilibrium, edges_of, equilibrium
-from vemcvx.estimate.bound.fan import (
+from vemcvx.bound.data_oscillation import DataOscillation
+from vemcvx.bound.displacement import VALUES, FanDisplacement, fan_displacement, forces_of, strains_at_stations
+from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium
+from vemcvx.bound.fan import (
     BARYCENTRIC,
     LINEAR_MASS_INVERSE,
     MASS,
@@ -62,11 +61,11 @@ from vemcvx.estimate.bound.fan import (
     fans_of,
     monomials,
 )
-from vemcvx.estimate.bound.stress import OF_EDGE, OF_PARABOLAS, PARABOLAS, fan_stress, lifted
-from vemcvx.estimate.bound.surface import Boundary, Surface
-from vemcvx.estimate.budget import check_estimable
-from vemcvx.estimate.data_oscillation import DataOscillation
-from vemcvx.estimate.skeleton import Instant, skeleton
+from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
+from vemcvx.bound.stress import OF_EDGE, OF_PARABOLAS, PARABOLAS, fan_stress, lifted
+from vemcvx.bound.surface import Boundary, Surface
+from vemcvx.effects import Load
+from vemcvx.errors import SceneError
 from vemcvx.linear import Factor, choose_linear
 from vemcvx.meshes import plane_mesh
 from vemcvx.scene.pose import PosedScene
@@ -330,7 +329,15 @@ def hypercircle(posed: PosedScene) -> Hypercircle:
     )
     Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
     K = sp.csr_matrix(Q.T @ A @ Q)
-    return Hypercircle(posed, boundary, fans, displacements, balance, Q, choose_linear(K.shape[0]).factorise(K))
+    return Hypercircle(
+        posed=posed,
+        boundary=boundary,
+        fans=fans,
+        displacements=displacements,
+        equilibrium=balance,
+        Q=Q,
+        factor=choose_linear(K.shape[0]).factorise(K),
+    )
 
 
 def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: int) -> sp.csr_matrix:
@@ -356,9 +363,7 @@ def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: in
 
 def check_bounded(posed: PosedScene) -> None:
     """Raise SceneError where there is no bound."""
-    mesh = plane_mesh(
-        posed.space.mesh, "error_bound", "take error_budget's way, runs on finer meshes and in finer steps"
-    )
+    mesh = plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
     check_estimable(posed, "error_bound")
     for load in posed.loads:
         if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):

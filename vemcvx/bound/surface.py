@@ -1,6 +1,6 @@
 """The surface of a body at an instant: what holds it, what loads it, and tractions that friction and contact admit.
 
-The effects of the scene are asked on the boundary's edges cut into pieces (:mod:`vemcvx.estimate.data_oscillation`).
+The effects of the scene are asked on the boundary's edges cut into pieces (:mod:`vemcvx.bound.data_oscillation`).
 Data are read at the ends of the pieces and taken for linear between them; loads at three Gauss points a piece.
 
 With s the slip of v since the step before, q the friction (against s, so that tau_t = -q), c its bias and g its bound,
@@ -22,10 +22,10 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
+from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
 from vemcvx.effects import Friction, Load, Obstacle
 from vemcvx.errors import SceneError
-from vemcvx.estimate.data_oscillation import DataOscillation, FineBoundary
-from vemcvx.estimate.skeleton import Instant, Skeleton, at_ends
 from vemcvx.meshes.polygons.topology import positions
 from vemcvx.scene.contact_table import ContactRows
 from vemcvx.scene.pose import PosedScene
@@ -196,7 +196,17 @@ class Boundary:
         acting = loads - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
         cost, gap = rubbing.cost + pressing.cost, rubbing.gap + pressing.gap
         moments = self._moments(acting)[:, :2]
-        return Surface(self._moments(loads), moments, acting, cost, gap, bound, bias, rubbing.traction, slip)
+        return Surface(
+            loads=self._moments(loads),
+            forces=moments,
+            acting=acting,
+            cost=cost,
+            gap=gap,
+            bound=bound,
+            bias=bias,
+            friction=rubbing.traction,
+            slip=slip,
+        )
 
     def missed(self, traction: Floats) -> tuple[Floats, Floats]:
         """Of tractions t (k, 3, 2) int |t - t_2|^2 (b,), t_2 being quadratic on edges, with the same moments.
@@ -220,7 +230,8 @@ class Boundary:
     @cached_property
     def _gauss(self) -> Floats:
         """(k, 3) where Gauss points are on their edges."""
-        return self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * GAUSS
+        places: Floats = self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * GAUSS
+        return places
 
     @cached_property
     def _weights(self) -> Floats:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linprog
 
 from vemcvx.arrays import Floats, Ints
 from vemcvx.errors import SceneError
@@ -171,6 +170,9 @@ def _least_height(corners: Floats) -> Floats:
 
 def _seeing(corners: Floats, cell: int) -> Floats:
     """The point of a cell (n, 2) that is farthest from the lines of all its edges, inside of all."""
+    # Few meshes need it, and it takes a tenth of a second to import.
+    from scipy.optimize import linprog
+
     along = np.roll(corners, -1, axis=0) - corners
     inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
     # Largest r with inward . (x - x_i) >= r.

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints
-from vemcvx.estimate.bound.fan import (
+from vemcvx.bound.fan import (
     BARYCENTRIC,
     COEFFICIENTS,
     LINEAR_MASS_INVERSE,
@@ -29,7 +29,7 @@ from vemcvx.estimate.bound.fan import (
     monomial_slopes,
     monomials,
 )
-from vemcvx.estimate.bound.stress import VOIGT
+from vemcvx.bound.stress import VOIGT
 
 NODES = np.array([[k, (k + 1) % 3, 6, 3 + k, 7 + (k + 1) % 3, 7 + k] for k in range(3)])
 """(3, 6) the nodes of a triangle at the stations of each part."""

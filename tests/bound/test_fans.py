@@ -8,10 +8,10 @@ import skfem
 from skfem.helpers import ddot, dot, sym_grad
 
 import vemcvx as vx
-from vemcvx.estimate.bound.displacement import VALUES, fan_displacement, forces_of, strains_at_stations
-from vemcvx.estimate.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
-from vemcvx.estimate.bound.hypercircle import oscillation_constants
-from vemcvx.estimate.bound.stress import (
+from vemcvx.bound.displacement import VALUES, fan_displacement, forces_of, strains_at_stations
+from vemcvx.bound.fan import CORNERS, LINEAR_MASS_INVERSE, PARTS, RULE, RULE_WEIGHTS, STATIONS, fans_of
+from vemcvx.bound.hypercircle import oscillation_constants
+from vemcvx.bound.stress import (
     OF_PARABOLAS,
     PARABOLAS,
     REFERENCE,

@@ -24,10 +24,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief, totals
+from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
+from vemcvx.bound.skeleton import Instant, instant
+from vemcvx.bound.surface import products
 from vemcvx.errors import HistoryError, SceneError
-from vemcvx.estimate.bound.hypercircle import Hypercircle, Pair, hypercircle
-from vemcvx.estimate.bound.surface import products
-from vemcvx.estimate.skeleton import Instant, instant
 from vemcvx.history import History
 from vemcvx.outline import Outline, Outlined
 from vemcvx.scene.pose import pose_scene
@@ -136,7 +136,7 @@ def error_bound(history: History, step: int | None = None) -> ErrorBound:
 
     Notes
     -----
-    The mathematics are in :mod:`vemcvx.estimate.bound.hypercircle` and :mod:`vemcvx.estimate.bound.error_bound`. Data
+    The mathematics are in :mod:`vemcvx.bound.hypercircle` and :mod:`vemcvx.bound.error_bound`. Data
     that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
     """
     if not isinstance(history, History):
@@ -185,6 +185,16 @@ def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> Err
         kind="bound for the given friction" if laws else "bound",
         history=history,
     )
+
+
+def largest_bound(circle: Hypercircle, history: History) -> dict[str, float]:
+    """The largest upper bound of all steps, with the lower one, its step, and in parts of the largest energy norm."""
+    if history.steps == 0:
+        return {"upper": 0.0, "lower": 0.0, "step": 0.0, "relative": 0.0}
+    found = of_steps(circle, history, range(1, history.steps + 1))
+    k = int(np.argmax(found.upper))
+    of_step = {"upper": found.upper[k], "lower": found.lower[k], "step": found.steps[k], "relative": found.relative[k]}
+    return {name: float(value) for name, value in of_step.items()}
 
 
 def _of_step(circle: Hypercircle, now: Instant, before: Instant) -> tuple[Pair, float]:

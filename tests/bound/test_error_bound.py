@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from bounds import circle_of, distance, error_from
 from scenes import FAMILIES, paper_scene
+from typer.testing import CliRunner
 
 import manufactured_full_slip as full_slip
 import vemcvx as vx
+from vemcvx.cli import app
 
 pytestmark = pytest.mark.arithmetic
 
@@ -215,6 +218,42 @@ def test_later_steps_are_bounded_given_the_one_before():
         bound = vx.error_bound(history, step=step)
         assert bound.steps == step
         assert bound.lower <= bound.upper <= 1.4 * bound.lower
+
+
+# Runs that are asked for it.
+
+
+def test_runs_keep_the_largest_bound_of_their_steps(tmp_path):
+    times = np.linspace(0.0, 1.0, 4)
+    history = vx.simulate(paper_scene(), vx.meshes.squares(4), times, bound=True)
+    bounds = [vx.error_bound(history, step=n) for n in (1, 2, 3)]
+    worst = max(bounds, key=lambda one: one.upper)
+    assert history.bound["upper"] == worst.upper
+    assert (history.bound["lower"], history.bound["step"]) == (worst.lower, worst.steps)
+    assert f"step {worst.steps}, the largest" in history.summary()
+    folder = history.write(tmp_path / "run")
+    assert vx.read_history(folder).bound == history.bound
+    told = json.loads((folder / "summary.json").read_text())
+    assert (told["bound_upper"], told["bound_lower"]) == (worst.upper, worst.lower)
+
+
+def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
+    with pytest.raises(vx.SceneError, match="store='all'"):
+        vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)
+    scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(lambda x, t: (t, 0.0, 0.0), on="right"))
+    with pytest.raises(vx.SceneError, match="exists in the plane only"):
+        vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True)
+
+
+def test_the_command_line_says_the_bound(tmp_path):
+    arguments = ["run", "feng_han_huang", "--n", "4", "--steps", "2", "--bound", "--report", "--out", str(tmp_path)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert 0.0 < told["bound_lower"] < told["bound_upper"]
+    assert f"{told['bound_lower']:.4g} ... {told['bound_upper']:.4g}" in done.output
+    assert "This is a theorem" in (tmp_path / "report.html").read_text()
+    assert "--bound" in (tmp_path / "report.html").read_text()
 
 
 # What has no bound.

@@ -1,1 +1,0 @@
-"""Stresses in equilibrium and conforming displacements inside polygons, the two sides of a bound on the error."""

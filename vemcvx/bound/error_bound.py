@@ -9,11 +9,13 @@ formula, and from what q of tau_t = -q and its bound g let u and v dissipate,
 s' being the rate of slip of v, both norms in C^-1. Between two instants everything is taken for linear in time, and
 with Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m)
 
-    |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,          |u - v|_a <= y_n + |r_n|,
+    |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,         |u - v|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2.
 
-y_0 = |r_0|, because the exact history is one that begins like the run. What linear moments miss of loads is a stress of
-its own in tau, no larger than osc_T, and so are its changes in time. Loads that are not linear in time within a step
-are read at PIECES instants of it, where tau is in equilibrium with them and v between its values.
+For v one may take v + w of :mod:`.hypercircle`, richer inside of the body and on contact the same: r is smaller by
+half, and only in the last square it is that of v, because X is orthogonal to C eps(w). y_0 is |r_0| of v: the exact
+history is one that begins like the run. What linear moments miss of loads is a stress of its own in tau, no larger than
+osc_T, and so are its changes in time. Loads that are not linear in time within a step are read at PIECES instants of
+it, where tau is in equilibrium with them and v between its values.
 """
 
 from __future__ import annotations
@@ -242,7 +244,7 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     last = instant(history, 0)
     pair = circle.pair(last, last)
     y = [float(np.sqrt(pair.A2))]
-    pairs, dissipated, worst = [_sizes(pair)], [0.0], (0.0, pair.triangles)
+    pairs, dissipated, worst = [_sizes(circle, pair)], [0.0], (0.0, pair.triangles)
     for n in range(1, count):
         reached, lost = y[-1], 0.0
         for now in _between(circle, last, instant(history, n)):
@@ -252,10 +254,10 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
             lost, pair, last = lost + step, ahead, now
         y.append(reached)
         dissipated.append(dissipated[-1] + lost)
-        pairs.append(_sizes(pair))
+        pairs.append(_sizes(circle, pair))
         worst = max(worst, (reached, pair.triangles), key=lambda one: one[0])
-    norm, A, mesh, data = np.array(pairs).T
-    upper = np.array(y) + A
+    norm, A, richer, mesh, data = np.array(pairs).T
+    upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2)
     nothing = np.full(count, np.inf)
     return ErrorBound(
         steps=history.stored.copy(),
@@ -276,10 +278,15 @@ def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
     )
 
 
-def _sizes(pair: Pair) -> tuple[float, float, float, float]:
-    """|v|_a, |r| with and without what is missed of the data, and that."""
+def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
+    """|v|_a; |r| of v and of v + w, with what is missed of the data; and the parts of the first."""
     mesh, data = float(np.sqrt(pair.squares.sum())), float(np.sqrt(np.sum(pair.oscillation**2)))
-    return pair.norm, float(np.sqrt(pair.A2)), mesh, data
+    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, pair.defects, pair.oscillation), mesh, data
+
+
+def _norm(circle: Hypercircle, defects: Sequence[Floats], missed: Floats) -> float:
+    """The norm of stresses, each triangle's larger by what is missed (corners,)."""
+    return float(np.sqrt(np.sum((np.sqrt(circle.squares(defects)) + missed) ** 2)))
 
 
 def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:
@@ -320,5 +327,4 @@ def _change(circle: Hypercircle, one: Pair, other: Pair) -> float:
         other.surface.acting - one.surface.acting,
         [b - a for a, b in zip(one.densities, other.densities, strict=True)],
     )
-    squares = circle.squares([b - a for a, b in zip(one.defects, other.defects, strict=True)])
-    return float(np.sqrt(np.sum((np.sqrt(squares) + missed) ** 2)))
+    return _norm(circle, [b - a for a, b in zip(one.defects, other.defects, strict=True)], missed)

@@ -102,7 +102,7 @@ class Pair:
     """(n_nodes, 2) of the displacement v"""
     surface: Surface
     defects: tuple[Floats, ...]
-    """r (c, n, 18, 3) of each chunk of cells, at its stations"""
+    """r (c, n, 18, 3) of each chunk of cells, at its stations, of v + w"""
     squares: Floats
     """(corners,) |r|_T^2 of the triangle on each edge of each cell"""
     oscillation: Floats
@@ -198,16 +198,21 @@ class Hypercircle:
         potential += 0.5 * energy + float(surface.cost.sum())
         potential -= float(np.sum(surface.loads[:, :2] * now.u[edges.outer_edges]))
         left = self.Q.T @ residual
+        w = self.factor.solve(left)
+        squares, motion = self.squares(defects), self.Q @ w
+        for fans, displacement, r in zip(self.fans, self.displacements, defects, strict=True):
+            v = displacement.nodal(motion[self._outline(fans)], np.zeros((len(r), 6 * fans.n)))
+            r -= np.einsum("ctqk,ckl->ctql", strains_at_stations(fans, v), fans.C)
         return Pair(
             u=now.u,
             surface=surface,
             defects=tuple(defects),
-            squares=self.squares(defects),
+            squares=squares,
             oscillation=self.oscillation(surface.acting, densities),
             densities=densities,
             potential=potential,
             norm=float(np.sqrt(max(energy, 0.0))),
-            lowered=float(np.sqrt(max(float(left @ self.factor.solve(left)), 0.0))),
+            lowered=float(np.sqrt(max(float(left @ w), 0.0))),
         )
 
     def squares(self, stresses: Sequence[Floats]) -> Floats:

@@ -19,6 +19,7 @@ import pytest
 from scenes import FAMILIES
 
 LONGER = {
+    "bound": "error_bound",
     "cli": "cli cli_app cli_compare cli_completion cli_ends cli_report cli_said cli_space cli_supplied",
     "cost": "cost cost_interrupted",
     "effects": "absence conformance_effects space_effects",

@@ -8,6 +8,7 @@ contact problem"; equation numbers in this package are its.
 
 from vemcvx import interrupt as interrupt
 from vemcvx import meshes
+from vemcvx.bound.error_bound import ErrorBound, error_bound
 from vemcvx.effects import (
     BilateralContact,
     BodyForce,
@@ -78,6 +79,7 @@ __all__ = [
     "Effect",
     "ElasticFoundation",
     "Elasticity",
+    "ErrorBound",
     "ErrorBudget",
     "History",
     "HistoryError",
@@ -126,6 +128,7 @@ __all__ = [
     "Viscosity",
     "__version__",
     "adapt",
+    "error_bound",
     "error_budget",
     "march",
     "measures",

@@ -80,6 +80,11 @@ class History(Results, Outlined):
     dissipated_error, work_error : (N + 1,) or None
         The estimated errors of `dissipated_second_order` and `work_second_order` at all instants, of steps and mesh
         together, likewise.
+        Relative energy errors of an adaptive run: "algebra", "space", "time", their sum "total", and the "target".
+    bound : dict or None
+        Of ``simulate(..., bound=True)``: "upper" and "lower", guaranteed bounds on the error of the mesh in the energy
+        norm in the "step" for which the upper one is largest, each step given the one before
+        (:func:`vemcvx.error_bound`), and "relative", upper in parts of the largest energy norm of the run.
     """
 
     @classmethod
@@ -269,6 +274,7 @@ def in_words(history: Results) -> Outline:
         ("certified", certified),
         *kind,
         *_errors(history.errors, history.quantities),
+        *_bound(history.bound),
         ("iterations", iterations),
         ("energy", energy),
         ("", between),
@@ -276,6 +282,13 @@ def in_words(history: Results) -> Outline:
         ("seconds", ", ".join(f"{name} {value:.3g}" for name, value in history.seconds.items())),
     ]
     return Outline(title, lines)
+
+
+def _bound(bound: dict[str, float] | None) -> Lines:
+    if bound is None:
+        return []
+    words = f"{bound['lower']:.4g} ... {bound['upper']:.4g} in the energy norm, at most {bound['relative']:.2%}"
+    return [("guaranteed", f"{words}: the error of the mesh in step {bound['step']:.0f}, the largest of all steps")]
 
 
 def _errors(errors: dict[str, float] | None, quantities: dict[str, Quantity] | None) -> Lines:

@@ -6,12 +6,15 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import brief, flag, shaped
+from vemcvx.bound.error_bound import largest_bound
+from vemcvx.bound.hypercircle import Hypercircle, hypercircle
 from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.linear import LinearSolver
@@ -42,6 +45,7 @@ def simulate(
     progress: bool | Callable[[int, int], None] = False,
     stream: str | Path | Folder | None = None,
     resume: bool = False,
+    bound: bool = False,
 ) -> History:
     """Simulate a scene on a mesh by backward Euler, every step certified.
 
@@ -74,6 +78,9 @@ def simulate(
     resume : bool
         Continue the run in the folder `stream`, if there is one; but for `seconds` the history is that of an
         uninterrupted run. Otherwise a run in that folder is replaced.
+    bound : bool
+        Bound the error of the mesh in every step from both sides (:func:`vemcvx.error_bound`): `history.bound` has the
+        largest. Scenes for which there is no bound are refused; all steps are to be stored.
 
     Returns
     -------
@@ -102,6 +109,7 @@ def simulate(
     posed = pose_scene(scene, mesh, instants.tolist())
     for words in posed.inactive:
         log.info("left out: %s", words)
+    circle = _circle(posed, store) if flag(bound, "bound") else None
     assembled = time.perf_counter() - start
     with _storage(stream, resume) as storage:
         trajectory = march(
@@ -117,7 +125,15 @@ def simulate(
             storage=storage,
         )
         _warn_of_lost_work(trajectory)
-        return History.of(record(posed, trajectory, assembled, storage))
+        history = History.of(record(posed, trajectory, assembled, storage))
+        return history if circle is None else replace(history, bound=largest_bound(circle, history))
+
+
+def _circle(posed: PosedScene, store: object) -> Hypercircle:
+    """What bounds of all steps are made of."""
+    if not (isinstance(store, str) and store == "all"):
+        raise SceneError("bound: every step is bounded given the one before, and needs store='all'.")
+    return hypercircle(posed)
 
 
 LOST = 0.05

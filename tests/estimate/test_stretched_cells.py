@@ -9,8 +9,8 @@ import pytest
 from declared_cells import TIMES, block, cantilever, cases, squares, stretched
 
 import vemcvx as vx
+from vemcvx.bound.skeleton import skeleton
 from vemcvx.estimate.budget import error_budget
-from vemcvx.estimate.skeleton import skeleton
 from vemcvx.scene import pose_scene
 
 TYPICAL, MOST = 1.6, 4.0

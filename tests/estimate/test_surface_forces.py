@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vemcvx as vx
-from vemcvx.estimate.skeleton import instant, skeleton, surface_forces
+from vemcvx.bound.skeleton import instant, skeleton, surface_forces
 from vemcvx.scene import pose_scene
 
 SLOPE = np.tan(np.radians(30.0))

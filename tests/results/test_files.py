@@ -146,6 +146,8 @@ def test_summary_has_the_keys_of_the_contract(history, tmp_path):
         "extremes": dict,
         "estimated_energy_errors": type(None),
         "quantities": type(None),
+        "bound_upper": type(None),
+        "bound_lower": type(None),
         "energy": float,
         "dissipated": float,
         "work": float,

@@ -10,7 +10,8 @@ import vemcvx as vx
 
 SCREEN = 30, 140
 """Lines, and characters in one."""
-NAMES = "history", "contact", "trajectory", "program", "certificate", "budget", "adapted", "scene", "mesh"
+NAMES = "history", "contact", "trajectory", "program", "certificate", "budget", "bound", "whole", "adapted"
+NAMES += "scene", "mesh"
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,8 @@ def shown():
         "program": history.program(7),
         "certificate": history.program(7).certificate,
         "budget": vx.error_budget(history),
+        "bound": vx.error_bound(history, step=-1),
+        "whole": vx.error_bound(history),
         "adapted": adapted,
         "scene": scene,
         "mesh": mesh,

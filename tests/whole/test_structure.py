@@ -31,6 +31,7 @@ PAGE = {
     "results": "what a run leaves, in the words of contact",
     "plots": "pictures and films of results",
     "history": "results and all that can be asked of them",
+    "bound": "guaranteed bounds on the error",
     "simulation": "from a scene to results",
     "testing": "what every solver and every effect must satisfy, for those of one's own",
     "estimate": "distances to other runs, estimated errors, adaptivity",

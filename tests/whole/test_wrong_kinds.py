@@ -131,7 +131,7 @@ CALLED = [
                 "check": True, "condense": True, "linear": None, "storage": None},
      {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear", "storage")}),
     (vx.simulate, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "store": "all",
-                   "check": True, "condense": True, "linear": None, "resume": False},
+                   "check": True, "condense": True, "linear": None, "resume": False, "bound": False},
      {"store": NOTHING | {"huge"}} | {key: {"None"} for key in ("solver", "initial", "linear")}),
     (programs, {"scene": SCENE, "mesh": MESH, "times": [0.0, 1.0], "solver": None, "initial": None, "check": True,
                 "condense": True, "linear": None}, {key: {"None"} for key in ("solver", "initial", "linear")}),
@@ -198,6 +198,8 @@ def of_history(history):
         "count": (lambda v: history.along((0, 0), (1, 1), v), set()),
         "field": (lambda v: history.along((0, 0), (1, 1), 3, v), set()),
         "budget": (vx.error_budget, set()),
+        "bound": (vx.error_bound, set()),
+        "bound's step": (lambda v: vx.error_bound(history, v), {"None"}),
         "quantities": (vx.quantities, set()),
         "budget's steps": (lambda v: vx.error_budget(history, v), {"None", "flags"}),
         "error": (lambda v: measures.l2_error(history, v), VALUES),
@@ -252,6 +254,7 @@ def test_every_parameter_is_asked():
     """
     made_by_runs = {
         "Adapted",
+        "ErrorBound",
         "ErrorBudget",
         "Quantity",
         "Operators",
@@ -275,5 +278,6 @@ def test_every_parameter_is_asked():
     }
     assert left == {
         *("Scene.effects", "march.progress", "simulate.progress", "simulate.stream", "adapt.progress"),
-        *("error_budget.history", "error_budget.steps", "quantities.history", "read_history.folder"),
+        *("error_bound.history", "error_bound.step", "error_budget.history", "error_budget.steps"),
+        *("quantities.history", "read_history.folder"),
     }

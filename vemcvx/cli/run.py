@@ -90,6 +90,9 @@ class Run:
         float | None, typer.Option(metavar="X", help="Choose mesh and instants for this relative error: 0.02.")
     ] = None
     of: Of = "energy"
+    bound: Annotated[
+        bool, typer.Option("--bound", help="Bound the error of the mesh in every step, from both sides: a theorem.")
+    ] = False
     probes: Annotated[
         list[str], typer.Option("--probe", metavar="X,Y", help="A point (X,Y,Z in space) to follow; may be repeated.")
     ] = NONE
@@ -264,6 +267,7 @@ class Run:
             progress=advance,
             stream=rows,
             resume=resumed,
+            bound=self.bound,
         )
         return history, [f"resumed     after step {history.steps - len(made)} of {history.steps}"] if resumed else []
 
@@ -271,8 +275,9 @@ class Run:
         self, problem: Problem, mesh: AnyMesh, steps: int, target: float, shown: Shown
     ) -> tuple[History, list[str]]:
         """The history on a mesh, and at instants, chosen for the target; those given are where that begins."""
-        if self.resume or self.store != "all" or self.linear is not None or not self.condense:
-            raise ProblemError("--target: adaptive runs take neither --resume, --store, --linear nor --no-condense.")
+        if self.resume or self.store != "all" or self.linear is not None or not self.condense or self.bound:
+            others = "--resume, --store, --linear, --bound nor --no-condense"
+            raise ProblemError(f"--target: adaptive runs take neither {others}.")
         solver, times = named_solver(self.solver, self.accuracy), problem.times(steps)
         scene, initial = problem.scene(self.settings), problem.initial
         shown("adapting", 0, None)
@@ -331,7 +336,12 @@ class Run:
             ("--out", folder),
             ("--store", None if self.store == "all" else self.store),
         ]
-        flags = {"--no-condense": not self.condense, "--plot": self.plot, "--report": self.report}
+        flags = {
+            "--no-condense": not self.condense,
+            "--plot": self.plot,
+            "--report": self.report,
+            "--bound": self.bound,
+        }
         words = [str(word) for name, value in given if value is not None for word in (name, value)]
         # Problems that came with the package go by their names.
         file = problem.name if problem.path.parent == problems_folder() else str(problem.path)

@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Bools, Floats, Ints, brief, check_takes, is_real, part
+from vemcvx.bound.skeleton import check_estimable
 from vemcvx.errors import SceneError, SceneWarning
-from vemcvx.estimate.budget import ErrorBudget, budget_of, check_estimable, in_time
+from vemcvx.estimate.budget import ErrorBudget, budget_of, in_time
 from vemcvx.estimate.finer_steps import ACROSS, Finer, beside_finer, course
 from vemcvx.estimate.quantities import StepErrors, errors_of_steps, value_of, with_quantities
 from vemcvx.history import History

@@ -15,13 +15,13 @@ The mesh is judged by residual indicators of one state, cell by cell:
               + the larger of
                      tau |(I - Pi) u|^2 at the vertices                              the stabilisation, as in K
                      sum over edges  d_e E / 6 |eps_ss(u) - eps_ss(Pi u)|^2_e        strain along edges
-              + what of the data was not assembled                                   :mod:`.data_oscillation`
+              + what of the data was not assembled                              :mod:`vemcvx.bound.data_oscillation`
 
 with sigma = C eps(Pi u) + sigma_0, E the modulus of a bar along the edge, and boundary residuals only in the
-directions that supports leave free, at interfaces on the edges of both bodies (:mod:`.skeleton`). In the order of
-Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and of Cangiani, Georgoulis,
-Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017). A ninth is
-of the Poincare inequality on a cell; c is declared below.
+directions that supports leave free, at interfaces on the edges of both bodies (:mod:`vemcvx.bound.skeleton`). In the
+order of Verfurth, *A Posteriori Error Estimation Techniques for Finite Element Methods* (2013), and of Cangiani,
+Georgoulis, Pryer and Sutton, *A posteriori error estimates for the virtual element method* (Numer. Math. 137, 2017).
+A ninth is of the Poincare inequality on a cell; c is declared below.
 
 Lengths are those of the cell *across* the edge. A residual at e is tested with w = v - v_I, and the divergence of
 (x - a) w^2 in the triangle T of e, the apex a and the height d gives
@@ -50,11 +50,19 @@ from functools import cached_property
 import numpy as np
 
 from vemcvx.arrays import Floats, Ints, brief, plain, totals
-from vemcvx.errors import HistoryError, SceneError
-from vemcvx.estimate.data_oscillation import POINCARE, DataOscillation
+from vemcvx.bound.data_oscillation import POINCARE, DataOscillation
+from vemcvx.bound.skeleton import (
+    Instant,
+    Skeleton,
+    body_forces,
+    check_estimable,
+    instant,
+    skeleton,
+    surface_forces,
+)
+from vemcvx.errors import HistoryError
 from vemcvx.estimate.finer_steps import Finer, beside_finer
 from vemcvx.estimate.quantities import quantities
-from vemcvx.estimate.skeleton import Instant, Skeleton, body_forces, instant, skeleton, surface_forces
 from vemcvx.history import History
 from vemcvx.meshes import plane_mesh
 from vemcvx.meshes.polygons.geometry import right_of
@@ -62,7 +70,6 @@ from vemcvx.outline import Outline, Outlined
 from vemcvx.results.quoted import Quantity
 from vemcvx.results.results import displacement
 from vemcvx.scene.pose import PosedScene, pose_scene
-from vemcvx.scene.scene import InitialStresses
 from vemcvx.stepping.state import prepare
 from vemcvx.stepping.trajectory import Trajectory
 from vemcvx.vem import elastic_matrix, strains, stresses
@@ -285,31 +292,3 @@ def in_time(posed: PosedScene, run: Trajectory) -> Finer:
     if whole is not posed:
         y = whole.supports.gather(displacement(posed, y, start) - whole.supports.motion(start))
     return beside_finer(prepare(whole.system, None, False, True), run.times, y)
-
-
-def check_estimable(posed: PosedScene, subject: str) -> None:
-    """Raise SceneError where there is no estimate."""
-    if posed.system.damping is not None:
-        raise SceneError(
-            f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
-        )
-    for friction in posed.terms.frictions:
-        law = friction.law
-        if (law is not None and law.slips) or friction.directions is not None:
-            raise SceneError(
-                f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or act along "
-                "given directions; compare meshes and steps of your own choice."
-            )
-    frictions = tuple(friction.subject for friction in posed.terms.frictions)
-    for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):
-        if (rows.names[rows.ends.indices, 1] < 0).any():
-            raise SceneError(
-                f"{subject}: there is no estimate for {', '.join(subjects)}: it does not say by ends= on which edges "
-                "it acts."
-            )
-    for load in posed.loads:
-        if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:
-            raise SceneError(
-                f"{subject}: there is no estimate for {load.subject}: a force on a point does infinite work on an "
-                "elastic body, and no mesh comes near that energy. Spread it over a part of the boundary by Traction."
-            )

@@ -69,7 +69,7 @@ def write_archive(history: Results, path: Path) -> None:
     mesh, run, quoted = history.mesh, vars(history.trajectory), history.quantities
     about = {
         "format": FORMAT,
-        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "seconds", "growth")},
+        **{name: getattr(history, name) for name in ("effects", "inactive", "errors", "bound", "seconds", "growth")},
         "quantities": None if quoted is None else {name: asdict(one) for name, one in quoted.items()},
         "bodies": {name: found.bodies for name, found in mesh.interfaces.items()},
         "trajectory": {name: value for name, value in run.items() if not isinstance(value, np.ndarray)},
@@ -115,6 +115,7 @@ def _history(arrays: Arrays) -> Results:
     _check_arrays(arrays, {"nodes": mesh.n_nodes, "cells": mesh.n_cells, "dim": dim, "components": components})
     known = {"mesh": mesh, "scene": None, "seconds": about["seconds"], "errors": about["errors"]}
     known["growth"] = about.get("growth")
+    known["bound"] = about.get("bound")
     known |= {name: tuple(about[name]) for name in ("effects", "inactive")}
     quoted = about.get("quantities")
     known["quantities"] = quoted and {name: Quantity(**one) for name, one in quoted.items()}
@@ -156,6 +157,7 @@ def _check_words(about: dict[str, Any], known: dict[str, Any]) -> None:
         (known["growth"], (dict, type(None))),
         *((one.unit, str) for one in (known["quantities"] or {}).values()),
         *((value, float) for one in (known["quantities"] or {}).values() for value in (one.value, one.steps, one.mesh)),
+        (about.get("bound"), (dict, type(None))),
     ]
     if not all(isinstance(value, kind) for value, kind in kinds) or any(
         known[n] is not None for n in SHAPES.keys() & known
@@ -233,6 +235,8 @@ def summary(history: Results, origin: Origin, writing: float) -> dict[str, Any]:
         "certified_energy_error": finite_or_none(run.certified.max()),
         "certificate_kind": run.certificate_kind,
         "estimated_energy_errors": history.errors,
+        "bound_upper": None if history.bound is None else finite_or_none(history.bound["upper"]),
+        "bound_lower": None if history.bound is None else finite_or_none(history.bound["lower"]),
         **{name: finite_or_none(getattr(run, name)[-1]) for name in ENERGIES},
         "quantities": history.quantities
         and {

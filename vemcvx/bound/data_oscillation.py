@@ -12,13 +12,13 @@ was assembled does work r(v) on test functions that the residual of the answer d
     motions         the same                                     mu pi sum k |d_k|^2, d = sum d_k sin(k pi s / l_e)
     moduli, heat    int (C - C_K) eps(u) + sigma_0 - sigma_0K : eps(v)        |.|^2_K in C^-1
 
-with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and l_e
-the length of e. These are energies, without the constant of the residuals (:mod:`.budget`): the first two by the
-Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in parts of l_e / (2
-mu); that of motions is what a half space stores under waves along its surface, at most 2 mu times the wave number. The
-last is the work itself, in its dual norm: with it the divergence of thermal stresses inside cells is accounted for.
-Bounds count where friction is at its bound, or something has slipped before; elsewhere only where they are less than
-what holds there.
+with t_e the mean of t, f_K that which was assembled, g_h linear between nodal values plus the mean of g - g_h, and
+l_e the length of e. These are energies, without the constant of the residuals in :mod:`vemcvx.estimate.budget`: the
+first two by the Poincare inequalities of a cell and, with a half space below, of an edge, (3 - 4 nu) / pi <= .96 in
+parts of l_e / (2 mu); that of motions is what a half space stores under waves along its surface, at most 2 mu times
+the wave number. The last is the work itself, in its dual norm: with it the divergence of thermal stresses inside
+cells is accounted for. Bounds count where friction is at its bound, or something has slipped before; elsewhere only
+where they are less than what holds there.
 
 All that is local. The means of tractions, body forces and bounds are forces r on the whole body. Two answers whose
 loads differ by r are no farther apart than sup r(v) / |v|, also with friction and contact: in the discrete space that
@@ -40,9 +40,9 @@ import scipy.sparse as sp
 from scipy.fft import dst
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.bound.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.effects import Contribution, Friction, MaterialLaw, Obstacle, Support
 from vemcvx.errors import SceneWarning
-from vemcvx.estimate.skeleton import Instant, Skeleton, at_ends, body_forces, edge_loads, pressures_at_ends
 from vemcvx.linear import Factor
 from vemcvx.meshes import Interface, PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import outlines, places, triangulated
@@ -235,7 +235,7 @@ class DataOscillation:
             on_edges += np.sum([self._obstacle(obstacle, now) for obstacle in part.obstacles], axis=0)
             on_edges += np.sum([self._support(support, now) for support in part.supports], axis=0)
         in_cells, force = self._body(now.t)
-        local = totals(edges.outer, on_edges, n) + in_cells + self._stress(now.t, strain)
+        local = totals(edges.outer, on_edges, n) + in_cells + self.stress(now.t, strain)
         return local + self._of_the_body(lacking, force)
 
     # The whole body.
@@ -428,7 +428,7 @@ class DataOscillation:
         lacking = np.stack([self._integrals(one) for one in apart.T], axis=1)
         return POINCARE * edges.sizes**2 / edges.shear * self._integrals(np.sum(apart**2, axis=1)), lacking
 
-    def _stress(self, t: float, strain: Floats) -> Floats:
+    def stress(self, t: float, strain: Floats) -> Floats:
         """|(C - C_K) eps + sigma_0 - sigma_0K|^2_K in C^-1."""
         laws = [(part.material, part.material.at) for part in self.parts if part.material and part.material.at]
         swelling = [(one, one.at) for part in self.parts for one in part.eigenstrains if one.at]

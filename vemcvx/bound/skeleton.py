@@ -19,12 +19,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.errors import SceneError
 from vemcvx.history import History
 from vemcvx.meshes import PolygonMesh, plane_mesh
 from vemcvx.meshes.polygons.geometry import cross, right_of
 from vemcvx.meshes.polygons.topology import cell_of_corner, directed_edges, positions
-from vemcvx.scene.contact import Obstacles, Terms
-from vemcvx.scene.contact_table import jump_rows
+from vemcvx.scene.contact_table import ContactRows, jump_rows
 from vemcvx.scene.pose import PosedScene
 from vemcvx.scene.scene import InitialStresses
 from vemcvx.scene.supports import free_directions, on_free
@@ -247,7 +247,7 @@ def body_forces(posed: PosedScene, t: float) -> Floats:
     return total
 
 
-def at_ends(edges: Skeleton, rows: Terms | Obstacles, values: Floats) -> Floats:
+def at_ends(edges: Skeleton, rows: ContactRows, values: Floats) -> Floats:
     """(b, 2, k) values (m, k) of rows at the two ends of each edge that they own; zero where there is none.
 
     Where supports hold an end of an interface they bear what acts there, whatever it is: it is taken to be as at the
@@ -275,3 +275,31 @@ def _springs(springs: sp.csr_matrix, edges: Skeleton, u: Floats) -> Floats:
     total = np.zeros(edges.outer_normals.shape)
     total[sprung] = half[:, None] * traction[edges.outer_edges[sprung]].sum(axis=1)
     return total
+
+
+def check_estimable(posed: PosedScene, subject: str) -> None:
+    """Raise SceneError where there is no estimate."""
+    if posed.system.damping is not None:
+        raise SceneError(
+            f"{subject}: there is no estimate for scenes with Viscosity; compare meshes and steps of your own choice."
+        )
+    for friction in posed.terms.frictions:
+        law = friction.law
+        if (law is not None and law.slips) or friction.directions is not None:
+            raise SceneError(
+                f"{subject}: there is no estimate for {friction.subject}: its weights depend on slip, or act along "
+                "given directions; compare meshes and steps of your own choice."
+            )
+    frictions = tuple(friction.subject for friction in posed.terms.frictions)
+    for subjects, rows in ((frictions, posed.terms), (posed.obstacles.subjects, posed.obstacles)):
+        if (rows.names[rows.ends.indices, 1] < 0).any():
+            raise SceneError(
+                f"{subject}: there is no estimate for {', '.join(subjects)}: it does not say by ends= on which edges "
+                "it acts."
+            )
+    for load in posed.loads:
+        if not isinstance(load, InitialStresses) and load.cells is None and load.edges is None:
+            raise SceneError(
+                f"{subject}: there is no estimate for {load.subject}: a force on a point does infinite work on an "
+                "elastic body, and no mesh comes near that energy. Spread it over a part of the boundary by Traction."
+            )

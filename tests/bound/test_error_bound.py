@@ -1,0 +1,365 @@
+"""Guaranteed bounds: above the exact error, below it, near it; and what has none says so."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bounds import circle_of, distance, error_from, strain_at
+from scenes import FAMILIES, few_families, paper_scene
+from typer.testing import CliRunner
+
+import manufactured_full_slip as full_slip
+import vemcvx as vx
+from vemcvx.bound.skeleton import instant
+from vemcvx.cli import app
+
+pytestmark = pytest.mark.arithmetic
+
+STEEL = vx.Elasticity(young=200.0, poisson=0.3)
+ROUNDING = 1e-9
+
+
+def slipping(poisson):
+    """Manufactured full slip, held on the left alone, where the displacement is linear."""
+    lam = full_slip.lame(poisson)
+
+    def of(field):
+        return lambda x, t: field(x[:, 0], x[:, 1], t, lam)
+
+    def on_the_right(x, t):
+        x, y = x.T
+        xx, _, xy = np.moveaxis(full_slip.strain(x, y, t, lam), -1, 0)
+        # As in the problem file: e_xx + e_yy would cancel.
+        return np.column_stack([2.0 * xx + lam / (1.0 + lam) * (1.0 + x * y) * np.exp(x * y) * t / 3.0, xy])
+
+    return vx.Scene(
+        vx.Elasticity(young=2.0 * (1.0 + poisson), poisson=poisson),
+        vx.BodyForce(of(full_slip.body_force)),
+        vx.PrescribedDisplacement(of(full_slip.displacement), on="left"),
+        vx.Traction(of(full_slip.traction_on_top), on="top"),
+        vx.Traction(on_the_right, on="right"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(lambda x, t: t * x[:, 0] ** 2 * (lam + 2.0) / (6.0 * (lam + 1.0)), on="bottom"),
+    )
+
+
+def slipped(poisson, family, n, times=(0.0, 1.0)):
+    return vx.simulate(slipping(poisson), vx.meshes.FAMILIES[family](n), times)
+
+
+def exact_error(history, poisson, u=None):
+    lam, u = full_slip.lame(poisson), history.displacement[-1] if u is None else u
+    strain = lambda x: full_slip.strain(x[:, 0], x[:, 1], 1.0, lam)  # noqa: E731
+    return error_from(circle_of(history), u, 1.0, strain)
+
+
+def exact_energy(poisson):
+    """1/2 a(u, u) of the closed form."""
+    history = slipped(0.3, "squares", 2)
+    lam = full_slip.lame(poisson)
+    s, w = np.polynomial.legendre.leggauss(12)
+    x, y = (0.5 + 0.5 * one.ravel() for one in np.meshgrid(s, s))
+    e = full_slip.strain(x, y, 1.0, lam)
+    volume = (1.0 + x * y) * np.exp(x * y) / 3.0 / (1.0 + lam)
+    density = 2.0 * (e[:, 0] ** 2 + e[:, 1] ** 2 + 0.5 * e[:, 2] ** 2) + lam * volume**2
+    assert history.displacement.shape[0] == 2
+    return float(0.5 * (0.25 * np.outer(w, w).ravel()) @ density)
+
+
+@few_families
+def test_the_error_of_full_slip_is_bounded_from_both_sides(family):
+    history = slipped(0.3, family, 6)
+    bound, error = vx.error_bound(history, step=-1), exact_error(history, 0.3)
+    assert error * (1.0 - ROUNDING) <= bound.upper <= 1.2 * error
+    assert 0.95 * error <= bound.lower <= error * (1.0 + ROUNDING)
+    assert bound.energy[0] <= exact_energy(0.3) <= bound.energy[1]
+    assert np.isclose(bound.cells.sum(), bound.upper**2)
+    assert bound.kind == "bound"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49, 0.4999, 0.4999995, 0.4999999])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_error_of_full_slip_is_bounded_for_all_poisson_ratios(family, poisson):
+    for n in (8, 16, 32):
+        history = slipped(poisson, family, n)
+        bound, error = vx.error_bound(history, step=-1), exact_error(history, poisson)
+        # Near 1/2 rounding in lambda div u is what all are exact to.
+        rounding = 1e-9 + 1e-15 * full_slip.lame(poisson) / error
+        assert error * (1.0 - rounding) <= bound.upper <= (1.1 if n == 8 else 1.05) * error
+        locks = family == "triangles" and poisson > 0.4
+        assert (0.9 if locks else 0.98) * error <= bound.lower <= error * (1.0 + rounding)
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+def test_bounds_hold_for_answers_that_are_wrong(seed):
+    """Nodal values and multipliers disturbed by a tenth: the bound is one of what is there."""
+    rng, history = np.random.default_rng(seed), slipped(0.3, "voronoi", 4)
+    run, posed = history.trajectory, circle_of(history).posed
+    y = run.state * (1.0 + 0.1 * rng.normal(size=run.state.shape))
+    u = np.stack(
+        [(posed.supports.P @ y[k] + posed.supports.motion(t)).reshape(-1, 2) for k, t in enumerate((0.0, 1.0))]
+    )
+    lam = run.multipliers * (1.0 + rng.normal(size=run.multipliers.shape))
+    wrong = replace(history, displacement=u, trajectory=replace(run, state=y, multipliers=lam))
+    bound, error = vx.error_bound(wrong, step=-1), exact_error(history, 0.3, u[1])
+    assert error > 3.0 * exact_error(history, 0.3)
+    assert error <= bound.upper <= 1.2 * error
+    assert bound.lower <= error
+
+
+# Against runs on meshes so fine that their own bound hardly matters.
+
+
+def tilted(*contact):
+    """A block pressed on the left and lifted on the right of its floor, pulled along."""
+
+    def load(x, t):
+        return np.column_stack([np.full(len(x), 8.0 * t), (12.0 - 28.0 * x[:, 0]) * t])
+
+    return vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(load, on="top"), *contact)
+
+
+TRESCA = vx.TrescaFriction(2.0, on="bottom", while_closed=False)
+LIFTED = tilted(vx.UnilateralContact(on="bottom"), TRESCA)
+WARM = vx.Scene(
+    STEEL,
+    vx.Clamp(on="left"),
+    vx.ThermalStrain(1e-3, lambda x, t: np.full(len(x), 10.0 * t)),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(0.5, on="bottom"),
+)
+WEIGHT = vx.Scene(
+    STEEL,
+    vx.Symmetry(on="left"),
+    vx.Clamp(on="top"),
+    vx.Pressure(lambda x, t: 5.0 * t * (1.0 + x[:, 1]), on="right"),
+    vx.BodyForce(lambda x, t: np.column_stack([np.zeros(len(x)), -3.0 * t * x[:, 0]])),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(lambda x, t: 0.2 * (1.0 + x[:, 0]), on="bottom"),
+)
+CONTRAST = vx.Scene(
+    vx.Elasticity(young=lambda x: np.where(x[:, 1] < 0.5, 200.0, 2.0), poisson=0.3),
+    vx.Clamp(on="right"),
+    vx.Traction(lambda x, t: np.tile([0.08 * t, -0.01 * t], (len(x), 1)), on="left"),
+    vx.BilateralContact(on="bottom"),
+    vx.TrescaFriction(0.02, on="bottom"),
+)
+SCENES = {
+    "paper": paper_scene(),
+    "lifted": LIFTED,
+    "lifted from a gap": tilted(vx.UnilateralContact(on="bottom", gap=0.01), TRESCA),
+    "compliant": tilted(vx.NormalCompliance(500.0, on="bottom"), TRESCA),
+    "warm": WARM,
+    "weight": WEIGHT,
+    "one way": vx.Scene(
+        STEEL,
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.tile([8.0 * t, -0.5 * t], (len(x), 1)), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(4.0, backward=1.5, on="bottom"),
+    ),
+    "contrast": CONTRAST,
+}
+
+
+def check_against_finer(name, mesh, finer):
+    coarse, fine = (vx.simulate(SCENES[name], one, [0.0, 1.0]) for one in (mesh, finer))
+    bound, (apart, of_fine) = vx.error_bound(coarse, step=-1), distance(coarse, fine)
+    # Strains jump within triangles of the other mesh, whose quadrature is a hundredth off.
+    assert bound.upper >= 0.99 * apart - of_fine
+    assert bound.lower <= 1.01 * apart + of_fine
+    assert bound.upper <= 1.35 * apart
+    assert bound.upper <= 1.5 * bound.lower
+
+
+@pytest.mark.parametrize("name", ["paper", "lifted"])
+def test_bounds_hold_against_a_finer_mesh(name):
+    check_against_finer(name, vx.meshes.squares(6), vx.meshes.squares(24))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("family", ["squares", "triangles", "voronoi", "hexagons", "hanging"])
+def test_bounds_hold_against_much_finer_meshes(name, family):
+    if name == "contrast" and family in ("voronoi", "hexagons"):
+        return  # Their cells do not follow the seam of the two materials.
+    check_against_finer(name, vx.meshes.FAMILIES[family](8), vx.meshes.squares(64))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_bounds_of_two_meshes_agree_on_the_energy_that_a_step_makes_least(name):
+    found = [vx.error_bound(vx.simulate(SCENES[name], vx.meshes.squares(n), [0.0, 1.0]), step=-1) for n in (4, 8)]
+    (low, high), (least, most) = (bound.potential for bound in found)
+    assert max(low, least) <= min(high, most)
+    assert most - least < high - low
+    assert all(bound.upper <= 1.6 * bound.lower for bound in found)
+
+
+def test_bounds_with_coulomb_s_law_are_for_the_given_friction():
+    scene = tilted(vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom"))
+    bound = vx.error_bound(vx.simulate(scene, vx.meshes.squares(8), [0.0, 1.0]), step=-1)
+    assert bound.kind == "bound for the given friction"
+    assert bound.lower <= bound.upper <= 1.3 * bound.lower
+
+
+def test_penetration_is_part_of_the_bound():
+    history = vx.simulate(LIFTED, vx.meshes.squares(6), [0.0, 1.0])
+    u = history.displacement.copy()
+    u[-1, history.contact.nodes, 1] -= 1e-3
+    deep = replace(history, displacement=u)
+    assert vx.error_bound(deep, step=-1).upper > vx.error_bound(history, step=-1).upper
+
+
+def test_later_steps_are_bounded_given_the_one_before():
+    history = vx.simulate(paper_scene(lambda t: np.sin(np.pi * t)), vx.meshes.squares(8), np.linspace(0.0, 1.0, 5))
+    for step in range(1, 5):
+        bound = vx.error_bound(history, step=step)
+        assert bound.steps == step
+        assert bound.lower <= bound.upper <= 1.4 * bound.lower
+
+
+# Whole histories, against a finer mesh with more steps.
+
+
+def triangular(t):
+    return np.minimum(t, 1.0 - t) * 2.0
+
+
+def zigzag(t):
+    return np.interp(t, [0.0, 0.25, 0.75, 1.0], [0.0, 1.0, -1.0, 0.0])
+
+
+def sine(t):
+    return np.sin(2.0 * np.pi * t)
+
+
+def effectivities(course, steps, n, finer, times_as_many):
+    """Of some steps upper bounds over distances from a much better run; above one but for that run's own error."""
+    coarse = vx.simulate(paper_scene(course), vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+    wanted = np.unique(np.linspace(1, steps, 4).astype(int))
+    fine = vx.simulate(
+        paper_scene(course),
+        vx.meshes.squares(finer),
+        np.linspace(0.0, 1.0, times_as_many * steps + 1),
+        store=(times_as_many * wanted).tolist(),
+    )
+    bound, circle, ahead = vx.error_bound(coarse), circle_of(coarse), circle_of(fine)
+    found = []
+    for step in wanted.tolist():
+        now = instant(fine, fine.row(times_as_many * step))
+        u = coarse.displacement[step]
+        apart = error_from(ahead, now.u, now.t, lambda x, u=u, t=now.t: strain_at(circle, u, t, x))
+        found.append(bound.upper[step] / apart)
+    assert (bound.lower == 0.0).all()
+    assert np.isclose(bound.cells.sum(), bound.upper.max() ** 2)
+    return np.array(found)
+
+
+def test_a_ramp_is_bounded_over_mesh_and_steps():
+    found = effectivities(lambda t: t, 4, 4, 16, 4)
+    assert found.min() >= 1.0
+    assert found.max() <= 3.0
+
+
+def test_a_reversal_between_instants_is_in_the_bound():
+    found = effectivities(triangular, 3, 4, 16, 8)
+    assert found.min() >= 1.0
+    assert found.max() <= 10.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("course", "steps", "most"),
+    [
+        *((lambda t: t, steps, 3.0) for steps in (4, 16)),
+        *((triangular, steps, 6.0) for steps in (4, 8, 16)),
+        *((triangular, steps, 10.0) for steps in (5, 9, 17)),
+        (zigzag, 20, 7.5),
+        *((sine, steps, 16.0) for steps in (8, 16)),
+    ],
+)
+def test_histories_are_bounded_over_mesh_and_steps(course, steps, most):
+    found = effectivities(course, steps, 8, 32, 16 if steps < 10 else 8)
+    assert found.min() >= 1.0
+    assert found.max() <= most
+
+
+def test_histories_whose_data_no_step_loses_have_the_bound_of_their_mesh_alone():
+    """Full slip in proportion to time: more steps change nothing, and the bound hardly."""
+    errors = [exact_error(slipped(0.3, "squares", 6, np.linspace(0.0, 1.0, n + 1)), 0.3) for n in (1, 4)]
+    bounds = [vx.error_bound(slipped(0.3, "squares", 6, np.linspace(0.0, 1.0, n + 1))).upper[-1] for n in (1, 4)]
+    assert np.allclose(errors[0], errors[1], rtol=1e-6)
+    assert np.allclose(bounds[0], bounds[1], rtol=1e-3)
+    assert errors[0] <= bounds[0] <= 2.0 * errors[0]
+
+
+# Runs that are asked for it.
+
+
+def test_runs_keep_the_largest_bound_of_their_steps(tmp_path):
+    times = np.linspace(0.0, 1.0, 4)
+    history = vx.simulate(paper_scene(), vx.meshes.squares(4), times, bound=True)
+    bounds = [vx.error_bound(history, step=n) for n in (1, 2, 3)]
+    worst = max(bounds, key=lambda one: one.upper)
+    assert history.bound["upper"] == worst.upper
+    assert (history.bound["lower"], history.bound["step"]) == (worst.lower, worst.steps)
+    assert f"step {worst.steps}, the largest" in history.summary()
+    folder = history.write(tmp_path / "run")
+    assert vx.read_history(folder).bound == history.bound
+    told = json.loads((folder / "summary.json").read_text())
+    assert (told["bound_upper"], told["bound_lower"]) == (worst.upper, worst.lower)
+
+
+def test_runs_that_cannot_be_bounded_are_refused_before_they_begin():
+    with pytest.raises(vx.SceneError, match="store='all'"):
+        vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0], store="last", bound=True)
+    scene = vx.Scene(STEEL, vx.Clamp(on="left"), vx.Traction(lambda x, t: (t, 0.0, 0.0), on="right"))
+    with pytest.raises(vx.SceneError, match="exists in the plane only"):
+        vx.simulate(scene, vx.meshes.cubes(2), [0.0, 1.0], bound=True)
+
+
+def test_the_command_line_says_the_bound(tmp_path):
+    arguments = ["run", "feng_han_huang", "--n", "4", "--steps", "2", "--bound", "--report", "--out", str(tmp_path)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert 0.0 < told["bound_lower"] < told["bound_upper"]
+    assert f"{told['bound_lower']:.4g} ... {told['bound_upper']:.4g}" in done.output
+    assert "This is a theorem" in (tmp_path / "report.html").read_text()
+    assert "--bound" in (tmp_path / "report.html").read_text()
+
+
+# What has no bound.
+
+
+@pytest.mark.parametrize(
+    ("effects", "said"),
+    [
+        ([vx.Viscosity(1.0, 1.0)], "Viscosity"),
+        ([vx.PointLoad(lambda x, t: (0.0, t), at=(0.0, 1.0))], "PointLoad"),
+        ([vx.ElasticFoundation(normal=1.0, on="top")], "ElasticFoundation"),
+        ([vx.PrescribedDisplacement(lambda x, t: t * np.sin(x), on="top")], "linearly between nodes"),
+    ],
+)
+def test_what_has_no_bound_says_so(effects, said):
+    scene = vx.Scene(STEEL, vx.Clamp(on="bottom"), vx.Traction(lambda x, t: (t, 0.0), on="left"), *effects)
+    history = vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match=said):
+        vx.error_bound(history, step=-1)
+
+
+def test_bodies_in_space_and_steps_that_are_not_there_say_so():
+    history = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 0.5, 1.0], store="last")
+    with pytest.raises(vx.SceneError, match="step 1 was not stored"):
+        vx.error_bound(history, step=-1)
+    with pytest.raises(vx.SceneError, match="store='all'"):
+        vx.error_bound(history)
+    whole = vx.simulate(paper_scene(), vx.meshes.squares(4), [0.0, 1.0])
+    with pytest.raises(vx.SceneError, match="step 0 is where the run begins"):
+        vx.error_bound(whole, step=0)
+    with pytest.raises(vx.SceneError, match="step=-1"):
+        vx.error_bound(vx.simulate(LIFTED, vx.meshes.squares(4), [0.0, 1.0]))

@@ -1,0 +1,78 @@
+"""Exact errors beside guaranteed bounds: of a known displacement, or of one that is known much better."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vemcvx.bound.displacement import NODES, strains_at_stations
+from vemcvx.bound.fan import BARYCENTRIC, COEFFICIENTS, RULE, RULE_WEIGHTS, monomial_slopes, monomials
+from vemcvx.bound.hypercircle import hypercircle
+from vemcvx.bound.skeleton import instant
+from vemcvx.results.probe import locate
+from vemcvx.scene.pose import pose_scene
+
+
+def circle_of(history):
+    return hypercircle(pose_scene(history.scene, history.mesh, history.trajectory.times.tolist()))
+
+
+def nodal_values(circle, u, t):
+    """Of each chunk of cells the nodal values (c, n, 20) of the conforming displacement."""
+    for fans, displacement, f in zip(circle.fans, circle.displacements, circle._densities(t), strict=True):
+        ends = u[fans.nodes]
+        outline = np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(len(ends), -1)
+        weighed = RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
+        yield fans, displacement.nodal(outline, np.einsum("qk,ctqd->ctkd", BARYCENTRIC, weighed).reshape(len(f), -1))
+
+
+def at_rule(circle, u, t):
+    """Of each chunk the strains (c, n, 21, 3), points and weights there."""
+    lagrange = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
+    for fans, v in nodal_values(circle, u, t):
+        c, n, _ = v.shape
+        strain = strains_at_stations(fans, v).reshape(c, n, 3, 6, 3)
+        weights = RULE_WEIGHTS * fans.doubled_areas[..., None]
+        yield fans, np.einsum("pqi,ctpik->ctpqk", lagrange, strain).reshape(c, n, 21, 3), fans.points(), weights
+
+
+def strain_at(circle, u, t, x):
+    """Strains (q, 3) of the conforming displacement at points (q, 2)."""
+    found = locate(circle.posed.space.mesh, x)
+    cells = np.full(len(x), -1)
+    cells[found.points] = found.cells
+    strain = np.zeros((len(x), 3))
+    for fans, v in nodal_values(circle, u, t):
+        mine = np.flatnonzero(np.isin(cells, fans.cells))
+        if len(mine) == 0:
+            continue
+        at = np.searchsorted(fans.cells, cells[mine])
+        back = np.linalg.inv(fans.B)[at]
+        hat = np.einsum("qtab,qb->qta", back, x[mine] - fans.centres[at])
+        corners = np.concatenate([1.0 - hat.sum(axis=2, keepdims=True), hat], axis=2)
+        t_of = corners.min(axis=2).argmax(axis=1)
+        every = np.arange(len(mine))
+        # The part of the edge from corner k is that of the smallest coordinate at corner k + 2.
+        part = (corners[every, t_of].argmin(axis=1) + 1) % 3
+        slopes = np.einsum("qai,qij->qaj", monomial_slopes(hat[every, t_of]), COEFFICIENTS[part])
+        values = v[at, t_of].reshape(-1, 10, 2)[every[:, None], NODES[part]]
+        grad = np.einsum("qaj,qjp,qar->qrp", slopes, values, back[every, t_of])
+        strain[mine] = np.stack([grad[:, 0, 0], grad[:, 1, 1], grad[:, 0, 1] + grad[:, 1, 0]], axis=1)
+    return strain
+
+
+def error_from(circle, u, t, strain):
+    """|w - v|_a of a displacement w with the strains strain(x) (q, 3) at points (q, 2)."""
+    squared = 0.0
+    for fans, own, x, weights in at_rule(circle, u, t):
+        apart = strain(x.reshape(-1, 2)).reshape(own.shape) - own
+        squared += np.einsum("ctq,ctqk,ckl,ctql->", weights, apart, fans.C, apart, optimize=True)
+    return float(np.sqrt(squared))
+
+
+def distance(coarse, fine, step=-1, of_fine=-1):
+    """|v - v_f|_a of the displacements of two histories, and the bound of the finer one's error."""
+    k, m = coarse.row(step), fine.row(of_fine)
+    circle, ahead = circle_of(coarse), circle_of(fine)
+    now = instant(fine, m)
+    found = error_from(ahead, now.u, now.t, lambda x: strain_at(circle, coarse.displacement[k], now.t, x))
+    return found, ahead.pair(now, instant(fine, m - 1)).upper

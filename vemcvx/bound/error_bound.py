@@ -1,0 +1,330 @@
+"""Guaranteed bounds on the error of mesh and steps.
+
+A step: :mod:`.hypercircle`. A whole history, if nothing but friction with a given bound acts: let v and tau be
+admissible at all instants, r = tau - sigma_0 - C eps(v) and X = tau - sigma, so that X = r + C eps(v - u). From Green's
+formula, and from what q of tau_t = -q and its bound g let u and v dissipate,
+
+    d/dt |X|^2 / 2  =  <r', X> + (X, eps(v' - u'))  <=  |r'| |X| + D',      D' = int g |s'| + c s' - q s',
+
+s' being the rate of slip of v, both norms in C^-1. Between two instants everything is taken for linear in time, and
+with Brezis' lemma (y^2 / 2 <= a^2 / 2 + int m y implies y <= a + int m)
+
+    |X| <= y_n = (y_{n-1}^2 + 2 D_n)^{1/2} + |r_n - r_{n-1}|,         |u - v|_a^2 <= y_n^2 + 2 y_n |r_n| + |r_n|^2.
+
+For v one may take v + w of :mod:`.hypercircle`, richer inside of the body and on contact the same: r is smaller by
+half, and only in the last square it is that of v, because X is orthogonal to C eps(w). y_0 is |r_0| of v: the exact
+history is one that begins like the run. What linear moments miss of loads is a stress of its own in tau, no larger than
+osc_T, and so are its changes in time. Loads that are not linear in time within a step are read at PIECES instants of
+it, where tau is in equilibrium with them and v between its values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vemcvx.arrays import Floats, Ints, brief, totals
+from vemcvx.bound.hypercircle import Hypercircle, Pair, hypercircle
+from vemcvx.bound.skeleton import Instant, instant
+from vemcvx.bound.surface import products
+from vemcvx.errors import HistoryError, SceneError
+from vemcvx.history import History
+from vemcvx.outline import Outline, Outlined
+from vemcvx.scene.pose import pose_scene
+
+PIECES = 4
+"""Instants a step at which loads are read that are not linear in time."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ErrorBound(Outlined):
+    """Bounds on the distance |u - v|_a of the exact displacement u from the computed one, v.
+
+    v is a conforming function: it has the nodal values of the history, is linear on the edges of cells, and inside
+    them it is what makes their energy least among functions of degree two on a fine split. Of a step, u is the exact
+    answer of that step on the continuum, given the displacement before it; of a history, the exact history.
+
+    Attributes
+    ----------
+    steps : (S,) int
+        The steps looked at.
+    upper, lower : (S,)
+        Bounds on |u - v|_a from above and below; a number each where one step was asked for. Of whole histories lower
+        is zero: nothing is known from below.
+    energy : ((S,), (S,))
+        Bounds on the elastic energy of u, 1/2 a(u, u).
+    potential : ((S,), (S,))
+        Bounds on what the step minimises, energy less the work of loads, plus the cost of friction; of whole histories
+        infinite.
+    cells : (n_cells,)
+        Parts of the square of the (largest) upper.
+    parts : mapping of str to (S,)
+        Of upper: "mesh", what stress and strain differ by; "contact", what friction and contact do; "data", what is
+        missed of loads that are not polynomials; "algebra", the certified error of the solver, which is in the others;
+        of whole histories also "steps", y.
+    kind : str
+        "bound"; "bound for the given friction" where the bound of friction follows the pressure of the answer.
+    history : History
+        The run.
+    """
+
+    steps: Ints
+    upper: Floats
+    lower: Floats
+    energy: tuple[Floats, Floats]
+    potential: tuple[Floats, Floats]
+    cells: Floats
+    parts: dict[str, Floats]
+    kind: str
+    history: History
+
+    def at(self, k: int) -> ErrorBound:
+        """The bound of the k-th of the steps alone."""
+        low, high = self.energy
+        least, most = self.potential
+        return replace(
+            self,
+            steps=self.steps[k],
+            upper=self.upper[k],
+            lower=self.lower[k],
+            energy=(low[k], high[k]),
+            potential=(least[k], most[k]),
+            parts={name: part[k] for name, part in self.parts.items()},
+        )
+
+    @property
+    def relative(self) -> Floats:
+        """`upper` in parts of the largest energy norm of the run."""
+        return self.upper / (float(self.history.trajectory.norm.max()) or 1.0)
+
+    def outline(self) -> Outline:
+        """The outline for prompts and notebooks: the step where the bound is largest."""
+        steps, upper, lower = (np.atleast_1d(one) for one in (self.steps, self.upper, self.lower))
+        k = int(np.argmax(upper))
+        parts = [(name, f"{np.atleast_1d(value)[k]:.3g}") for name, value in self.parts.items()]
+        low, high = (np.atleast_1d(one)[k] for one in self.energy)
+        lines = [
+            ("error", f"{lower[k]:.4g} ... {upper[k]:.4g} in the energy norm"),
+            ("energy", f"{low:.6g} ... {high:.6g}"),
+            *parts,
+        ]
+        return Outline(f"ErrorBound: {self.kind} at step {steps[k]} ({len(steps)} looked at)", lines)
+
+
+def error_bound(history: History, step: int | None = None) -> ErrorBound:
+    """Guaranteed bounds on the error in the energy norm: of the mesh in one step, or of mesh and steps in a history.
+
+    Parameters
+    ----------
+    history : History
+    step : int, optional
+        A stored step after which the one before it was stored, too; -1 is the last one. By default the whole history,
+        every step of which must be stored, and in which nothing but friction with a given bound acts
+        (BilateralContact and TrescaFriction).
+
+    Returns
+    -------
+    ErrorBound
+        Its docstring says of which displacement, and of which error.
+
+    Raises
+    ------
+    HistoryError
+        The history was read from files, so that its scene is not known.
+    SceneError
+        A step was not stored, or the scene has something for which there is no bound.
+
+    Notes
+    -----
+    The mathematics are in :mod:`vemcvx.bound.hypercircle` and :mod:`vemcvx.bound.error_bound`. Data
+    that vary are read at the points of quadrature rules, and on the boundary at PIECES per size of the body.
+    """
+    if not isinstance(history, History):
+        raise HistoryError(f"error_bound: found {brief(history)} where a History is wanted.")
+    if history.scene is None:
+        raise HistoryError(
+            "error_bound: this history was read from files, and its scene is not among them; simulate the scene."
+        )
+    posed = pose_scene(history.scene, history.mesh, history.trajectory.times.tolist())
+    circle = hypercircle(posed)
+    return _of_history(circle, history) if step is None else of_steps(circle, history, [step]).at(0)
+
+
+# Steps.
+
+
+def of_steps(circle: Hypercircle, history: History, steps: Sequence[int]) -> ErrorBound:
+    """The bounds of stored steps, each given the one before."""
+    found = []
+    for step in steps:
+        n = int(history.stored[history.row(step)])
+        if n == 0:
+            raise SceneError("error_bound: step 0 is where the run begins; the first step that has a bound is 1.")
+        now, before = (instant(history, history.row(k)) for k in (n, n - 1))
+        found.append((n, *_of_step(circle, now, before)))
+    numbers, pairs, moved = zip(*found, strict=True)
+    upper = np.array([pair.upper for pair in pairs]) + moved
+    norm, potential = (np.array([getattr(pair, name) for pair in pairs]) for name in ("norm", "potential"))
+    lowered, A2, gap = (np.array([getattr(pair, name) for pair in pairs]) for name in ("lowered", "A2", "lacking"))
+    worst = pairs[int(np.argmax(upper))]
+    at = np.array(numbers)
+    laws = any(friction.law is not None for friction in circle.posed.terms.frictions)
+    return ErrorBound(
+        steps=at,
+        upper=upper,
+        lower=np.maximum(lowered - moved, 0.0),
+        energy=_energies(norm, upper - moved),
+        potential=(potential - 0.5 * A2 - gap, potential - 0.5 * lowered**2),
+        cells=_shares(circle, worst.triangles, worst.surface.gap, upper.max()),
+        parts={
+            "mesh": np.sqrt([pair.squares.sum() for pair in pairs]),
+            "contact": np.sqrt(2.0 * gap),
+            "data": np.sqrt([np.sum(pair.oscillation**2) for pair in pairs]),
+            "algebra": np.sqrt(2.0 * history.trajectory.gap[at]),
+        },
+        kind="bound for the given friction" if laws else "bound",
+        history=history,
+    )
+
+
+def largest_bound(circle: Hypercircle, history: History) -> dict[str, float]:
+    """The largest upper bound of all steps, with the lower one, its step, and in parts of the largest energy norm."""
+    if history.steps == 0:
+        return {"upper": 0.0, "lower": 0.0, "step": 0.0, "relative": 0.0}
+    found = of_steps(circle, history, range(1, history.steps + 1))
+    k = int(np.argmax(found.upper))
+    of_step = {"upper": found.upper[k], "lower": found.lower[k], "step": found.steps[k], "relative": found.relative[k]}
+    return {name: float(value) for name, value in of_step.items()}
+
+
+def _of_step(circle: Hypercircle, now: Instant, before: Instant) -> tuple[Pair, float]:
+    """The pair of a step, whose displacement obstacles admit, and how far that is from the answer."""
+    obstacles, u = circle.posed.obstacles, now.u.ravel()
+    rigid = obstacles.compliance == 0
+    for _ in range(8):  # Two obstacles at a corner are seldom at right angles.
+        excess = np.where(rigid, np.maximum(obstacles.rows @ u - obstacles.gap(now.t), 0.0), 0.0)
+        if not excess.any():
+            break
+        u = u - obstacles.rows.T @ excess
+    admitted = replace(now, u=u.reshape(-1, 2))
+    return circle.pair(admitted, before), circle.distance(now.u, admitted.u)
+
+
+def _energies(norm: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Bounds on the energy of what is no farther than so much from a displacement of this norm."""
+    return 0.5 * np.maximum(norm - upper, 0.0) ** 2, 0.5 * (norm + upper) ** 2
+
+
+def _shares(circle: Hypercircle, triangles: Floats, gap: Floats, upper: float) -> Floats:
+    """(n_cells,) parts of upper^2, in proportion to squares on triangles (corners,) and gaps (b,) of edges."""
+    edges, count = circle.boundary.edges, len(circle.boundary.edges.areas)
+    parts = totals(edges.owner, triangles, count) + totals(edges.outer, 2.0 * gap, count)
+    return upper**2 * parts / (parts.sum() or 1.0)
+
+
+# Histories.
+
+
+def _of_history(circle: Hypercircle, history: History) -> ErrorBound:
+    posed, count = circle.posed, history.steps + 1
+    laws = [friction.subject for friction in posed.terms.frictions if friction.law is not None]
+    if len(posed.obstacles) or laws:
+        raise SceneError(
+            f"error_bound: {', '.join((*posed.obstacles.subjects, *laws))}: a bound over a whole history is known only "
+            "where nothing but friction with a given bound acts, on contact that holds (BilateralContact); "
+            "error_bound(history, step=-1) gives the bound of a step, given the one before."
+        )
+    if len(history.stored) < count:
+        raise SceneError(
+            f"error_bound: {len(history.stored)} of {count} instants were stored, and the bound over a whole history "
+            "needs all of them (store='all'); error_bound(history, step=-1) gives the bound of a step."
+        )
+    last = instant(history, 0)
+    pair = circle.pair(last, last)
+    y = [float(np.sqrt(pair.A2))]
+    pairs, dissipated, worst = [_sizes(circle, pair)], [0.0], (0.0, pair.triangles)
+    for n in range(1, count):
+        reached, lost = y[-1], 0.0
+        for now in _between(circle, last, instant(history, n)):
+            ahead = circle.pair(now, last)
+            step = _dissipation_gap(circle, pair, ahead)
+            reached = float(np.sqrt(reached**2 + 2.0 * step)) + _change(circle, pair, ahead)
+            lost, pair, last = lost + step, ahead, now
+        y.append(reached)
+        dissipated.append(dissipated[-1] + lost)
+        pairs.append(_sizes(circle, pair))
+        worst = max(worst, (reached, pair.triangles), key=lambda one: one[0])
+    norm, A, richer, mesh, data = np.array(pairs).T
+    upper = np.sqrt(np.square(y) + 2.0 * richer * y + A**2)
+    nothing = np.full(count, np.inf)
+    return ErrorBound(
+        steps=history.stored.copy(),
+        upper=upper,
+        lower=np.zeros(count),
+        energy=_energies(norm, upper),
+        potential=(-nothing, nothing),
+        cells=_shares(circle, worst[1], np.zeros(len(circle.boundary.edges.outer)), upper.max()),
+        parts={
+            "mesh": mesh,
+            "contact": np.sqrt(2.0 * np.array(dissipated)),
+            "data": data,
+            "algebra": np.sqrt(2.0 * history.trajectory.gap),
+            "steps": np.array(y),
+        },
+        kind="bound",
+        history=history,
+    )
+
+
+def _sizes(circle: Hypercircle, pair: Pair) -> tuple[float, ...]:
+    """|v|_a; |r| of v and of v + w, with what is missed of the data; and the parts of the first."""
+    mesh, data = float(np.sqrt(pair.squares.sum())), float(np.sqrt(np.sum(pair.oscillation**2)))
+    return pair.norm, float(np.sqrt(pair.A2)), _norm(circle, pair.defects, pair.oscillation), mesh, data
+
+
+def _norm(circle: Hypercircle, defects: Sequence[Floats], missed: Floats) -> float:
+    """The norm of stresses, each triangle's larger by what is missed (corners,)."""
+    return float(np.sqrt(np.sum((np.sqrt(circle.squares(defects)) + missed) ** 2)))
+
+
+def _between(circle: Hypercircle, last: Instant, ahead: Instant) -> Iterator[Instant]:
+    """The instants of a step at which loads are read: its end, or PIECES where loads are not linear in it."""
+    parts = np.arange(1, PIECES + 1) / PIECES
+    start, *rest, stop = (_data(circle, last.t + s * (ahead.t - last.t)) for s in (0.0, *parts))
+    apart = max(
+        float(np.abs(one - start - s * (stop - start)).max(initial=0.0)) for one, s in zip(rest, parts, strict=False)
+    )
+    largest = max(float(np.abs(one).max(initial=0.0)) for one in (start, stop, *rest))
+    for s in parts if apart > 1e-9 * largest else parts[-1:]:
+        fields = {name: (1.0 - s) * getattr(last, name) + s * getattr(ahead, name) for name in MOVING}
+        yield Instant(**fields) if s < 1.0 else ahead
+
+
+MOVING = ("t", "u", "lam", "p", "weights", "worn")
+
+
+def _data(circle: Hypercircle, t: float) -> Floats:
+    """All that drives a scene, in one vector, each kind in parts of nothing but itself."""
+    posed, terms = circle.posed, circle.posed.terms
+    kinds = [posed.force(t), posed.supports.motion(t), terms.weights(t), terms.bias(t)]
+    kinds += [] if terms.ground is None else [terms.ground(t)]
+    return np.concatenate(kinds)
+
+
+def _dissipation_gap(circle: Hypercircle, one: Pair, other: Pair) -> float:
+    """D_n between two pairs."""
+    bound, bias, friction = (0.5 * (a + b) for a, b in zip(one.surface.laws, other.surface.laws, strict=True))
+    slip, boundary = other.surface.slip, circle.boundary
+    means = products(bound, np.abs(slip)) + products(bias - friction, slip)
+    return max(float(boundary.integrals(means).sum()), 0.0)
+
+
+def _change(circle: Hypercircle, one: Pair, other: Pair) -> float:
+    """|r_n - r_{n-1}|."""
+    missed = circle.oscillation(
+        other.surface.acting - one.surface.acting,
+        [b - a for a, b in zip(one.densities, other.densities, strict=True)],
+    )
+    return _norm(circle, [b - a for a, b in zip(one.defects, other.defects, strict=True)], missed)

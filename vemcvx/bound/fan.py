@@ -1,0 +1,201 @@
+"""The fan of a polygon: triangles from a point that sees the whole cell, each split in three at its centroid (Alfeld).
+
+A fan triangle is the image x = c + B x^ of the reference triangle (0,0), (1,0), (0,1), with the columns x_i - c and
+x_{i+1} - c of B; centroids go to centroids, so that one reference triangle serves all. Fields on its three parts are
+polynomials of degree 2, given by their values at six points a part: the 18 *stations*.
+
+All data of equilibrium are nodal forces: a traction t that is linear on an edge is known by int t phi at both ends, a
+body force f with linear projection f_1 by its three F_k = int f lambda_k, and force and moment of both are those of
+such forces at the vertices, exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from vemcvx.arrays import Floats, Ints
+from vemcvx.errors import SceneError
+from vemcvx.meshes.polygons.geometry import RADON_POINTS, RADON_WEIGHTS, polygon_centroids
+from vemcvx.vem import Space
+from vemcvx.vem.elasticity import distinct
+
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+PARTS = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])
+"""(3, 3) corners of the parts; 3 is the centroid. Part k has the edge from corner k to corner k + 1."""
+
+
+def _six(corners: Floats) -> Floats:
+    """The points (6, 2) of P2 on a triangle (3, 2): its corners, then the middles of its edges."""
+    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])
+
+
+def monomials(x: Floats) -> Floats:
+    """(q, 6) 1, x, y, x^2, xy, y^2."""
+    one, two = x.T
+    return np.column_stack([np.ones(len(x)), one, two, one * one, one * two, two * two])
+
+
+def monomial_slopes(x: Floats) -> Floats:
+    """(q, 2, 6) their derivatives."""
+    one, two = x.T
+    none, full = np.zeros(len(x)), np.ones(len(x))
+    return np.stack(
+        [
+            np.column_stack([none, full, none, 2.0 * one, two, none]),
+            np.column_stack([none, none, full, none, one, 2.0 * two]),
+        ],
+        axis=1,
+    )
+
+
+_CENTRE = CORNERS.mean(axis=0)
+_TRIANGLES = np.concatenate([CORNERS, _CENTRE[None]])[PARTS]
+STATIONS = np.stack([_six(part) for part in _TRIANGLES])
+"""(3, 6, 2) the points by which a field on each part is given."""
+COEFFICIENTS = np.linalg.inv(np.stack([monomials(part) for part in STATIONS]))
+"""(3, 6, 6) monomials of the six Lagrange functions of each part."""
+RULE = np.stack([RADON_POINTS @ part for part in _TRIANGLES])
+"""(3, 7, 2) Radon's points in each part, exact for degree 5."""
+RULE_WEIGHTS = np.tile(RADON_WEIGHTS / 6.0, 3)
+"""(21,) weights, which add up to the area of the reference triangle, 1/2."""
+_LAGRANGE = np.stack([monomials(RULE[k]) @ COEFFICIENTS[k] for k in range(3)])
+MASS = np.einsum("q,qi,qj->ij", RADON_WEIGHTS / 6.0, _LAGRANGE[0], _LAGRANGE[0])
+"""(6, 6) int of products of two Lagrange functions over a part, the same for all three."""
+LINEAR_MASS_INVERSE = 24.0 * np.linalg.inv(np.ones((3, 3)) + np.eye(3))
+"""(3, 3) inverse of int lambda_j lambda_k over the reference triangle."""
+BARYCENTRIC = np.column_stack([1.0 - RULE.reshape(-1, 2).sum(axis=1), RULE.reshape(-1, 2)])
+"""(21, 3) lambda at the points of the rule."""
+CHUNK = 2**14
+"""Entries of one n x n matrix a cell, over the cells that are treated together: some hundred hexagons, whose matrices
+take 20 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fans:
+    """Cells with equally many vertices and their fans: c cells of n triangles each."""
+
+    cells: Ints
+    """(c,)"""
+    nodes: Ints
+    """(c, n)"""
+    corners: Floats
+    """(c, n, 2) relative to the centre of the fan"""
+    centres: Floats
+    """(c, 2)"""
+    C: Floats
+    """(c, 3, 3) stresses from strains (e_xx, e_yy, 2 e_xy)"""
+    shear: Floats
+    """(c,) the least s with C eps : eps >= s |eps|^2: 2 mu of an isotropic material"""
+
+    @cached_property
+    def alike(self) -> tuple[Ints | slice, Ints]:
+        """One each of the cells that are no translates of each other, and which of them a cell is."""
+        return distinct([self.corners, self.C])
+
+    @property
+    def shapes(self) -> Fans:
+        """The former."""
+        some = self.alike[0]
+        return replace(self, **{field.name: getattr(self, field.name)[some] for field in fields(self)})
+
+    @property
+    def n(self) -> int:
+        """The number of triangles a fan."""
+        return int(self.nodes.shape[1])
+
+    @property
+    def B(self) -> Floats:
+        """(c, n, 2, 2) of the maps from the reference triangle."""
+        return np.stack([self.corners, np.roll(self.corners, -1, axis=1)], axis=3)
+
+    @property
+    def doubled_areas(self) -> Floats:
+        """(c, n) det B."""
+        one, two = self.corners, np.roll(self.corners, -1, axis=1)
+        areas: Floats = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
+        return areas
+
+    def points(self) -> Floats:
+        """(c, n, 21, 2) the points of the rule in all triangles."""
+        x: Floats = self.centres[:, None, None] + np.einsum("ctab,qb->ctqa", self.B, RULE.reshape(-1, 2))
+        return x
+
+
+def fans_of(space: Space, C: Floats) -> tuple[Fans, ...]:
+    """The fans of all cells, in chunks of equally many vertices; C (n_cells, 3, 3).
+
+    Raises
+    ------
+    SceneError
+        No point sees the whole of some cell, or an edge is too short for its cell.
+    """
+    found = []
+    root = np.sqrt([1.0, 1.0, 2.0])
+    shear = np.asarray(np.linalg.eigvalsh(C * root[:, None] * root)[:, 0], dtype=np.float64)
+    for chunk in (chunk for group in space.groups for chunk in group.chunks(CHUNK)):
+        centres = polygon_centroids(chunk.corners)[1]
+        for k in np.flatnonzero(_least_height(chunk.corners - centres[:, None]) < LOWEST):
+            centres[k] += _seeing(chunk.corners[k] - centres[k], int(chunk.cells[k]))
+        fans = Fans(
+            cells=chunk.cells,
+            nodes=chunk.nodes,
+            corners=chunk.corners - centres[:, None],
+            centres=space.mesh.points[chunk.nodes[:, 0]] + centres,
+            C=C[chunk.cells],
+            shear=shear[chunk.cells],
+        )
+        _refuse_short_edges(fans)
+        found.append(fans)
+    return tuple(found)
+
+
+LOWEST = 0.05
+"""Heights of fan triangles over the edges, in parts of the root of a cell's area, below which a better centre is
+sought: flat triangles cost effectivity, not validity."""
+SHORTEST = 1e-3
+"""Edges below this part of the cell's radius are refused."""
+
+
+def _least_height(corners: Floats) -> Floats:
+    """The least height of the centre over an edge, (c,), in parts of the root of the area; negative if unseen."""
+    ahead = np.roll(corners, -1, axis=1)
+    cross = corners[..., 0] * ahead[..., 1] - corners[..., 1] * ahead[..., 0]
+    height = cross / np.linalg.norm(ahead - corners, axis=2)
+    least: Floats = height.min(axis=1) / np.sqrt(0.5 * np.abs(cross.sum(axis=1)))
+    return least
+
+
+def _seeing(corners: Floats, cell: int) -> Floats:
+    """The point of a cell (n, 2) that is farthest from the lines of all its edges, inside of all."""
+    # Few meshes need it, and it takes a tenth of a second to import.
+    from scipy.optimize import linprog
+
+    along = np.roll(corners, -1, axis=0) - corners
+    inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    # Largest r with inward . (x - x_i) >= r.
+    rows = np.column_stack([-inward, np.ones(len(corners))])
+    limits = -np.einsum("ia,ia->i", inward, corners)
+    found = linprog([0.0, 0.0, -1.0], A_ub=rows, b_ub=limits, bounds=[(None, None), (None, None), (0.0, None)])
+    size = np.abs(corners).max()
+    if found.x is None or found.x[2] <= 1e-6 * size:
+        raise SceneError(
+            f"error_bound: no point sees all of cell {cell}, so that no fan of triangles fills it; refine the mesh "
+            "there, or cut the cell into pieces that are star-shaped."
+        )
+    return np.asarray(found.x[:2])
+
+
+def _refuse_short_edges(fans: Fans) -> None:
+    lengths = np.linalg.norm(np.roll(fans.corners, -1, axis=1) - fans.corners, axis=2)
+    ratio = lengths.min(axis=1) / np.linalg.norm(fans.corners, axis=2).max(axis=1)
+    if ratio.min() < SHORTEST:
+        worst = int(np.argmin(ratio))
+        cell, side = int(fans.cells[worst]), int(np.argmin(lengths[worst]))
+        raise SceneError(
+            f"error_bound: an edge of cell {cell}, from node {fans.nodes[worst, side]}, is {ratio[worst]:.2g} of the "
+            f"cell's radius; bounds are useless on edges shorter than {SHORTEST:g} of it. Merge its nodes, or refine "
+            "the cell there."
+        )

@@ -1,0 +1,384 @@
+"""The hypercircle: a displacement and a stress that are admissible, and the exact ones no farther away than a bound.
+
+One step of a scene minimises
+
+    J(v) = a(v, v) / 2 + (sigma_0, eps(v)) - l(v) + j(v),    j(v) = int g |v_t - d| + c (v_t - d) + phi(v_n - gap)
+
+over displacements that supports admit, phi being zero up to the gap of a rigid obstacle and infinite beyond it, k z_+^2
+/ 2 of a compliant one. Let u minimise it, v be admissible, and tau a stress in equilibrium with f_1 and t_1, linear
+moments of the loads f and t, whose tractions -q t - p n on contact are admissible. With r = tau - sigma_0 - C eps(v),
+e = u - v and
+
+    b = j(v) - int q (v_t - d) - p v_n  +  the least that j - q - p can be  >= 0       (:mod:`.surface`)
+
+the variational inequality (sigma, eps(e)) >= l(e) + j(u) - j(v), Green's formula for tau, and the definition of b give
+
+    |e|^2  <=  (r, eps(e)) + (l - l_1)(e) + b  <=  sum_T (|r|_T + osc_T) |e|_T + b,
+
+    |e|  <=  A / 2 + (A^2 / 4 + b)^{1/2},     A^2 = sum_T (|r|_T + osc_T)^2,        J(v) - A^2 / 2 - b  <=  J(u),
+
+norms of stresses being in C^-1 (W. Prager and J. L. Synge, Quart. Appl. Math. 5 (1947); no constant but one). The loads
+less their linear moments do no work on rigid motions of a triangle T, so that
+
+    osc_T = h_T (K_T / s)^{1/2} ( |f - f_1|_T / pi + (1 / pi^2 + 1 / pi)^{1/2} (|e| / |T|)^{1/2} |t - t_1|_e ),
+
+h_T the diameter, s the least shear modulus (2 mu): Payne and Weinberger's inequality on convex T, the divergence of
+(x - a) w^2, a being the apex over the edge e, and Korn's |grad w|^2 <= K |eps(w)|^2 without mean rotation. K = 1 + 2 /
+beta^2: the rotation p of w, of mean zero, is div phi of some phi that vanishes on the boundary, beta |grad phi| <= |p|,
+and int p^2 = int eps(w) : M with |M| <= |grad phi|. A domain between concentric discs of the radii rho and R that is
+star-shaped for the smaller one has (M. Costabel and M. Dauge, Arch. Ration. Mech. Anal. 217 (2015), arXiv 1303.6141)
+
+    beta >= rho / (2^{1/2} R) (1 + (1 - rho^2 / R^2)^{1/2})^{-1/2},            of a disc exactly 2^{-1/2}.
+
+What is quadratic in f - f_1 and t - t_1 counts by the norm of a stress that balances it, and only the rest like that.
+
+From below: w that vanishes where v touches or is held has (sigma, eps(w)) = l(w), so that
+
+    |e|  >=  (l(w) - (sigma_0 + C eps(v), eps(w))) / |w|_a,                  J(u)  <=  J(v) - half the square of that.
+
+w is quadratic on edges, and inside cells what its values there make least energy of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from vemcvx.arrays import Floats, Ints, totals
+from vemcvx.bound.data_oscillation import DataOscillation
+from vemcvx.bound.displacement import VALUES, FanDisplacement, fan_displacement, forces_of, strains_at_stations
+from vemcvx.bound.equilibrium import Equilibrium, edges_of, equilibrium
+from vemcvx.bound.fan import (
+    BARYCENTRIC,
+    LINEAR_MASS_INVERSE,
+    MASS,
+    RULE,
+    RULE_WEIGHTS,
+    Fans,
+    fans_of,
+    monomials,
+)
+from vemcvx.bound.skeleton import Instant, check_estimable, skeleton
+from vemcvx.bound.stress import OF_EDGE, OF_PARABOLAS, PARABOLAS, fan_stress, lifted
+from vemcvx.bound.surface import Boundary, Surface
+from vemcvx.effects import Load
+from vemcvx.errors import SceneError
+from vemcvx.linear import Factor, choose_linear
+from vemcvx.meshes import plane_mesh
+from vemcvx.scene.pose import PosedScene
+from vemcvx.vem import elastic_matrix, strains
+
+
+def oscillation_constants(fans: Fans) -> tuple[Floats, Floats]:
+    """(c, n) by which |f - f_1|_T and |t - t_1|_e count on the triangles of fans, e being their outer edges."""
+    here, ahead = fans.corners, np.roll(fans.corners, -1, axis=1)
+    sides = np.stack([np.linalg.norm(x, axis=2) for x in (ahead - here, ahead, here)], axis=2)
+    area, around = 0.5 * fans.doubled_areas, sides.sum(axis=2)
+    # The incentre, the centre of the fan being the origin, and how far it is from the corners.
+    middle = (sides[..., 1:2] * here + sides[..., 2:3] * ahead) / around[..., None]
+    radius = np.max([np.linalg.norm(middle - x, axis=2) for x in (here, ahead, 0.0 * here)], axis=0)
+    ratio = 2.0 * area / (around * radius)
+    beta2 = 0.5 * ratio**2 / (1.0 + np.sqrt(np.maximum(1.0 - ratio**2, 0.0)))
+    common = sides.max(axis=2) * np.sqrt((1.0 + 2.0 / beta2) / fans.shear[:, None])
+    return common / np.pi, common * np.sqrt((1.0 / np.pi**2 + 1.0 / np.pi) * sides[..., 0] / area)
+
+
+def inner(fans: Fans, one: Floats, other: Floats) -> Floats:
+    """(c, n) integrals over triangles of one : other, both (c, n, 18, 3) at stations."""
+    c, n = one.shape[:2]
+    parts = one.reshape(c, n, 3, 6, 3), other.reshape(c, n, 3, 6, 3)
+    found: Floats = fans.doubled_areas * np.einsum("ij,ctpik,ctpjk->ct", MASS, *parts, optimize=True)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A displacement and a stress at an instant, admissible both, and what separates them."""
+
+    u: Floats
+    """(n_nodes, 2) of the displacement v"""
+    surface: Surface
+    defects: tuple[Floats, ...]
+    """r (c, n, 18, 3) of each chunk of cells, at its stations, of v + w"""
+    squares: Floats
+    """(corners,) |r|_T^2 of the triangle on each edge of each cell"""
+    oscillation: Floats
+    """(corners,) osc_T"""
+    densities: tuple[Floats, ...]
+    """f (c, n, 21, 2) of each chunk of cells, at the points of the rule"""
+    potential: float
+    """J(v)"""
+    norm: float
+    """|v|_a"""
+    lowered: float
+    """the bound of |u - v|_a from below"""
+
+    @property
+    def triangles(self) -> Floats:
+        """(corners,) (|r|_T + osc_T)^2."""
+        squares: Floats = (np.sqrt(self.squares) + self.oscillation) ** 2
+        return squares
+
+    @property
+    def A2(self) -> float:
+        """A^2."""
+        return float(self.triangles.sum())
+
+    @property
+    def lacking(self) -> float:
+        """b."""
+        return float(self.surface.gap.sum())
+
+    @property
+    def upper(self) -> float:
+        """The bound of |u - v|_a from above."""
+        return float(0.5 * np.sqrt(self.A2) + np.sqrt(0.25 * self.A2 + self.lacking))
+
+
+@dataclass(frozen=True, eq=False)
+class Hypercircle:
+    """All of a posed scene that pairs are made of, at any instant."""
+
+    posed: PosedScene
+    boundary: Boundary
+    fans: tuple[Fans, ...]
+    displacements: tuple[FanDisplacement, ...]
+    equilibrium: Equilibrium
+    Q: sp.csr_matrix
+    """(2 nodes + 2 edges, m) motions w of vertices and of middles of edges from free ones"""
+    factor: Factor
+    """of their energy"""
+
+    def pair(self, now: Instant, before: Instant) -> Pair:
+        """The pair of a displacement that obstacles admit, at the end of a step.
+
+        Raises
+        ------
+        SceneError
+            Something in the scene has no bound.
+        """
+        boundary, edges = self.boundary, self.boundary.edges
+        boundary.check_supports(now)
+        surface, densities = boundary.at(now, before), self._densities(now.t)
+        prestress = np.zeros((len(edges.areas), 3))
+        if self.posed.prestress is not None:
+            prestress = self.posed.prestress.stress(now.t)
+        if np.any(boundary.oscillation.stress(now.t, strains(self.posed.space, now.u))):
+            raise SceneError(
+                "error_bound: moduli, eigenstrains or prestress vary inside cells, and there is no bound for that; "
+                "give one value a cell, as an array (n_cells,) or by on=."
+            )
+        held = np.einsum("bij,bej->bei", boundary.held, now.u[edges.outer_edges])
+        weighed = [
+            RULE_WEIGHTS[:, None] * fans.doubled_areas[..., None, None] * f
+            for fans, f in zip(self.fans, densities, strict=True)
+        ]
+        moments = [np.einsum("qk,ctqd->ctkd", BARYCENTRIC, f).reshape(len(f), -1) for f in weighed]
+        stress = self.equilibrium.solve(held, surface.forces, moments, prestress)
+        residual, energy, potential = np.zeros(self.Q.shape[0]), 0.0, 0.0
+        defects = []
+        chunks = zip(self.fans, self.displacements, weighed, moments, stress, strict=True)
+        for fans, displacement, f, F, tau in chunks:
+            ends = now.u[fans.nodes]
+            outline = np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1)
+            v = displacement.nodal(outline.reshape(len(ends), -1), F)
+            strain, loads = strains_at_stations(fans, v), np.einsum("qi,ctqd->ctid", VALUES, f).reshape(v.shape)
+            elastic = np.einsum("ctqk,ckl->ctql", strain, fans.C)
+            still = np.broadcast_to(prestress[fans.cells][:, None, None], strain.shape)
+            r = tau - still - elastic
+            energy += float(inner(fans, strain, elastic).sum())
+            potential += float(inner(fans, strain, still).sum()) - float(np.sum(loads * v))
+            work = displacement.on_outline(loads - forces_of(fans, elastic + still))
+            residual += totals(self._outline(fans).ravel(), work.ravel(), len(residual))
+            defects.append(r)
+        residual += self._of_tractions(surface.loads)
+        potential += 0.5 * energy + float(surface.cost.sum())
+        potential -= float(np.sum(surface.loads[:, :2] * now.u[edges.outer_edges]))
+        left = self.Q.T @ residual
+        w = self.factor.solve(left)
+        squares, motion = self.squares(defects), self.Q @ w
+        for fans, displacement, r in zip(self.fans, self.displacements, defects, strict=True):
+            v = displacement.nodal(motion[self._outline(fans)], np.zeros((len(r), 6 * fans.n)))
+            r -= np.einsum("ctqk,ckl->ctql", strains_at_stations(fans, v), fans.C)
+        return Pair(
+            u=now.u,
+            surface=surface,
+            defects=tuple(defects),
+            squares=squares,
+            oscillation=self.oscillation(surface.acting, densities),
+            densities=densities,
+            potential=potential,
+            norm=float(np.sqrt(max(energy, 0.0))),
+            lowered=float(np.sqrt(max(float(left @ w), 0.0))),
+        )
+
+    def squares(self, stresses: Sequence[Floats]) -> Floats:
+        """(corners,) squares in C^-1 of stresses (c, n, 18, 3) on the triangles of each chunk of cells."""
+        found = np.zeros(len(self.boundary.edges.sides))
+        for fans, r in zip(self.fans, stresses, strict=True):
+            found[self._corners(fans)] = inner(fans, r, np.einsum("ctqk,ckl->ctql", r, np.linalg.inv(fans.C)))
+        return found
+
+    def oscillation(self, tractions: Floats, densities: Sequence[Floats]) -> Floats:
+        """osc_T (corners,) of tractions (k, 3, 2) and body forces (c, n, 21, 2)."""
+        edges = self.boundary.edges
+        found, missed, bent = np.zeros(len(edges.sides)), np.zeros(len(edges.sides)), np.zeros((len(edges.sides), 1, 2))
+        squares, bent[edges.outer_corners, 0] = self.boundary.missed(tractions)
+        missed[edges.outer_corners] = np.sqrt(squares)
+        for fans, f in zip(self.fans, densities, strict=True):
+            place, (inside, outside) = self._corners(fans), oscillation_constants(fans)
+            found[place] = outside * missed[place] + lifted(fans, OF_EDGE, bent[place])
+            if f.any():
+                parabolas, rest = missed_forces(f)
+                found[place] += inside * np.sqrt(0.5 * fans.doubled_areas * rest)
+                found[place] += lifted(fans, OF_PARABOLAS, fans.doubled_areas[..., None, None] * parabolas)
+        return found
+
+    def distance(self, one: Floats, other: Floats) -> float:
+        """|v - w|_a of the displacements with these nodal values (n_nodes, 2), under the same body forces."""
+        squared = 0.0
+        for fans, displacement in zip(self.fans, self.displacements, strict=True):
+            ends = (one - other)[fans.nodes]
+            if ends.any():
+                outline = np.concatenate([ends, 0.5 * (ends + np.roll(ends, -1, axis=1))], axis=1).reshape(
+                    len(ends), -1
+                )
+                squared += float(np.einsum("ci,cij,cj->", outline, displacement.stiffness, outline, optimize=True))
+        return float(np.sqrt(max(squared, 0.0)))
+
+    def _corners(self, fans: Fans) -> Ints:
+        """(c, n) the corners of the mesh at which the edges of these cells begin."""
+        return plane_mesh(self.posed.space.mesh, "error_bound").offsets[fans.cells][:, None] + np.arange(fans.n)
+
+    def _of_tractions(self, loads: Floats) -> Floats:
+        """The work of loads (b, 3, 2) on boundary edges on vertices and middles, whose functions are quadratic."""
+        edges, size = self.boundary.edges, self.posed.space.n_unknowns
+        nodes = 2 * edges.outer_edges[:, :, None] + np.arange(2)
+        middles = size + 2 * (self.equilibrium.edges.outer[:, 0, 0] // 4)[:, None] + np.arange(2)
+        place = np.concatenate([nodes.ravel(), middles.ravel()])
+        work = np.concatenate([(loads[:, :2] - 0.5 * loads[:, 2:]).ravel(), loads[:, 2].ravel()])
+        return totals(place, work, self.Q.shape[0])
+
+    def _outline(self, fans: Fans) -> Ints:
+        """(c, 4 n) the places of a cell's vertices and middles among those of all."""
+        return outline_places(self.posed, self.equilibrium.edges.places, self.fans, fans)
+
+    def _densities(self, t: float) -> tuple[Floats, ...]:
+        loads = [load for load in self.posed.loads if isinstance(load, Load) and load.cells is not None]
+        found = []
+        for fans in self.fans:
+            x = fans.points()
+            f = np.zeros(x.shape)
+            for load in loads:
+                f += load.at(x.reshape(-1, 2), t).reshape(x.shape)
+            found.append(f)
+        return tuple(found)
+
+
+def missed_forces(f: Floats) -> tuple[Floats, Floats]:
+    """Of body forces (c, n, 21, 2) at the points of the rule the coefficients (c, n, 3, 2) of parabolas.
+
+    And (c, n) the mean of |f - f_2|^2. Of what differs by rounding alone nothing is missed.
+    """
+    rounding = 1e-13 * float(np.abs(f).max())
+    moments = np.einsum("q,qk,ctqd->ctkd", RULE_WEIGHTS, BARYCENTRIC, f, optimize=True)
+    bent = monomials(RULE.reshape(-1, 2)) @ PARABOLAS
+    parabolas = np.einsum("q,qi,ctqd->ctid", RULE_WEIGHTS, bent, f, optimize=True)
+    parabolas[np.abs(parabolas) <= rounding] = 0.0
+    rest = f - np.einsum("qj,jk,ctkd->ctqd", BARYCENTRIC, LINEAR_MASS_INVERSE, moments, optimize=True)
+    rest -= np.einsum("qi,ctid->ctqd", bent, parabolas)
+    rest[np.abs(rest) <= rounding] = 0.0
+    return parabolas, 2.0 * np.einsum("q,ctqd,ctqd->ct", RULE_WEIGHTS, rest, rest)
+
+
+def outline_places(posed: PosedScene, places: Sequence[Ints], every: Sequence[Fans], fans: Fans) -> Ints:
+    """(c, 4 n) the unknowns of the vertices and of the middles of edges of a chunk of cells."""
+    own = next(place for one, place in zip(every, places, strict=True) if one is fans)
+    edge = own.reshape(len(fans.cells), fans.n, 4)[:, :, 0] // 4
+    first = posed.space.n_unknowns
+    nodes = np.concatenate([fans.nodes, first // 2 + edge], axis=1)
+    found: Ints = (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
+    return found
+
+
+def hypercircle(posed: PosedScene) -> Hypercircle:
+    """The Hypercircle of a posed scene.
+
+    Raises
+    ------
+    SceneError
+        Something in the scene has no bound.
+    """
+    check_bounded(posed)
+    mesh = plane_mesh(posed.space.mesh, "error_bound")
+    edges = skeleton(posed)
+    boundary = Boundary(posed, edges, DataOscillation(posed, edges))
+    fans = fans_of(posed.space, elastic_matrix(posed.material.moduli))
+    displacements = tuple(fan_displacement(one) for one in fans)
+    numbered = edges_of(mesh, edges, fans)
+    balance = equilibrium(numbered, tuple(fan_stress(one) for one in fans), boundary.free)
+    places = [outline_places(posed, numbered.places, fans, one) for one in fans]
+    size = posed.space.n_unknowns + 2 * numbered.count
+    A = sp.csr_matrix(
+        (
+            np.concatenate([one.stiffness.ravel() for one in displacements]),
+            (
+                np.concatenate([np.repeat(place, place.shape[1], axis=1).ravel() for place in places]),
+                np.concatenate([np.tile(place, (1, place.shape[1])).ravel() for place in places]),
+            ),
+        ),
+        shape=(size, size),
+    )
+    Q = _free_outlines(posed, boundary, numbered.outer[:, 0, 0] // 4, numbered.count)
+    K = sp.csr_matrix(Q.T @ A @ Q)
+    return Hypercircle(
+        posed=posed,
+        boundary=boundary,
+        fans=fans,
+        displacements=displacements,
+        equilibrium=balance,
+        Q=Q,
+        factor=choose_linear(K.shape[0]).factorise(K),
+    )
+
+
+def _free_outlines(posed: PosedScene, boundary: Boundary, outer: Ints, count: int) -> sp.csr_matrix:
+    """Q, which leaves out what touches."""
+    edges, P = boundary.edges, sp.csc_matrix(posed.supports.P)
+    touched = np.zeros(posed.space.n_unknowns)
+    nodes = np.unique(edges.outer_edges[boundary.touching])
+    touched[(2 * nodes[:, None] + np.arange(2)).ravel()] = 1.0
+    vertices = P[:, np.flatnonzero(abs(P).T @ touched == 0.0)]
+    projectors = np.where(boundary.touching[:, None, None], 0.0, boundary.free)
+    values, vectors = np.linalg.eigh(projectors)
+    edge, axis = np.nonzero(values > 0.5)
+    inner = np.ones(count, dtype=bool)
+    inner[outer] = False
+    alone = (2 * np.flatnonzero(inner)[:, None] + np.arange(2)).ravel()
+    rows = 2 * outer[edge][:, None] + np.arange(2)
+    columns = len(alone) + np.arange(len(rows))
+    data = np.append(np.ones(len(alone)), vectors[edge, :, axis].ravel())
+    where = np.append(alone, rows.ravel()), np.append(np.arange(len(alone)), np.repeat(columns, 2))
+    middles = sp.csr_matrix((data, where), shape=(2 * count, len(alone) + len(rows)))
+    return sp.csr_matrix(sp.block_diag([vertices, middles]))
+
+
+def check_bounded(posed: PosedScene) -> None:
+    """Raise SceneError where there is no bound."""
+    mesh = plane_mesh(posed.space.mesh, "error_bound", "compare runs on finer meshes and in finer steps")
+    check_estimable(posed, "error_bound")
+    for load in posed.loads:
+        if isinstance(load, Load) and load.cells is not None and load.matrix.shape[1] == len(load.points):
+            raise SceneError(f"error_bound: there is no bound for {load.subject}, a body force of one component.")
+    missing = {
+        f"interfaces ({', '.join(mesh.interfaces)})": bool(mesh.interfaces),
+        f"contact or supports along curves ({', '.join(posed.curves)})": bool(posed.curves),
+        "springs (ElasticFoundation)": posed.springs is not None,
+        "bodies that only friction or one-sided contact holds": posed.system.kernel is not None,
+    }
+    for what, there in missing.items():
+        if there:
+            raise SceneError(f"error_bound: there is no bound for {what} yet; vemcvx.error_budget estimates the error.")

@@ -1,0 +1,371 @@
+"""The surface of a body at an instant: what holds it, what loads it, and tractions that friction and contact admit.
+
+The effects of the scene are asked on the boundary's edges cut into pieces (:mod:`vemcvx.bound.data_oscillation`).
+Data are read at the ends of the pieces and taken for linear between them; loads at three Gauss points a piece.
+
+With s the slip of v since the step before, q the friction (against s, so that tau_t = -q), c its bias and g its bound,
+z = v_n - gap the depth, p the pressure and k the stiffness of a compliant obstacle, any |q - c| <= g and p >= 0 will
+do, and the multipliers of the answer give them: q = c + theta g and p with theta and p linear between the ends of
+edges, where they are force over length, clipped. What v and these lack of the laws of friction and contact is the sum
+of
+
+    int g |s| + c s - q s,        int -p z  (z <= 0),        int k z_+^2 / 2 + p^2 / (2 k) - p z,
+
+each >= 0. On a piece where s changes its sign |s| is not linear; the line between its ends is above it (likewise z_+).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vemcvx.arrays import Bools, Floats, Ints, totals
+from vemcvx.bound.data_oscillation import DataOscillation, FineBoundary
+from vemcvx.bound.skeleton import Instant, Skeleton, at_ends
+from vemcvx.effects import Friction, Load, Obstacle
+from vemcvx.errors import SceneError
+from vemcvx.meshes.polygons.topology import positions
+from vemcvx.scene.contact_table import ContactRows
+from vemcvx.scene.pose import PosedScene
+
+GAUSS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
+FAR = 1e-9
+"""Lengths by which answers may violate supports and obstacles, in parts of the largest: rounding."""
+
+
+def products(a: Floats, b: Floats) -> Floats:
+    """(k,) the mean of the product of two functions (k, 2) that are linear on pieces, known at their ends."""
+    mean: Floats = (2.0 * a[:, 0] * b[:, 0] + a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0] + 2.0 * a[:, 1] * b[:, 1]) / 6.0
+    return mean
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What acts on the boundary edges (b,) at an instant."""
+
+    loads: Floats
+    """(b, 3, 2) int t phi of loads, phi being linear from either end, and the parabola 4 s (1 - s)"""
+    forces: Floats
+    """(b, 2, 2) int t phi at both ends, of loads, friction and pressure"""
+    acting: Floats
+    """(k, 3, 2) all these at the Gauss points of pieces"""
+    cost: Floats
+    """(b,) int g |s| + c s + k z_+^2 / 2: what v pays for friction, and stores in obstacles"""
+    gap: Floats
+    """(b,) what v and the tractions lack of the laws of friction and contact"""
+    bound: Floats
+    """(k, 2) g at the ends of pieces, zero where nothing rubs"""
+    bias: Floats
+    """(k, 2) c"""
+    friction: Floats
+    """(k, 2) q"""
+    slip: Floats
+    """(k, 2) s"""
+
+    @property
+    def laws(self) -> tuple[Floats, Floats, Floats]:
+        """g, c and q."""
+        return self.bound, self.bias, self.friction
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The boundary of a posed scene."""
+
+    posed: PosedScene
+    edges: Skeleton
+    oscillation: DataOscillation
+
+    @property
+    def fine(self) -> FineBoundary:
+        """The boundary cut into pieces."""
+        return self.oscillation.fine
+
+    @cached_property
+    def _along(self) -> Floats:
+        """(k, 2) where pieces begin and end on their edges, in [0, 1]."""
+        pieces, along = self.fine.pieces, self.fine.along
+        new = np.maximum(pieces - self.fine.old, 0)
+        return np.where(pieces >= self.fine.old, along[new], [0.0, 1.0])
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(k,) of the pieces."""
+        lengths: Floats = self.edges.lengths[self.fine.piece_owner] * np.diff(self._along, axis=1)[:, 0]
+        return lengths
+
+    @cached_property
+    def tangents(self) -> Floats:
+        """(b, 2) along the boundary, the body on the left."""
+        return self.edges.units[:, ::-1] * [-1.0, 1.0]
+
+    @cached_property
+    def held(self) -> Floats:
+        """(b, 2, 2) projectors on the directions in which edges are held."""
+        squares = np.zeros((len(self.edges.outer), 2, 2))
+        for support in (support for part in self.oscillation.parts for support in part.supports):
+            new = support.nodes >= self.fine.old
+            owner = self.fine.owner[support.nodes[new] - self.fine.old]
+            np.add.at(squares, owner, np.einsum("qi,qj->qij", support.directions[new], support.directions[new]))
+        values, vectors = np.linalg.eigh(squares)
+        kept = values > 1e-4 * values.max(initial=0.0)
+        projectors: Floats = np.einsum("bik,bk,bjk->bij", vectors, kept, vectors)
+        return projectors
+
+    @cached_property
+    def free(self) -> Floats:
+        """(b, 2, 2) projectors on the others."""
+        return np.eye(2) - self.held
+
+    def _moves(self, directions: Floats) -> Bools:
+        """(b,) which edges are free along these directions (b, 2)."""
+        moves: Bools = np.einsum("bi,bij,bj->b", directions, self.free, directions) > 0.5
+        return moves
+
+    @cached_property
+    def touching(self) -> Bools:
+        """(b,) edges on which friction or obstacles act."""
+        found = np.zeros(len(self.edges.outer), dtype=bool)
+        for part in self.oscillation.parts:
+            acting: tuple[Friction | Obstacle, ...] = (*part.frictions, *part.obstacles)
+            for rows in acting:
+                found[self.fine.piece_owner[self._pieces(rows)[0]]] = True
+        return found
+
+    def check_supports(self, now: Instant) -> None:
+        """Raise SceneError where nodal values do not follow supports along edges."""
+        ends, size = now.u[self.edges.outer_edges], float(np.abs(now.u).max(initial=0.0))
+        for support in (support for part in self.oscillation.parts for support in part.supports):
+            new = support.nodes >= self.fine.old
+            at, directions = support.nodes[new] - self.fine.old, support.directions[new]
+            wanted = np.zeros(len(at)) if support.value is None else np.asarray(support.value(now.t))[new]
+            apart = np.abs(np.einsum("qd,qd->q", directions, self.fine.between(ends, at)) - wanted)
+            if apart.max(initial=0.0) > FAR * max(size, np.abs(wanted).max(initial=0.0)):
+                raise SceneError(
+                    f"error_bound: {support.subject} moves the boundary by {apart.max():.3g} otherwise than linearly "
+                    "between nodes; there is no bound for such supports. Prescribe what is linear on edges, or give "
+                    "tractions."
+                )
+
+    def _pieces(self, rows: Friction | Obstacle) -> tuple[Ints, Ints, Ints]:
+        """The pieces, their ends, and the rows of effects there."""
+        if rows.ends is None:
+            raise SceneError(f"error_bound: {rows.subject} does not say by ends= on which edges it acts.")
+        names = np.column_stack([rows.nodes[rows.ends.row], rows.ends.beyond])
+        piece = positions(names, self.fine.pieces, self.fine.mesh.n_nodes)
+        return piece, (names[:, 0] != self.fine.pieces[piece, 0]).astype(int), rows.ends.row
+
+    def _read(self, rows: Friction | Obstacle, values: Floats) -> Floats:
+        """(k, 2) values (m,) of rows at the ends of pieces; nan elsewhere."""
+        found = np.full(self.fine.pieces.shape, np.nan)
+        piece, end, row = self._pieces(rows)
+        found[piece, end] = values[row]
+        return found
+
+    def _line(self, ends: Floats) -> Floats:
+        """(k, 2) at the ends of pieces what is linear between values (b, 2) at the ends of edges."""
+        start, stop = ends[self.fine.piece_owner].T[:, :, None]
+        line: Floats = (1.0 - self._along) * start + self._along * stop
+        return line
+
+    def integrals(self, means: Floats) -> Floats:
+        """(b,) integrals over edges of what has these means (k,) on pieces."""
+        return totals(self.fine.piece_owner, self.lengths * means, len(self.edges.outer))
+
+    def _at_ends(self, rows: ContactRows, values: Floats) -> Floats:
+        """(b, 2, j) values (m, j) of rows at the ends of edges; where supports hold one end, as at the other."""
+        both = at_ends(self.edges, rows, np.column_stack([values, np.ones(len(values))]))
+        return np.where(both[..., -1:] > 0, both, both[:, ::-1])[..., :-1]
+
+    def at(self, now: Instant, before: Instant) -> Surface:
+        """The surface at the end of a step that began `before`.
+
+        Raises
+        ------
+        SceneError
+            Something has no bound.
+        """
+        owner, loads = self.fine.piece_owner, self._loads(now.t)
+        rubbing, bound, bias, slip = self._friction(now, before)
+        pressing = self._pressure(now)
+        contact = rubbing.traction[..., None] * self.tangents[owner, None]
+        contact = contact + pressing.traction[..., None] * self.edges.units[owner, None]
+        within = 0.5 + 0.5 * GAUSS[:, None]
+        acting = loads - (1.0 - within) * contact[:, :1] - within * contact[:, 1:]
+        cost, gap = rubbing.cost + pressing.cost, rubbing.gap + pressing.gap
+        moments = self._moments(acting)[:, :2]
+        return Surface(
+            loads=self._moments(loads),
+            forces=moments,
+            acting=acting,
+            cost=cost,
+            gap=gap,
+            bound=bound,
+            bias=bias,
+            friction=rubbing.traction,
+            slip=slip,
+        )
+
+    def missed(self, traction: Floats) -> tuple[Floats, Floats]:
+        """Of tractions t (k, 3, 2) int |t - t_2|^2 (b,), t_2 being quadratic on edges, with the same moments.
+
+        And (b, 2) |e| times the coefficients of 1 - 6 s (1 - s) in t_2. Of what differs by rounding alone nothing is
+        missed.
+        """
+        moments, owner, lengths = self._moments(traction), self.fine.piece_owner, self.edges.lengths[:, None]
+        # The mean square of 1 - 6 s (1 - s) is 1/5.
+        bent = 5.0 * (moments[:, :2].sum(axis=1) - 1.5 * moments[:, 2])
+        rounding = 1e-13 * np.abs(traction).max(initial=0.0)
+        bent[np.abs(bent) <= rounding * lengths] = 0.0
+        tips = (4.0 * moments[:, :2] - 2.0 * moments[:, 1::-1]) / lengths[..., None]
+        s, mean = self._gauss[..., None], (bent / lengths)[owner, None]
+        rest = traction - (1.0 - s) * tips[owner, :1] - s * tips[owner, 1:] - (1.0 - 6.0 * s * (1.0 - s)) * mean
+        rest[np.abs(rest) <= rounding] = 0.0
+        return totals(owner, np.einsum("kq,kqd,kqd->k", self._weights, rest, rest), len(bent)), bent
+
+    # Loads.
+
+    @cached_property
+    def _gauss(self) -> Floats:
+        """(k, 3) where Gauss points are on their edges."""
+        places: Floats = self._along.mean(axis=1)[:, None] + 0.5 * np.diff(self._along, axis=1) * GAUSS
+        return places
+
+    @cached_property
+    def _weights(self) -> Floats:
+        weights: Floats = 0.5 * self.lengths[:, None] * GAUSS_WEIGHTS
+        return weights
+
+    def _moments(self, traction: Floats) -> Floats:
+        """(b, 3, 2) int t phi of tractions (k, 3, 2), phi being linear from either end, and the parabola."""
+        s, found = self._gauss, np.zeros((len(self.edges.outer), 3, 2))
+        for place, phi in enumerate((1.0 - s, s, 4.0 * s * (1.0 - s))):
+            np.add.at(found[:, place], self.fine.piece_owner, np.einsum("kq,kqd->kd", self._weights * phi, traction))
+        return found
+
+    def _loads(self, t: float) -> Floats:
+        """(k, 3, 2) tractions of loads."""
+        owner, s = self.fine.piece_owner, self._gauss
+        start, stop = self.posed.space.mesh.points[self.edges.outer_edges[owner]].swapaxes(0, 1)
+        x = start[:, None] + s[..., None] * (stop - start)[:, None]
+        traction = np.zeros(x.shape)
+        for load in self.posed.loads:
+            if isinstance(load, Load) and load.edges is not None:
+                edge, factor = self._factors(load)
+                on = np.flatnonzero(np.isin(owner, edge))
+                values = load.at(x[on].reshape(-1, 2), t).reshape(len(on), 3, -1)
+                traction[on] += np.einsum("kdc,kqc->kqd", factor[np.searchsorted(edge, owner[on])], values)
+        return traction
+
+    def _factors(self, load: Load) -> tuple[Ints, Floats]:
+        """The edges (e,) of a load, and the matrices (e, 2, j) by which its datum is a force per length."""
+        assert load.edges is not None
+        entries, width = load.matrix.tocoo(), load.matrix.shape[1] // len(load.points)
+        where = positions(load.edges, self.edges.outer_edges, self.posed.space.mesh.n_nodes)
+        edge, place = np.unique(where, return_inverse=True)
+        sums = np.zeros((len(edge), 2, width))
+        np.add.at(sums, (place[entries.col // width], entries.row % 2, entries.col % width), entries.data)
+        return edge, sums / self.edges.lengths[edge, None, None]
+
+    # Friction.
+
+    def _friction(self, now: Instant, before: Instant) -> tuple[_Acting, Floats, Floats, Floats]:
+        owner, terms = self.fine.piece_owner, self.posed.terms
+        frictions = [friction for part in self.oscillation.parts for friction in part.frictions]
+        bound, bias, moved = (np.zeros(self.fine.pieces.shape) for _ in range(3))
+        for friction in frictions:
+            if friction.directions is not None or (friction.law is not None and friction.law.slips):
+                raise SceneError(
+                    f"error_bound: there is no bound for {friction.subject}: its weights depend on slip, or act along "
+                    "given directions."
+                )
+            bound += np.nan_to_num(self._read(friction, friction.weights(now.t) / friction.lengths))
+            if friction.bias is not None:
+                bias += np.nan_to_num(self._read(friction, friction.bias(now.t) / friction.lengths))
+            if friction.ground is not None:
+                along = friction.ground.vector(now.t) - friction.ground.vector(before.t)
+                tangents = friction.normals[:, ::-1] * [-1.0, 1.0]
+                moved += np.nan_to_num(self._read(friction, np.einsum("md,md->m", along, tangents)))
+        if any(friction.law is not None for friction in frictions):
+            # Bounds that follow the pressure are those of the answer, linear between nodes.
+            bound = self._line(self._at_ends(terms, (now.weights / terms.lengths)[:, None])[..., 0])
+        moves = self._moves(self.tangents)[owner, None]
+        bound, bias = np.where(moves, bound, 0.0), np.where(moves, bias, 0.0)
+        against = self._at_ends(terms, now.lam / terms.lengths[:, None] * terms.tangents[:, 0])
+        ends = np.einsum("bed,bd->be", against, self.tangents)
+        first, last = self._tips(bound), self._tips(bias)
+        theta = np.divide(ends - last, first, out=np.zeros_like(ends), where=first > 0.0)
+        theta = np.where(first > 0.0, theta, theta[:, ::-1])
+        q = bias + self._line(np.clip(theta, -1.0, 1.0)) * bound
+        jump = (now.u - before.u)[self.edges.outer_edges]
+        slip = self._line(np.einsum("bed,bd->be", jump, self.tangents)) - moved
+        paid = products(bound, np.abs(slip)) + products(bias, slip)
+        cost, gap = self.integrals(paid), self.integrals(paid - products(q, slip))
+        return _Acting(q, cost, np.maximum(gap, 0.0)), bound, bias, slip
+
+    def _tips(self, values: Floats) -> Floats:
+        """(b, 2) at the ends of edges, of values (k, 2) at those of pieces."""
+        found = np.zeros((len(self.edges.outer), 2))
+        for end in range(2):
+            first = np.flatnonzero(self._along[:, end] == end)
+            found[self.fine.piece_owner[first], end] = values[first, end]
+        return found
+
+    # Obstacles.
+
+    def _pressure(self, now: Instant) -> _Acting:
+        obstacles, count = self.posed.obstacles, len(self.edges.outer)
+        cost, gap, pressure = np.zeros(count), np.zeros(count), np.zeros(self.fine.pieces.shape)
+        depth = self._line(np.einsum("bed,bd->be", now.u[self.edges.outer_edges], self.edges.units))
+        asked = [obstacle for part in self.oscillation.parts for obstacle in part.obstacles]
+        moves = self._moves(self.edges.units)[self.fine.piece_owner]
+        soft = obstacles.compliance > 0
+        size = max(float(np.abs(now.u).max(initial=0.0)), FAR * float(self.edges.lengths.max()))
+        for compliant in (False, True):
+            mine = soft == compliant
+            ends = self._at_ends(obstacles[np.flatnonzero(mine)], (now.p / obstacles.lengths)[mine, None])
+            p = np.maximum(ends[..., 0], 0.0)
+            distance, stiffness = np.full(depth.shape, np.inf), np.zeros(depth.shape)
+            for obstacle in asked:
+                if (obstacle.compliance > 0).any() != compliant:
+                    continue
+                read = self._read(obstacle, obstacle.gap(now.t))
+                known = ~np.isnan(read)
+                if compliant and (stiffness[known] > 0).any():
+                    raise SceneError(f"error_bound: {obstacle.subject} and another compliant obstacle share an edge.")
+                distance[known] = np.minimum(distance[known], read[known])
+                if compliant:
+                    k = self._read(obstacle, 1.0 / (obstacle.compliance * obstacle.lengths))
+                    stiffness[known] = k[known]
+            acts = moves & np.isfinite(distance).all(axis=1)
+            on = np.zeros(count, dtype=bool)
+            on[self.fine.piece_owner[acts]] = True
+            p = np.where(on[:, None], p, 0.0)
+            z, at = np.where(acts[:, None], depth - distance, 0.0), self._line(p)
+            if compliant:
+                k, into = np.where(acts[:, None], stiffness, 1.0), np.maximum(z, 0.0)
+                stored = 0.5 * k.max(axis=1) * products(into, into) * acts
+                cost += self.integrals(stored)
+                gap += self.integrals(stored + 0.5 * products(at, at) / k.min(axis=1) - products(at, z))
+            else:
+                if z.max(initial=0.0) > FAR * size:
+                    raise SceneError(
+                        f"error_bound: between nodes the body reaches {z.max():.3g} beyond an obstacle, whose gap is "
+                        "not linear on edges; there is no bound for that. Refine the mesh, or give a gap that is "
+                        "linear between nodes."
+                    )
+                gap += self.integrals(products(at, np.maximum(-z, 0.0)))
+            pressure = pressure + at
+        return _Acting(pressure, cost, np.maximum(gap, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Acting:
+    """Friction or pressure on the boundary edges."""
+
+    traction: Floats
+    """(k, 2) against slip, or normals, at the ends of pieces"""
+    cost: Floats
+    gap: Floats

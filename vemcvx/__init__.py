@@ -50,7 +50,6 @@ from vemcvx.estimate.adapt import Adapted, adapt
 from vemcvx.estimate.budget import ErrorBudget, error_budget
 from vemcvx.estimate.quantities import quantities
 from vemcvx.exchange import read_program, write_program
-from vemcvx.friction_law import Law
 from vemcvx.history import History, read_history
 from vemcvx.linear import LinearSolver, Multigrid, Pardiso, SuperLU
 from vemcvx.meshes import PolygonMesh, PolyhedralMesh
@@ -62,6 +61,7 @@ from vemcvx.simulation import programs, simulate
 from vemcvx.solvers import OSQP, Clarabel, Direct, Newton, Solver, ThroughCvxpy
 from vemcvx.stepping import Trajectory, march
 from vemcvx.version import __version__
+from vemcvx.weight_law import Law
 
 __all__ = [
     "OSQP",

@@ -86,7 +86,7 @@ def test_both_stick_and_slip_occur_and_the_bound_matters(family):
     assert change > 1e-2 * np.sqrt(2 * history.energy[-1])
 
 
-def test_the_friction_law_holds(family):
+def test_the_weight_law_holds(family):
     """(3.6): |traction| <= g, below it no slip, at it slip against it."""
     history = run(family, "cyclic", "newton")
     contact = history.contact

@@ -19,7 +19,6 @@ from stopped import Stopped, stop_at
 
 import vemcvx as vx
 from vemcvx.archives import arrays_of, record_of
-from vemcvx.friction_law import Law
 from vemcvx.program.certificate import Certificate
 from vemcvx.program.operators import DraggedTerms, Limits, Norms
 from vemcvx.program.system import Damping, Motion, System
@@ -27,6 +26,7 @@ from vemcvx.stepping import recorder
 from vemcvx.stepping.checkpoint import mark_of_data
 from vemcvx.stepping.ledger import Ledger
 from vemcvx.stepping.state import State
+from vemcvx.weight_law import Law
 
 SECONDS = ("seconds", "mesh", "scene")
 

@@ -17,7 +17,7 @@ import vemcvx
 
 ROOT = Path(vemcvx.__file__).parent
 GROUND = ["errors", "arrays", "tables", "outline", "arguments", "archives", "owned_files", "interrupt", "version"]
-GROUND += ["canvas", "friction_law"]
+GROUND += ["canvas", "weight_law"]
 PAGE = {
     "meshes": "polygons or polyhedra that tile a domain, families of them, local refinement, mesh files",
     "vem": "the virtual element space, its matrices, loads and strains",

@@ -18,7 +18,7 @@ from vemcvx.effects.friction import CoulombFriction, TrescaFriction
 from vemcvx.effects.loads import BodyForce, PointLoad, Pressure, Traction
 from vemcvx.effects.materials import Elasticity, MaterialLaw, Orthotropic, Prestress, ThermalStrain, Viscosity
 from vemcvx.effects.supports import Clamp, ElasticFoundation, PrescribedDisplacement, Symmetry
-from vemcvx.friction_law import Law
+from vemcvx.weight_law import Law
 
 __all__ = [
     "BilateralContact",

@@ -17,8 +17,8 @@ import scipy.sparse as sp
 from vemcvx.arrays import Bools, Floats, Ints, brief, called, fading, read_only, shaped
 from vemcvx.effects import data
 from vemcvx.errors import SceneError
-from vemcvx.friction_law import Law
 from vemcvx.vem import BoundaryRows, EdgeEnds, Space, elastic_matrix, softest_shear
+from vemcvx.weight_law import Law
 
 
 @dataclass(frozen=True)

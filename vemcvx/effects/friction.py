@@ -12,8 +12,8 @@ from vemcvx.effects import data
 from vemcvx.effects.data import varies
 from vemcvx.effects.effect import ContactSurface, Contribution, Effect, Friction, Ground, amount, where
 from vemcvx.errors import SceneError
-from vemcvx.friction_law import Law
 from vemcvx.vem import BoundaryRows, Space
+from vemcvx.weight_law import Law
 
 # Tresca's law with a given bound g on Gamma_C, (3.6): j(v) = int_{Gamma_C} g |v_tau| ds.
 #

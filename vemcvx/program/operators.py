@@ -32,10 +32,10 @@ from vemcvx.arrays import (
     shaped,
 )
 from vemcvx.errors import SceneError
-from vemcvx.friction_law import Law, PressureLaw
 from vemcvx.linear import SAMPLES, DenseCholesky, Factor, Matrix, SuperLU
 from vemcvx.outline import ArrayRecord
 from vemcvx.program.kernel import KernelBalance
+from vemcvx.weight_law import Law, PressureLaw
 
 SAY = "take the number of a term and say where it acts"
 
@@ -119,7 +119,7 @@ class Norms(ArrayRecord):
     places : callable i -> str, optional
         Where term i acts, in words, for messages.
     law : Law, optional
-        Weights that follow the answer of a step, found by a fixed point (:mod:`vemcvx.friction_law`); `w` are then
+        Weights that follow the answer of a step, found by a fixed point (:mod:`vemcvx.weight_law`); `w` are then
         the weights where no limit acts.
     bias : (m * block,) array, or callable t -> (m * block,), optional
         c, half the difference of the bounds of the two directions: slip costs w + c forwards and w - c backwards,

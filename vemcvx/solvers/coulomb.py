@@ -74,10 +74,10 @@ import scipy.sparse as sp
 from scipy.linalg import LinAlgError, lapack
 
 from vemcvx.arrays import EPS, Bools, Floats, Ints
-from vemcvx.friction_law import Piece, PressureLaw
 from vemcvx.program.operators import Operators
 from vemcvx.program.step_program import StepProgram
 from vemcvx.solvers.newton import Iterate, Sets, Shifts, sets_at, without_redundant_rows
+from vemcvx.weight_law import Piece, PressureLaw
 
 
 class Response:

@@ -1,4 +1,4 @@
-"""The law of friction: weights that follow the answer of a step, w = W(t, p, past, slip).
+"""The law of friction, of weights that follow the answer of a step, w = W(t, p, past, slip).
 
 A norm term w_i |s_i| costs friction's bound times the slip. Tresca's bound is given. Where it follows the forces p of
 the limits (Coulomb: w = mu p), the slips before the step, or those of the step, the step is a fixed point of convex

@@ -378,7 +378,7 @@ def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     for path, mirrored in zip(cells.get_paths(), image.get_paths(), strict=True):
         assert set(map(tuple, path.vertices * [-1, 1])) == set(map(tuple, mirrored.vertices))
     drawn = np.column_stack([arrows.U, arrows.V])
-    force = contact.traction[row] - contact.pressure[row][:, None] * contact.normals
+    force = contact.traction[row] - contact.pressure_recovered[row][:, None] * contact.normals
     scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(force, axis=1).max()
     assert len(drawn) == len(force)
     assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale
@@ -451,7 +451,8 @@ def rubbed():
 def test_pressure_slip_and_wear_are_drawn_along_the_contact(rubbed):
     contact = rubbed.contact
     order = np.argsort(contact.points[:, 0])
-    for show, values in (("pressure", contact.pressure), ("slip", contact.slip[:, :, 0]), ("wear", contact.wear)):
+    pressure = contact.pressure_recovered
+    for show, values in (("pressure", pressure), ("slip", contact.slip[:, :, 0]), ("wear", contact.wear)):
         ax = along_contact(rubbed, show, [10, 30]).axes[0]
         for line, step in zip(ax.lines, (10, 30), strict=True):
             assert np.array_equal(line.get_xydata(), np.column_stack([contact.points[:, 0], values[step]])[order])

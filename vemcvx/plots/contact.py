@@ -290,8 +290,8 @@ def directions(history: Results, line: ContactLine) -> Floats:
 
 
 def pressures(contact: Contact) -> Floats:
-    """(S, m) the contact pressure that all pictures show."""
-    return contact.pressure
+    """(S, m) the contact pressure that all pictures show, without the ripple of nodal forces."""
+    return contact.pressure_recovered
 
 
 PROFILES: dict[str, tuple[str, str, str, Callable[[Contact, ContactLine], Floats]]] = {

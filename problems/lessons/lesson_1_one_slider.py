@@ -2,9 +2,9 @@
 """# Lesson 1, one slider: a variational inequality by hand, as a convex program, and the dual of that"""
 
 # %% [markdown]
-# A block on a rough table hangs on a spring and is pulled by a force. One unknown, and all there is to see of
-# frictional contact: an inequality where you expect an equation, a convex program that says the same, and a second
-# program, its dual, whose unknown is the force of friction.
+# A block on a rough table hangs on a spring and is pulled by a force. This problem has one unknown and everything that
+# makes frictional contact special: an inequality where you expect an equation, a convex program that says the same, and
+# a second program, its dual, whose unknown is the force of friction.
 #
 # Equation numbers are those of Feng, Han and Huang, *A virtual element method for a quasistatic frictional contact
 # problem*. Run the cells in turn; every cell asserts what it claims.
@@ -68,8 +68,7 @@ def step_by_hand(u_prev, f):
 
 # %% [markdown]
 # Is it the minimum? And does it solve the inequality? We try 8001 other positions $v$. Both sides of either comparison
-# are sums of a few numbers below 100, each rounded to 1e-16 of its size: 1e-13 is room enough for rounding, and for
-# nothing else.
+# are sums of a few numbers below 100, each rounded to 1e-16 of its size, so differences below 1e-13 are rounding.
 
 # %%
 others = np.linspace(-4.0, 4.0, 8001)
@@ -134,7 +133,7 @@ energies((0.0, 0.8, 2.6))
 #   \;=\; \max_{|\lambda| \le g} \min_u \; \tfrac12 K u^2 - (f - \lambda) u - \lambda u_{prev}.$$
 #
 # The inner minimum is now smooth: $K u = f - \lambda$. **The multiplier is the force that friction takes**, the $r$
-# of section 1. Put in,
+# of section 1. With this $u$ the inner minimum is a function of $\lambda$ alone,
 #
 # $$D(\lambda) = -\frac{(f - \lambda)^2}{2K} - \lambda u_{prev} \quad\text{to be maximised over}\quad |\lambda| \le g.$$
 #

@@ -2,9 +2,9 @@
 """# Lesson 2, four nodes: ten lines of cvxpy, and what the dual of a cone means"""
 
 # %% [markdown]
-# From one slider to a chain of four: the same program, now with vectors, in ten lines of cvxpy; what a conic solver
-# returns beside the positions, and which of it is a force; and the step from the line to the plane, where an absolute
-# value becomes a length and the cone shows its shape.
+# This lesson goes on from one slider to a chain of four. It writes the same program with vectors, in ten lines of
+# cvxpy; it says what a conic solver returns beside the positions, and which part of that is a force; and it goes from
+# the line to the plane, where an absolute value becomes a length and the cone shows its shape.
 #
 # Equation numbers are those of Feng, Han and Huang; lesson 1 derives the program for one slider.
 

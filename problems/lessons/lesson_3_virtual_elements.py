@@ -2,10 +2,10 @@
 """# Lesson 3, virtual elements from scratch: projection, stabilisation, patch test, locking"""
 
 # %% [markdown]
-# Finite elements with any polygon for a cell. The functions on it are known on its boundary only (hence *virtual*), and
-# that is enough: everything the method needs of them can be computed from their vertex values, exactly. We build the
-# stiffness matrix of one pentagon by hand, compare it with the package's to the last digits, pass the patch test, and
-# see why the second half of the construction decides about nearly incompressible materials.
+# Virtual elements are finite elements whose cells are any polygons. Their functions are known on the boundary of a cell
+# only (hence *virtual*), and that is enough: all that the method needs of them follows exactly from their vertex
+# values. We build the stiffness matrix of one pentagon by hand, compare it with the package's to the last digits, pass
+# the patch test, and see why the second half of the construction decides about nearly incompressible materials.
 #
 # Equation numbers are those of Feng, Han and Huang; you know P1 finite elements.
 
@@ -109,8 +109,8 @@ print(f"a projection of rank 6, on the {len(Pi)} vertex values of a pentagon")
 #
 # The first term is exact as soon as one of the two fields is linear (*consistency*, (2.8)). But it has rank 3, and a
 # pentagon has ten unknowns, three of them rigid motions: four deformations would cost nothing (*hourglass modes*). They
-# are just what $\Pi$ misses, $v - \Pi v$, and the second term gives them a price. It need not be the right one, only of
-# the right size (*stability*, (2.9)). In vertex values,
+# are just what $\Pi$ misses, $v - \Pi v$, and the second term gives them an energy. It need not be their true energy,
+# only of the same size (*stability*, (2.9)). In vertex values,
 #
 # $$S_K = \tau\,(I - \Pi)^T (I - \Pi), \qquad \tau = 2\mu .$$
 #
@@ -140,8 +140,8 @@ assert apart < 1e-13
 print(f"by hand and by the package: {apart:.1e} apart")
 
 # %% [markdown]
-# Count eigenvalues: three rigid motions with the stabilisation, seven free modes without. The threshold that tells zero
-# from not is 1e-13 of the largest, as above; the smallest true eigenvalue is a third of it.
+# Count the eigenvalues that are zero: three with the stabilisation, for the rigid motions, and seven without.
+# Eigenvalues below 1e-13 of the largest count as zero, as above; the smallest of the others is a third of the largest.
 
 
 # %%

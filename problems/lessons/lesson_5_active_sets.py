@@ -221,7 +221,8 @@ errors_picture()
 # | (back, forward) | $u = (-3, -1)$: the second goes back | (back, back) |
 # | (back, back) | $u = (-1, 1)$: the second goes forward | (back, forward) |
 #
-# It jumps over the truth between, that it sticks, for ever. And what it returns looks like an answer.
+# For ever the guesses jump over the solution between them, in which the second block sticks. And what the iteration
+# returns looks like an answer.
 
 # %%
 blocks = (np.array([[1.0, -1.0], [-1.0, 2.0]]), np.array([-3.0, 2.0]), np.ones(2), np.zeros(2))
@@ -260,7 +261,7 @@ print("of 60, still running after 40 rounds:", unfinished)
 # %% [markdown]
 # ## 4. A safeguard
 #
-# We need a judge, who tells progress from motion, and a method that is slow but sure, for when there is none.
+# We need a judge who tells progress from motion and, for when there is no progress, a method that is slow but sure.
 #
 # *The judge* is the gap of lesson 1, $\tfrac12 r^TK^{-1}r + \sum(w_i|s_i| - \lambda_i s_i)$ with $r = f - \lambda - Ky$
 # and $\lambda$ clipped to its bounds: zero at the solution and nowhere else.

@@ -142,8 +142,8 @@ assert work[-1] < 2 * work[0]
 
 # %% [markdown]
 # Four more digits cost a quarter more iterations: Newton's method converges fast or not at all. Beside a mesh error of
-# seven per cent every one of these answers is exact. The solver is the *cheapest* of the three errors, so make it
-# negligible and forget it; but certify that it is (lesson 6).
+# seven per cent every one of these answers is exact. The error of the solver is the *cheapest* of the three to
+# reduce, so make it negligible and forget it; but certify that it is (lesson 6).
 #
 # ## 4. Estimates instead of references
 #

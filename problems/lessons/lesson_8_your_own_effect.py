@@ -164,7 +164,8 @@ _figure
 #
 # A third test costs nothing: energy. The dashpots take $\int c\, \dot U^2 dt$, in steps $\sum c\, (\Delta U)^2 / k$.
 # The package adds up what it knows, $\text{work} = \text{stored} + \text{dissipated} + \sum \tfrac12 |\Delta u|_a^2$,
-# where the last sum is what backward Euler loses. It has to come out for an effect that it has never seen.
+# where the last sum is what backward Euler loses. The balance has to hold for an effect that the package has never
+# seen.
 
 # %%
 run = runs[64]

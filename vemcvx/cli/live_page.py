@@ -53,7 +53,7 @@ class App:
     file: Annotated[
         str,
         typer.Argument(
-            metavar="[FILE]",
+            metavar="FILE",
             autocompletion=problem_names,
             help="A problem file, or a name that `problems` lists. (default: the block of the example)",
         ),

@@ -365,12 +365,12 @@ def _made(run: Run) -> dict[str, Any]:
     """What came of a run: its results, or why there are none, and its warnings."""
     with study.heard() as said:
         try:
-            history, _ = run.made(read_problem(run.file))
+            history, _ = run.made(problem := read_problem(run.file))
         except NotCertified as error:
             return {"status": study.NOT_CERTIFIED, "message": str(error)}
         except VemcvxError as error:
             return {"status": study.REFUSED, "message": str(error)}
-    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history)}
+    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history, problem.units)}
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:

@@ -18,7 +18,7 @@ from vemcvx.canvas import light_grid, new_figure
 from vemcvx.errors import HistoryError, ProblemError
 from vemcvx.outline import Table
 from vemcvx.owned_files import Owned
-from vemcvx.plots.style import MARKERS, SERIES
+from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
 from vemcvx.results.files import ENERGIES, finite_or_none, writable_folder
 from vemcvx.results.results import Results
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 EXTREMES = "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction"
 COUNTS = "sticking", "slipping", "open"
-NAMES = (*ENERGIES, *EXTREMES, "pressure", *COUNTS, "certified", "cells", "unknowns", "seconds")
+NAMES = (*ENERGIES, *EXTREMES, "pressure", "pressure_recovered", *COUNTS, "certified", "cells", "unknowns", "seconds")
 """Results of a run that a table or a picture can show."""
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
@@ -47,15 +47,18 @@ class Row:
     labels: dict[str, str] = field(default_factory=dict)
 
 
-def results_of(history: Results) -> dict[str, Any]:
+def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:
     """The results and labels of a row: what a history has under `NAMES`, at the end or the largest of all steps."""
     run, touch = history.trajectory, history.contact
     energies = {name: name.removesuffix("_second_order") for name in ENERGIES}
     found = {
-        name: (f"{word}{', of second order' * (word != name)}\n(energy)", float(getattr(run, name)[-1]))
+        name: (
+            f"{word}{', of second order' * (word != name)}\n({in_units('energy', units)})",
+            float(getattr(run, name)[-1]),
+        )
         for name, word in energies.items()
     }
-    found |= {one.key: (f"{one.name}\n({one.unit})", one.value) for one in history.extremes}
+    found |= {one.key: (f"{one.name}\n({in_units(one.unit, units)})", one.value) for one in history.extremes}
     if len(touch.nodes):
         counts = zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True)
         found |= {name: (f"nodes that are {name} at the end", int(count[-1])) for name, count in counts}

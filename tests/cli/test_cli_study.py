@@ -160,6 +160,28 @@ def test_what_a_study_cannot_do(pad, words, message):
     assert message in " ".join(said.split())
 
 
+def test_results_are_chosen_of_studies_alone(pad):
+    code, said = call("run", str(pad), *SMALL, "--results", "slip")
+    assert code == 2
+    assert "--results: chooses what a study shows" in said
+
+
+def test_files_of_others_are_refused_before_any_run(pad, tmp_path):
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "study.csv").write_text("mine")
+    code, said = call("run", str(pad), *SMALL, "--set", "friction=.1,.2", "--out", "study")
+    assert code == 2
+    assert "study.csv: not made by a run of this version" in said
+    assert [path.name for path in (tmp_path / "study").iterdir() if path.is_dir()] == []
+
+
+def test_where_all_runs_fail_there_is_no_picture(pad, tmp_path):
+    code, said = call("run", str(pad), *SMALL, "--set", "friction=-1,-2", "--out", "study", "--plot")
+    assert code == 2
+    assert said.count("must be >= 0") == 2
+    assert not (tmp_path / "study" / "study.png").exists()
+
+
 def test_a_parameter_that_is_none_is_refused_before_any_run(pad):
     code, said = call("run", str(pad), "--set", "fiction=.1,.2")
     assert code == 2

@@ -116,6 +116,8 @@ class Run:
         several = problem.studied(self.settings)
         if len(several) > 1:
             self._study(problem, several)
+        elif self.results:
+            raise ProblemError("--results: chooses what a study shows; give a parameter several values, --set a=1,2.")
         else:
             say("\n".join(self.made(problem)[1]))
 
@@ -178,7 +180,7 @@ class Run:
         if self.plot:
             new_figure()
         if self.plot or self.out:
-            writable_folder(drawings)
+            study.claim(drawings)
         names = study.folder_names(several)
         runs = [
             replace(self, settings=list(each), out=self.out and self.out / name, plot=False)
@@ -193,7 +195,7 @@ class Run:
         rows = [found[k] for k in range(len(runs))]
         figure = None
         lines = [f"{problem.name}: {problem.title}", study.table(rows, chosen).text(), *study.said_of(rows)]
-        if self.plot and any(row.results for row in rows):
+        if self.plot and study.shown(rows, chosen):
             figure = study.picture(rows, chosen, f"{problem.name}: {problem.title}")
         if self.out:
             lines.append(f"files       {self.out}: {', '.join(study.write(rows, self.out, figure))}, a folder a run")
@@ -363,12 +365,12 @@ def _made(run: Run) -> dict[str, Any]:
     """What came of a run: its results, or why there are none, and its warnings."""
     with study.heard() as said:
         try:
-            history, _ = run.made(read_problem(run.file))
+            history, _ = run.made(problem := read_problem(run.file))
         except NotCertified as error:
             return {"status": study.NOT_CERTIFIED, "message": str(error)}
         except VemcvxError as error:
             return {"status": study.REFUSED, "message": str(error)}
-    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history)}
+    return {"status": study.DONE, "warnings": tuple(dict.fromkeys(said)), **study.results_of(history, problem.units)}
 
 
 def _extremes(history: History, units: Units | None) -> Iterator[str]:

@@ -18,8 +18,8 @@ from vemcvx.canvas import light_grid, new_figure
 from vemcvx.errors import HistoryError, ProblemError
 from vemcvx.outline import Table
 from vemcvx.owned_files import Owned
-from vemcvx.plots.style import MARKERS, SERIES
-from vemcvx.results.files import ENERGIES, finite_or_none
+from vemcvx.plots.style import MARKERS, SERIES, Units, in_units
+from vemcvx.results.files import ENERGIES, finite_or_none, writable_folder
 from vemcvx.results.results import Results
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 EXTREMES = "displacement", "von_mises", "largest_principal_stress", "smallest_principal_stress", "slip", "friction"
 COUNTS = "sticking", "slipping", "open"
-NAMES = (*ENERGIES, *EXTREMES, "pressure", *COUNTS, "certified", "cells", "unknowns", "seconds")
+NAMES = (*ENERGIES, *EXTREMES, "pressure", "pressure_recovered", *COUNTS, "certified", "cells", "unknowns", "seconds")
 """Results of a run that a table or a picture can show."""
 USUAL = "dissipated_second_order", "displacement", "von_mises", "slip", "pressure"
 DONE, NOT_CERTIFIED, REFUSED, CRASHED = "done", "not certified", "refused", "crashed"
@@ -47,15 +47,18 @@ class Row:
     labels: dict[str, str] = field(default_factory=dict)
 
 
-def results_of(history: Results) -> dict[str, Any]:
+def results_of(history: Results, units: Units | None = None) -> dict[str, Any]:
     """The results and labels of a row: what a history has under `NAMES`, at the end or the largest of all steps."""
     run, touch = history.trajectory, history.contact
     energies = {name: name.removesuffix("_second_order") for name in ENERGIES}
     found = {
-        name: (f"{word}{', of second order' * (word != name)}\n(energy)", float(getattr(run, name)[-1]))
+        name: (
+            f"{word}{', of second order' * (word != name)}\n({in_units('energy', units)})",
+            float(getattr(run, name)[-1]),
+        )
         for name, word in energies.items()
     }
-    found |= {one.key: (f"{one.name}\n({one.unit})", one.value) for one in history.extremes}
+    found |= {one.key: (f"{one.name}\n({in_units(one.unit, units)})", one.value) for one in history.extremes}
     if len(touch.nodes):
         counts = zip(COUNTS, (touch.stick_count, touch.slip_count, touch.open_count), strict=True)
         found |= {name: (f"nodes that are {name} at the end", int(count[-1])) for name, count in counts}
@@ -87,15 +90,20 @@ def varied(rows: Sequence[Row]) -> list[str]:
     return [name for name in rows[0].settings if len({row.settings[name] for row in rows}) > 1]
 
 
+def shown(rows: Sequence[Row], chosen: Sequence[str]) -> list[str]:
+    """The chosen results that some run has: without contact there is no slip, and where all have failed nothing."""
+    return [name for name in chosen if any(name in row.results for row in rows)]
+
+
 def table(rows: Sequence[Row], chosen: Sequence[str]) -> Table:
     """The table of a study in words: what varies, chosen results that some run has, and where a run has failed."""
-    shown = [name for name in chosen if any(name in row.results for row in rows)]
+    found = shown(rows, chosen)
     # A parameter may have the name of a result.
-    heads = [*(f"{name} =" for name in varied(rows)), *(name.replace("_", "\n") for name in shown), ""]
+    heads = [*(f"{name} =" for name in varied(rows)), *(name.replace("_", "\n") for name in found), ""]
     cells = [
         [
             *(row.settings[name] for name in varied(rows)),
-            *(_shown(row.results.get(name)) for name in shown),
+            *(_shown(row.results.get(name)) for name in found),
             "" if row.status == DONE else row.status,
         ]
         for row in rows
@@ -134,6 +142,13 @@ def heard() -> Iterator[list[str]]:
         log.removeHandler(handler)
 
 
+def claim(folder: Path) -> None:
+    """Refuse a folder that could not be written to before the work for it is done."""
+    with Owned(writable_folder(folder)) as own:
+        for name in (TABLE, WORDS, PICTURE):
+            own.take(name)
+
+
 def write(rows: Sequence[Row], folder: Path, figure: Figure | None) -> list[str]:
     """Write the study as CSV and JSON, all settings and results of all runs, and its picture; return their names."""
     names = list(dict.fromkeys(name for row in rows for name in row.results))
@@ -162,19 +177,16 @@ def draw(figure: Figure, folder: Path) -> Path:
 def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figure:
     """Draw chosen results against the first setting that varies, a line for each combination of the others."""
     name, *others = varied(rows)
-    labels = {key: label for row in rows for key, label in row.labels.items() if key in chosen}
-    shown = [key for key in chosen if key in labels]
-    if not shown:
-        raise ProblemError(f"--plot: no run has any of the results {', '.join(chosen)}.")
+    keys, labels = shown(rows, chosen), {key: label for row in rows for key, label in row.labels.items()}
     words = list(dict.fromkeys(row.settings[name] for row in rows))
     ticks = [] if all(map(_is_number, words)) else words
     places = {word: float(k) if ticks else float(word) for k, word in enumerate(words)}
-    columns = min(3, len(shown))
-    lines = -(-len(shown) // columns)
+    columns = min(3, len(keys))
+    lines = -(-len(keys) // columns)
     figure = new_figure(1.0 + 3.6 * columns, 0.8 + 2.9 * lines)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     kinds = list(dict.fromkeys(tuple(row.settings[other] for other in others) for row in rows))
-    for ax, key in zip(panels, shown, strict=False):
+    for ax, key in zip(panels, keys, strict=False):
         for k, kind in enumerate(kinds):
             own = [row for row in rows if tuple(row.settings[other] for other in others) == kind]
             own.sort(key=lambda row: places[row.settings[name]])
@@ -191,7 +203,7 @@ def picture(rows: Sequence[Row], chosen: Sequence[str], title: str = "") -> Figu
         if ticks:
             ax.set_xticks(range(len(ticks)), ticks)
         light_grid(ax)
-    for ax in panels[len(shown) :]:
+    for ax in panels[len(keys) :]:
         ax.set_axis_off()
     if others:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)

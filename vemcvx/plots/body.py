@@ -6,7 +6,7 @@ In space PyVista, which needs no display, renders the surface to an image; this 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -342,7 +342,7 @@ def _contact_arrows(
     sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
     for chosen, colour, width in ((sticks, STICK, 0.008), (~sticks, SLIP if rubs else PUSH, 0.004)):
         colour, width = (colour, width) if rubs else (PUSH, 0.0055)
-        pivot = "tip" if together else "mid"
+        pivot: Literal["tip", "mid"] = "tip" if together else "mid"
         draw_arrows(ax, heads[chosen], arrows[chosen], colour=colour, pivot=pivot, width=width).set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest

@@ -212,11 +212,11 @@ def friction_traction(
     # Bounds of slip forward, with the body on the left, and backward: what that is along the line, tangents say.
     onward = line.along(np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])) > 0
     forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
-    for bound, word in (
+    for bound, name in (
         (np.where(onward, backward, forward), "bound $\\pm g$"),
         (-np.where(onward, forward, backward), None),
     ):
-        ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=word)
+        ax.plot(*line.broken(bound), color="black", linestyle="--", linewidth=1.2, label=name)
     ax.plot(*line.broken(traction), color="0.35", linewidth=1.0, zorder=1.5)
     style = {"linestyle": "none", "markersize": np.clip(150 / len(sticks), 1.5, 4), "clip_on": False, "zorder": 3}
     for chosen, colour, marker, word in kinds:

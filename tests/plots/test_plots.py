@@ -372,20 +372,24 @@ def test_pictures_say_what_they_miss(history, loose, tmp_path):
 def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     figure, graph = body_and_graph(history, step=9, stress="xy", mirrors=[(-1, 1)])
     body, (row, contact) = figure.axes[0], (history.row(9), history.contact)
-    cells, image, arrows = body.collections
+    cells, image, *arrows = body.collections
     assert np.array_equal(cells.get_array(), history.stress(9)[:, 2])
     assert np.array_equal(image.get_array(), cells.get_array())
     for path, mirrored in zip(cells.get_paths(), image.get_paths(), strict=True):
         assert set(map(tuple, path.vertices * [-1, 1])) == set(map(tuple, mirrored.vertices))
-    drawn = np.column_stack([arrows.U, arrows.V])
+    drawn = np.concatenate([np.column_stack([some.U, some.V]) for some in arrows])
     force = contact.traction[row] - contact.pressure[row][:, None] * contact.normals
     scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(force, axis=1).max()
     assert len(drawn) == len(force)
     assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale
     assert f"at most {np.linalg.norm(force, axis=1).max():.3g}" in body.get_title()
     assert graph in figure.axes
-    friction = stressed_body(figure.add_subplot(), history, forces="friction").collections[-1]
-    assert np.abs(friction.V).max() == 0.0
+    # What sticks has thick arrows, what slips thin ones.
+    sticks = contact.sticking[row]
+    assert [len(some.U) for some in arrows] == [sticks.sum(), (~sticks).sum()]
+    assert arrows[0].width > arrows[1].width
+    for friction in stressed_body(figure.add_subplot(), history, forces="friction").collections[1:]:
+        assert np.abs(friction.V).max(initial=0.0) == 0.0
     assert len(stressed_body(figure.add_subplot(), history, forces="none").collections) == 1
     for wrong in ({"stress": "zz"}, {"forces": "weight"}):
         (name, value) = next(iter(wrong.items()))

@@ -277,6 +277,7 @@ def stressed_body(
     title += "\n" * bool(told) + "; ".join(told)
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
+    ax.locator_params(nbins=6)
     if window is None:
         ax.autoscale_view()
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"

@@ -41,7 +41,7 @@ def beside_closed_form(
     exact,
     *,
     colour=COMPUTED,
-    marker="o",
+    marker=None,
     label="computed",
     exact_label="closed form",
     style="-",
@@ -55,6 +55,8 @@ def beside_closed_form(
     shown = np.unique(np.linspace(0, len(x) - 1, MOST_MARKS).round().astype(int)) if len(x) > MOST_MARKS else ...
     line = EXACT if colour == COMPUTED else colour
     ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
+    # A second pair has other marks, for print in grey.
+    marker = marker or ("o" if colour == COMPUTED else "s")
     marks = {"marker": marker, "color": colour, "markersize": 4, "alpha": 0.85}
     ax.plot(x[shown], y[shown], linestyle="none", **marks, zorder=3, label=label if exact_label else None)
     if exact_label is None:

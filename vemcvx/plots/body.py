@@ -84,7 +84,7 @@ STRESSES_IN_SPACE: dict[str, Stress] = {
 }
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
-CLOSED, ARROWS = "bold or hatched: closed contact", "thick arrows stick, thin slip"
+CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"

@@ -341,10 +341,13 @@ def _contact_arrows(
     # One length of arrows for all steps: the largest of them is as long as may be.
     arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
     sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
-    for chosen, colour, width in ((sticks, STICK, 0.008), (~sticks, SLIP if rubs else PUSH, 0.004)):
-        colour, width = (colour, width) if rubs else (PUSH, 0.0055)
-        pivot = "tip" if together else "mid"
-        draw_arrows(ax, heads[chosen], arrows[chosen], colour=colour, pivot=pivot, width=width).set_in_layout(False)
+    kinds = (
+        ((sticks, STICK, 0.008), (~sticks, SLIP, 0.004)) if rubs else ((np.ones(len(shown), dtype=bool), PUSH, 0.005),)
+    )
+    for chosen, colour, width in kinds:
+        at, vectors = heads[chosen], arrows[chosen]
+        drawn = draw_arrows(ax, at, vectors, colour=colour, pivot="tip" if together else "mid", width=width)
+        drawn.set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest
 

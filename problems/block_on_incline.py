@@ -16,9 +16,8 @@ Before sliding, the block creeps up from its pushed end; its lower edge may lift
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, body_and_graph
+from problem_pictures import MM, SLID, STUCK, body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.style import SLIP, STICK
 
 SLOPE, FRICTION, WEIGHT = 0.1, 0.3, 6.0
 ANGLE = np.arctan(SLOPE)
@@ -71,8 +70,8 @@ def picture(history):
     push, ratio = PUSH * history.times, history.reaction("pushed")[:, 0] / WEIGHT
     slides = ~history.contact.sticking.any(axis=1)
     graph.axhline(impending(), color="black", linewidth=1.3, label="impending motion")
-    for chosen, colour, words in ((~slides, STICK, "some of it sticks"), (slides, SLIP, "all of it slides")):
-        graph.plot(push[chosen], ratio[chosen], "o", color=colour, markersize=4, label=words)
+    for chosen, kind, words in ((~slides, STUCK, "some of it sticks"), (slides, SLID, "all of it slides")):
+        graph.plot(push[chosen], ratio[chosen], **kind, markersize=4, label=words)
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
     graph.set(xlabel="pushed by (mm)", ylabel="push / weight")

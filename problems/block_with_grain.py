@@ -92,7 +92,7 @@ def times(steps):
 
 def picture(history):
     """The block at the end of its slide, and the loop of friction that leans to one side."""
-    figure, graph = body_and_graph(history, stress="shear", stretch=2.0, shares=(1.4, 1.0))
+    figure, graph = body_and_graph(history, stress="shear", stretch=2.0, shares=(1.2, 1.0))
     U, friction = top(history.times)[0], -history.contact.traction[:, :, 0].mean(axis=1)
     dense = times(1200)
     stress = closed_form(dense)[2]
@@ -103,5 +103,5 @@ def picture(history):
     graph.set(ylim=(-0.07, 0.105))
     graph.legend(frameon=False, fontsize="small", loc="upper left")
     graph.set(xlabel="top moved aside by $U$ (mm)", ylabel="friction on the floor (MPa)")
-    graph.set_title("friction with the slope of the grain, and against it", fontsize="small")
+    graph.set_title("with the slope of the grain, and against it", fontsize="small")
     return figure

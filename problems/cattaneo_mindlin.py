@@ -18,9 +18,8 @@ import numpy as np
 
 import vemcvx as vx
 from hertz_contact import HALF_WIDTH, RADIUS, REACH, YOUNG, fitted, graded, grid
-from problem_pictures import MM, body_and_graph
+from problem_pictures import MM, SLID, STUCK, body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.style import SLIP, STICK
 
 POISSON, FRICTION = 0.4999, 0.4
 PRESS, DRAG = 7e-4, 4.5e-4
@@ -77,8 +76,8 @@ def picture(history):
         bound * r / a * np.sqrt(np.maximum(1 - ((line - m) / r) ** 2, 0.0)) for r, m in ((a, 0.0), (share * a, moved))
     )
     graph.plot(line, slipping, "--", color="0.5", linewidth=1.2, label="bound $\\mu p$ (Hertz)")
-    for chosen, colour, words in ((~sticks, SLIP, "slips"), (sticks, STICK, "sticks")):
-        graph.plot(x[chosen], traction[chosen], "o", color=colour, markersize=4, zorder=3, label=words)
+    for chosen, kind, words in ((~sticks, SLID, "slips"), (sticks, STUCK, "sticks")):
+        graph.plot(x[chosen], traction[chosen], **kind, markersize=4, zorder=3, label=words)
     graph.plot(line, slipping - spared, color="black", linewidth=1.3, label="Cattaneo and Mindlin")
     graph.set(xlabel="$x_1$ (mm)", ylabel="friction (MPa)", ylim=(0, 1.45 * bound))
     graph.set_title("stick zone moved as by a bulk stress", fontsize="small")

@@ -114,18 +114,21 @@ def picture(path, stress, p):
     from vemcvx.canvas import new_figure
     from vemcvx.plots.style import SERIES
 
-    figure = new_figure(5.6, 5.0)
+    figure = new_figure(5.6, 5.9)
     ax = figure.add_subplot()
     s = np.sqrt(2) * stress[:, [0, 2]]
-    ax.plot(*s.T, ".-", color=SERIES[0], linewidth=1, markersize=3, label="stress s")
-    ax.plot(*HARDENING * p[:, [0, 2]].T, ".-", color=SERIES[1], linewidth=1, markersize=3, label="centre H P")
+    ax.plot(*s.T, "o-", color=SERIES[0], linewidth=1, markersize=3, label="stress s")
+    ax.plot(*HARDENING * p[:, [0, 2]].T, "^-", color=SERIES[1], linewidth=1, markersize=4, label="centre H P")
     angle = np.linspace(0, 2 * np.pi, 201)
-    for n in (0, 24, 48):
+    for n, style in ((0, ":"), (24, "--"), (48, "-.")):
         centre = HARDENING * p[n, [0, 2], None]
-        ax.plot(*(centre + RADIUS * np.array([np.cos(angle), np.sin(angle)])), color="0.6", linewidth=0.8)
-    ax.set(xlabel="component of diag(1, -1, 0)", ylabel="component of shear", title="the yield surface follows")
+        circle = centre + RADIUS * np.array([np.cos(angle), np.sin(angle)])
+        ax.plot(*circle, style, color="0.35", linewidth=1.1, label=f"yield surface, step {n}")
+        ax.plot(*s[n], "ks", fillstyle="none", markersize=7, label=None if n else "stress at these steps")
+    ax.set(xlabel="component of diag(1, -1, 0)", ylabel="component of shear")
+    ax.set_title("the yield surface, a circle about its centre, follows the stress", fontsize="medium")
     ax.set_aspect("equal")
-    ax.legend()
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize="small")
     figure.savefig(path, dpi=120)
 
 

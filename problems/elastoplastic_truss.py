@@ -158,9 +158,10 @@ def picture(path, truss, F, trajectory):
     for level in yield_forces():
         left.axhline(level, color="0.7", linewidth=0.7, linestyle="--")
     e = trajectory.state[:, :2] @ strain_matrix(truss).T
-    for bar, name in ((0, "middle"), (1, "inclined")):
+    for bar, mark, name in ((0, "s", "middle"), (1, "^", "inclined")):
         right.plot(e[:, bar], sigma[:, bar], color=SERIES[bar + 1], linewidth=1)
-        right.plot(e[:, bar], stresses(truss, trajectory.state)[:, bar], ".", color=SERIES[bar + 1], label=name)
+        found = stresses(truss, trajectory.state)[:, bar]
+        right.plot(e[:, bar], found, mark, color=SERIES[bar + 1], markersize=4, label=name)
     left.set(xlabel="displacement", ylabel="force", title="three bars; dashed: first yield of either kind")
     right.set(xlabel="strain", ylabel="stress", title="each bar: linear kinematic hardening")
     left.locator_params(axis="x", nbins=6), right.locator_params(axis="x", nbins=6)

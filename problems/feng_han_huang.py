@@ -19,11 +19,10 @@ contact slips.
 import numpy as np
 
 import vemcvx as vx
-from problem_pictures import MM, body_and_graph
+from problem_pictures import SLID, STUCK, body_and_graph
 from vemcvx.canvas import light_grid
-from vemcvx.plots.style import SLIP, STICK
 
-UNITS = MM
+UNITS = {"length": "mm", "force": "daN", "time": "s", "force per area": "daN/mm²"}
 SMALL = {"n": 16, "steps": 32}
 
 
@@ -55,19 +54,19 @@ def times(steps):
 
 def picture(history):
     """The deformed block on its floor, and how friction reaches its bound, node after node, as the load grows."""
-    figure, graph = body_and_graph(history, stress="mean", forces="friction", shares=(1.1, 1.0))
+    figure, graph = body_and_graph(history, stress="mean", forces="friction", shares=(1.1, 1.0), units=UNITS)
     contact = history.contact
     order = np.argsort(contact.points[:, 0])
     x, quarters = contact.points[order, 0], np.arange(1, 5) * history.steps // 4
     for step, grey in zip(quarters, ("0.75", "0.6", "0.4", "0.0"), strict=True):
         friction, slips = contact.traction[step, order, 0], ~contact.sticking[step, order]
         graph.plot(x, friction, "-", color=grey, linewidth=1.2, label=f"t = {history.times[step]:g}")
-        for chosen, colour in ((slips, SLIP), (~slips, STICK)):
-            graph.plot(x[chosen], friction[chosen], "o", color=colour, markersize=3.5, zorder=3)
+        for chosen, kind in ((slips, SLID), (~slips, STUCK)):
+            graph.plot(x[chosen], friction[chosen], **kind, markersize=3.5, zorder=3)
     graph.axhline(-contact.bound.max(), color="0.5", linestyle="--", linewidth=1.0)
-    for colour, words in ((SLIP, "slips"), (STICK, "sticks")):
-        graph.plot([], [], "o", color=colour, markersize=4, label=words)
+    for kind, words in ((SLID, "slips"), (STUCK, "sticks")):
+        graph.plot([], [], **kind, markersize=4, label=words)
     light_grid(graph)
     graph.legend(frameon=False, fontsize="small")
-    graph.set(xlabel="$x_1$ (mm)", ylabel="friction on the body (MPa)")
+    graph.set(xlabel="$x_1$ (mm)", ylabel="friction on the body (daN/mm²)")
     return figure

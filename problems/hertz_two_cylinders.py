@@ -70,7 +70,7 @@ def picture(history):
     window = ((-reach, reach), (-reach, reach))
     figure, graph = body_and_graph(history, stress="shear", window=window, mirrors=[(-1, 1)])
     x, p = history.contact.points[:, 0], history.contact.pressure
-    for step, colour in ((history.steps, COMPUTED), (history.steps // 2, SECOND)):
+    for step, colour, mark in ((history.steps, COMPUTED, "o"), (history.steps // 2, SECOND, "s")):
         P = force(history)[step]
         a, peak = hertz(P)
         line = np.linspace(-a, a, 401)
@@ -78,6 +78,8 @@ def picture(history):
         marks = np.concatenate([-x[near][::-1], x[near]]), np.concatenate([p[step, near][::-1], p[step, near]])
         words = "Hertz" if step == history.steps else None
         exact = line, peak * np.sqrt(1 - (line / a) ** 2)
-        beside_closed_form(graph, marks, exact, colour=colour, label=f"P = {P:.2g}", exact_label=words)
+        beside_closed_form(
+            graph, marks, exact, colour=colour, marker=mark, label=f"P = {P:.2g} N/mm", exact_label=words
+        )
     graph.set(xlabel="$x_1$ (mm)", ylabel="pressure (MPa)", ylim=(0, None))
     return figure

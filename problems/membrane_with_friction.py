@@ -165,23 +165,29 @@ def energy_error(posed, trajectory, at, points):
 def picture(path, mesh, posed, trajectory, at):
     """Displacement and friction on the table at the turning points, against the closed form."""
     from vemcvx.canvas import new_figure
-    from vemcvx.plots.style import SERIES
+    from vemcvx.plots.style import MARKERS, SERIES
 
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     x = np.linspace(0, LENGTH, 801)
     u, friction = on_table_in_closed_form(x)
     density = trajectory.multipliers[:, :, 0] / posed.shares
+    free, rough = mesh.points[posed.free, 0], mesh.points[posed.rough, 0]
+    # Forty of the nodes, evenly apart: all of them would hide the lines.
+    some, few = (np.argsort(places)[:: max(1, len(places) // 40)] for places in (free, rough))
     for k in range(1, len(TURNS)):
-        left.plot(x, u[k], color=SERIES[k], linewidth=1, label=f"pull {TURNS[k]:g}")
-        left.plot(mesh.points[posed.free, 0], trajectory.state[at[k]], ".", color=SERIES[k], markersize=2)
-    right.plot(x, friction[2], color=SERIES[2], linewidth=1, label="closed form")
-    right.plot(
-        mesh.points[posed.rough, 0], density[at[2]], ".", color=SERIES[2], markersize=3, label="multipliers / area"
-    )
-    left.set(xlabel="x", ylabel="u", title="all nodes of a Voronoi mesh, closed form as lines")
-    right.set(xlabel="x", ylabel="friction per area", title=f"after the reversal, at pull {TURNS[2]:g}")
-    left.legend(), right.legend()
+        left.plot(x, u[k], "k-", linewidth=1, label=None if k > 1 else "closed form")
+        mark = {"color": SERIES[k], "marker": MARKERS[k], "fillstyle": "none", "markersize": 5}
+        left.plot(free[some], trajectory.state[at[k]][some], linestyle="none", **mark, label=f"pull {TURNS[k]:g}")
+    right.plot(x, friction[2], "k-", linewidth=1, label="closed form")
+    marks = {"linestyle": "none", "fillstyle": "none", "marker": MARKERS[2], "color": SERIES[2], "markersize": 5}
+    right.plot(rough[few], density[at[2]][few], **marks, label="multipliers / area")
+    left.set(xlabel="x", ylabel="u")
+    left.set_title("at 40 nodes of a Voronoi mesh, at the turning points", fontsize="medium")
+    right.set(xlabel="x", ylabel="friction per area")
+    right.set_title(f"after the reversal, at pull {TURNS[2]:g}", fontsize="medium")
+    for ax in (left, right):
+        ax.legend(frameon=False)
     figure.savefig(path, dpi=120)
 
 

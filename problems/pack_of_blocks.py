@@ -105,12 +105,13 @@ def pulled(history):
 def picture(history):
     """The pack when three of four have begun to slide, and the loop of the force on the plate."""
     step = int(history.steps / 5 * 0.5 * (STARTS.max() + np.sort(STARTS)[-2]) / AMPLITUDE)
-    figure, graph = body_and_graph(history, step=step, stress="shear", shares=(1.0, 1.2))
+    figure, graph = body_and_graph(history, step=step, stress="shear", forces="friction", shares=(1.0, 1.4))
     dense = times(2000)
     beside_closed_form(graph, (plate(history.times), pulled(history)), (plate(dense), force(dense)))
     for i, start in enumerate(np.sort(STARTS)):
         graph.axvline(start, color="0.6", linestyle=":", linewidth=1.0)
-        graph.text(start, -3.1, f"$U_{i + 1}$ ", fontsize="small", ha="right")
+        graph.text(start, 3.25, f"$U_{i + 1}$", fontsize="small", ha="center")
     graph.legend(frameon=False, fontsize="small", loc="upper left")
+    graph.set(ylim=(-3.4, 3.9))
     graph.set(xlabel="plate moved aside by $U$ (mm)", ylabel="force on the plate (N/mm)")
     return figure

@@ -80,10 +80,10 @@ def picture(history):
     c, s = np.cos(angle), np.sin(angle)
     radial, hoop = xx * c**2 + yy * s**2 + 2 * xy * c * s, xx * s**2 + yy * c**2 - 2 * xy * c * s
     line = np.linspace(RADII[0], RADII[2], 600)
-    names, colours = (r"$\sigma_r$", r"$\sigma_\theta$"), (COMPUTED, SECOND)
-    for found, exact, name, colour in zip((radial, hoop), stresses(line), names, colours, strict=True):
+    names, looks = (r"$\sigma_r$", r"$\sigma_\theta$"), ((COMPUTED, "o"), (SECOND, "s"))
+    for found, exact, name, (colour, mark) in zip((radial, hoop), stresses(line), names, looks, strict=True):
         marks = r[chosen], found[chosen]
-        beside_closed_form(graph, marks, (line, exact), colour=colour, label=name, exact_label=None)
+        beside_closed_form(graph, marks, (line, exact), colour=colour, marker=mark, label=name, exact_label=None)
     graph.set(xlabel="radius (mm)", ylabel="stress (MPa)")
     graph.set_title("in the cells about 45 degrees, and Lame 1852", fontsize="small")
     return figure

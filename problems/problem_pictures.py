@@ -4,10 +4,13 @@ import numpy as np
 
 from vemcvx.canvas import light_grid, new_figure
 from vemcvx.plots import contact_face, stressed_body
-from vemcvx.plots.style import COMPUTED, EXACT
+from vemcvx.plots.style import COMPUTED, EXACT, SLIP, STICK
 
 MM = {"length": "mm", "force": "N", "time": "s", "force per area": "MPa"}
 """Names of units, in the plane for a body 1 mm thick; problems that have others say so."""
+STUCK = {"linestyle": "none", "marker": "o", "color": STICK}
+SLID = {"linestyle": "none", "marker": "s", "color": SLIP, "fillstyle": "none"}
+"""Marks of nodes that stick and slip, full and empty for print in grey."""
 MOST_MARKS = 60
 SLENDER = 0.2
 """Height over width below which the body is drawn above the graph, not beside it."""
@@ -26,6 +29,8 @@ def body_and_graph(history, *, window=None, stretch=1.0, shares=(1.0, 1.0), unit
     else:
         body, graph = figure.subplots(1, 2, width_ratios=shares)
     figure.set_layout_engine("constrained", w_pad=0.1)
+    # Numbers of small steps are long, and run into each other where there are more.
+    graph.locator_params(nbins=6)
     stressed_body(body, history, window=window, stretch=stretch, units=units, **how)
     return figure, graph
 
@@ -36,7 +41,7 @@ def beside_closed_form(
     exact,
     *,
     colour=COMPUTED,
-    marker="o",
+    marker=None,
     label="computed",
     exact_label="closed form",
     style="-",
@@ -50,6 +55,8 @@ def beside_closed_form(
     shown = np.unique(np.linspace(0, len(x) - 1, MOST_MARKS).round().astype(int)) if len(x) > MOST_MARKS else ...
     line = EXACT if colour == COMPUTED else colour
     ax.plot(*exact, style, color=line, linewidth=1.3, label=exact_label, zorder=2)
+    # A second pair has other marks, for print in grey.
+    marker = marker or ("o" if colour == COMPUTED else "s")
     marks = {"marker": marker, "color": colour, "markersize": 4, "alpha": 0.85}
     ax.plot(x[shown], y[shown], linestyle="none", **marks, zorder=3, label=label if exact_label else None)
     if exact_label is None:

@@ -77,10 +77,11 @@ def picture(history):
     left.set(xlabel="top pressed down by (mm)", ylabel="pressure (MPa)")
     left.set_title("a column pressed down on a layer", fontsize="small")
     mesh = punch_mesh(10)
-    for layer, colour, words in ((1e6, COMPUTED, "$10^6$"), (5e4, SECOND, "$5·10^4$"), (1e4, THIRD, "$10^4$")):
+    kinds = (1e6, COMPUTED, "o", "$10^6$"), (5e4, SECOND, "s", "$5·10^4$"), (1e4, THIRD, "D", "$10^4$")
+    for layer, colour, mark, words in kinds:
         under = vx.simulate(scene(layer, hertz.RADIUS), mesh, times(2))
         x, p = under.contact.points[:, 0], under.contact.pressure[-1]
-        right.plot(x, p, "o-", markersize=3, linewidth=1, color=colour, label=f"layer {words}")
+        right.plot(x, p, f"{mark}-", markersize=3, linewidth=1, color=colour, label=f"layer {words}")
     P = 2 * vx.simulate(hertz.scene(), mesh, times(2)).reaction("bottom")[-1, 1]
     a = np.sqrt(4 * P * hertz.RADIUS * (1 - hertz.POISSON**2) / (np.pi * hertz.YOUNG))
     x = np.linspace(0, a, 400)

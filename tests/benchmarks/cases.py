@@ -45,6 +45,7 @@ out = dict(seconds=time.perf_counter() - wall, cpu=time.process_time() - cpu, st
            unknowns=h.trajectory.state.shape[1], certified=float(h.trajectory.certificate.max()),
            **{{name: h.seconds[name] for name in ("assemble", "prepare", "solve")}})
 """
+LABEL = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
 LINEAR = {"SuperLU": "vx.SuperLU()", "PARDISO": "vx.Pardiso()"}
 
 
@@ -166,39 +167,50 @@ def imports() -> list[Row]:
 
 
 def picture(rows: list[Row], growths: dict[str, list[dict]], path: Path) -> None:
-    """Ratios as dots; time against unknowns, and memory below."""
-    figure = new_figure(12.0, 7.0)
-    left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
-    draw_ratios(left.subplots(), rows)
-    time, memory = right.subplots(2, 1, sharex=True)
+    """Ratios as dots above; time and memory against unknowns below."""
+    figure = new_figure(9.4, 8.8)
+    above, below = figure.subfigures(2, 1, height_ratios=(2.0, 1.0))
+    draw_ratios(above.subplots(), rows)
+    time, memory = below.subplots(1, 2)
     for (name, growth), colour, mark in zip(growths.items(), SERIES, MARKERS, strict=False):
         unknowns = np.array([row["unknowns"] for row in growth])
         for ax, what in ((time, "seconds"), (memory, "peak_gb")):
-            ax.loglog(unknowns, [row[what] for row in growth], f"{mark}-", color=colour, label=name)
+            ax.loglog(unknowns, [row[what] for row in growth], f"{mark}-", color=colour, markersize=5, label=name)
     slope = growth[0]["seconds"] * (unknowns / unknowns[0]) ** 1.3
     time.loglog(unknowns, slope, ":", color="0.4", label="unknowns$^{1.3}$")
     time.set(ylabel="time (s)")
     time.set_title("20 certified frictional steps on squares", fontsize="medium")
-    memory.set(xlabel="unknowns", ylabel="largest memory (GB)")
+    memory.set(ylabel="largest memory (GB)")
+    memory.set_title("their memory", fontsize="medium")
     for ax in (time, memory):
+        ax.set(xlabel="unknowns")
         plain_logarithms(ax.yaxis)
         light_grid(ax)
-        ax.legend(frameon=False)
-    figure.savefig(path, dpi=150)
+        ax.legend(frameon=False, fontsize="small")
+    figure.savefig(path, dpi=100)
 
 
-def draw_ratios(left: Axes, rows: list[Row]) -> None:
-    """A line a row: what it took as a multiple of its reference."""
-    shown = [row for row in rows if not row.name.startswith("growth")][::-1]
-    left.plot([row.ratio for row in shown], range(len(shown)), "o", color=SERIES[0])
-    left.axvline(1.0, color="0.4", linewidth=0.8)
-    for place, row in enumerate(shown):
-        left.annotate(
-            f"{row.ratio:.3g}", (row.ratio, place), (6, 0), textcoords="offset points", va="center", fontsize="small"
-        )
-    names = [f"{row.name}\nagainst {row.reference}" for row in shown]
-    left.set_yticks(range(len(shown)), names, fontsize=8)
-    left.set(xscale="log", xlabel="time as a multiple of the reference")
-    left.set_title("Ratios, measured side by side", fontsize="medium")
-    left.set_xlim(right=8 * max(row.ratio for row in shown))
-    light_grid(left, axis="x")
+def draw_ratios(ax: Axes, rows: list[Row]) -> None:
+    """A line a row: what it took as a multiple of its reference, which stands once above those that it is for."""
+    shown = [row for row in rows if not row.name.startswith("growth")]
+    places, names, heads = [], [], []
+    for row, before in zip(shown, [None, *shown], strict=False):
+        if before is None or row.reference != before.reference:
+            heads.append((len(names), f"against {row.reference}"))
+            names.append("")
+        places.append(len(names))
+        names.append(row.name)
+    ax.plot([row.ratio for row in shown], places, "o", color=SERIES[0], markersize=5)
+    for place, row in zip(places, shown, strict=True):
+        style = {"textcoords": "offset points", "va": "center", "fontsize": 9, "bbox": LABEL}
+        ax.annotate(f"{row.ratio:.3g}", (row.ratio, place), (6, 0), **style)
+    for place, head in heads:
+        ax.axhspan(place - 0.5, place + 0.5, color="0.92", linewidth=0)
+        ax.text(0.01, place, head, transform=ax.get_yaxis_transform(), va="center", fontsize=9, style="italic")
+    ax.axvline(1.0, color="0.4", linewidth=0.8)
+    ax.set_yticks(range(len(names)), names, fontsize=9)
+    ax.tick_params(axis="y", length=0)
+    ax.set(xscale="log", xlabel="time as a multiple of the reference", ylim=(len(names) - 0.5, -0.5))
+    ax.set_title("Ratios, measured side by side", fontsize="medium")
+    ax.set_xlim(right=8 * max(row.ratio for row in shown))
+    light_grid(ax, axis="x")

@@ -55,8 +55,8 @@ def test_run_writes_what_it_says(tmp_path):
     assert history.stored.tolist() == [0, 4, 8]
     assert history.summary() in done.output
     for one in history.extremes:
-        unit = in_units(one.unit, feng_han_huang.UNITS)
-        assert re.search(rf"^{one.name} +{one.value:.6g} {unit} +at \(.*\), t = {one.time:.6g} s$", done.output, re.M)
+        unit, at = in_units(one.unit, feng_han_huang.UNITS), rf"at \(.*\), t = {one.time:.6g} s$"
+        assert re.search(rf"^{one.name} +{one.value:.6g} {unit} +{at}", done.output, re.M)
     bodies, along = ["deformed_mesh.png", "stressed_body.png"], ["contact_pressure.png", "contact_slip.png", "wear.png"]
     pictures = [*bodies, *along, "energy_ledger.png", "friction_traction.png", "stick_slip_map.png"]
     files = [
@@ -296,6 +296,7 @@ def test_a_command_that_is_ended_shows_the_cursor_again(tmp_path, name):
     code = f"""
 import os, signal
 from vemcvx.cli import app
+from vemcvx.plots.style import in_units
 from vemcvx.cli import run as simulation
 def simulate(*_, progress, **__):
     progress(1, 9)
@@ -407,6 +408,7 @@ def test_help_and_newton_are_light():
     code = f"""
 import sys
 from vemcvx.cli import app
+from vemcvx.plots.style import in_units
 try:
     app(["--help"])
 except SystemExit:

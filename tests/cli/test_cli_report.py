@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import feng_han_huang
 import vemcvx as vx
 from vemcvx.cli import app
 from vemcvx.cli.report import MARK
+from vemcvx.plots.style import in_units
 
 pytest.importorskip("matplotlib")
 LOOSE = '''
@@ -109,14 +111,14 @@ def test_it_has_the_numbers_of_the_summary(paper):
     assert f"unknowns {told['unknowns']} " in text
     assert f"steps {told['steps']}, of which 2 are stored" in text
     for name, words in (("energy", "stored energy"), ("dissipated", "dissipated by friction"), ("work", "work of")):
-        assert re.search(rf"{words}[^0-9]*{told[name]:.6g} force × length", text), name
+        assert re.search(rf"{words}[^0-9]*{told[name]:.6g} daN mm", text), name
     assert f"largest of a step {told['certified_energy_error']:.1e}, a {told['certificate_kind']}" in text
     assert f"asked for {told['accuracy']:.1e}" in text
     contact = told["contact"]
     assert f"{contact['stick']} stick, {contact['slip']} slip, {contact['open']} are open {contact['nodes']} " in text
     for key, one in told["extremes"].items():
         place = ", ".join(f"{x:.4g}" for x in one["place"])
-        unit = one["unit"].replace("/", " / ")
+        unit = in_units(one["unit"], feng_han_huang.UNITS).replace("/", " / ")
         assert f", at ({place}), t = {one['t']:.6g} {one['value']:.6g} {unit}" in text, key
     for words in (*told["effects"], told["solver"], told["linear"], f"vemcvx {told['version']}"):
         assert words in text
@@ -127,7 +129,7 @@ def test_it_has_the_numbers_of_the_summary(paper):
 def test_results_have_their_units_and_steps_are_not_all_there(paper):
     read = Reader(paper[1])
     assert "Consistent units" in read.text
-    for words in ("largest displacement, at (", "largest von Mises stress", "force / length²", "relative energy error"):
+    for words in ("largest displacement, at (", "largest von Mises stress", "daN / mm²", "relative energy error"):
         assert words in read.text
     # The load is 8 int (1.25 - y) dy = 6 to the right; supports and contact hold all of it.
     assert re.search(r"boundary -6 0\.01\b", read.text)
@@ -155,6 +157,9 @@ def test_what_users_write_is_escaped(tmp_path):
     assert "1 < 2 & 3" in read.text
     assert "'</pre><script>alert(1)</script>'" in read.text
     assert "<side>" in read.text
+    # Units without names are those of consistent units.
+    assert re.search(r"stored energy \S+ force × length", read.text)
+    assert "force / length²" in read.text
     # Without contact there is nothing to say of it.
     assert "slip" not in read.text.split("Results")[1].split("Certificates")[0]
     assert read.tags.count("img") == 3

@@ -8,7 +8,7 @@ from scenes import cyclic, paper_scene, small
 
 import vemcvx as vx
 from problem_pictures import beside_closed_form, body_and_graph
-from vemcvx.canvas import new_figure
+from vemcvx.canvas import blended, new_figure
 from vemcvx.plots import (
     along_contact,
     deformed_mesh,
@@ -22,7 +22,7 @@ from vemcvx.plots import (
 )
 from vemcvx.plots.contact import contact_line, directions
 from vemcvx.plots.pictures import draw_pictures
-from vemcvx.plots.style import rounded_down
+from vemcvx.plots.style import OPEN_AREA, SIGNED, SLIP_AREA, STICK_AREA, rounded_down
 
 matplotlib = pytest.importorskip("matplotlib")
 TIMES = np.linspace(0.0, 1.0, 25)
@@ -372,20 +372,24 @@ def test_pictures_say_what_they_miss(history, loose, tmp_path):
 def test_a_body_is_coloured_by_its_stress_and_pushed_by_its_contact(history):
     figure, graph = body_and_graph(history, step=9, stress="xy", mirrors=[(-1, 1)])
     body, (row, contact) = figure.axes[0], (history.row(9), history.contact)
-    cells, image, arrows = body.collections
+    cells, image, *arrows = body.collections
     assert np.array_equal(cells.get_array(), history.stress(9)[:, 2])
     assert np.array_equal(image.get_array(), cells.get_array())
     for path, mirrored in zip(cells.get_paths(), image.get_paths(), strict=True):
         assert set(map(tuple, path.vertices * [-1, 1])) == set(map(tuple, mirrored.vertices))
-    drawn = np.column_stack([arrows.U, arrows.V])
+    drawn = np.concatenate([np.column_stack([some.U, some.V]) for some in arrows])
     force = contact.traction[row] - contact.pressure_recovered[row][:, None] * contact.normals
     scale = np.linalg.norm(drawn, axis=1).max() / np.linalg.norm(force, axis=1).max()
     assert len(drawn) == len(force)
     assert np.linalg.norm(drawn[:, None] - scale * force, axis=2).min(axis=1).max() < 1e-12 * scale
     assert f"at most {np.linalg.norm(force, axis=1).max():.3g}" in body.get_title()
     assert graph in figure.axes
-    friction = stressed_body(figure.add_subplot(), history, forces="friction").collections[-1]
-    assert np.abs(friction.V).max() == 0.0
+    # What sticks has thick arrows, what slips thin ones.
+    sticks = contact.sticking[row]
+    assert [len(some.U) for some in arrows] == [sticks.sum(), (~sticks).sum()]
+    assert arrows[0].width > arrows[1].width
+    for friction in stressed_body(figure.add_subplot(), history, forces="friction").collections[1:]:
+        assert np.abs(friction.V).max(initial=0.0) == 0.0
     assert len(stressed_body(figure.add_subplot(), history, forces="none").collections) == 1
     for wrong in ({"stress": "zz"}, {"forces": "weight"}):
         (name, value) = next(iter(wrong.items()))
@@ -475,12 +479,12 @@ def test_the_loop_is_the_reaction_against_the_motion_of_what_is_prescribed(rubbe
     cycle = slice(8, 41)
     work = float(np.sum(0.5 * (force[cycle][1:] + force[cycle][:-1]) * np.diff(u[cycle])))
     assert work == pytest.approx(np.ptp(rubbed.work_second_order[cycle][[0, -1]]), rel=1e-2)
-    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["begins, t = 0", "ends, t = 1.25"]
+    assert [text.get_text() for text in ax.figure.legends[0].get_texts()] == ["t = 0", "t = 1.25"]
     assert "bottom" in hysteresis_loop(rubbed, "bottom").axes[0].get_title()
 
 
 def test_a_loop_needs_something_that_moves(history, rubbed, tmp_path):
-    words = r"hysteresis_loop: nothing in this history says what moves; name a boundary, on=, of '"
+    words = r"hysteresis_loop: nothing here says what moves; name a boundary, on=, of '"
     with pytest.raises(vx.HistoryError, match=words):
         hysteresis_loop(history)
     read = vx.read_history(rubbed.write(tmp_path / "read"))
@@ -547,3 +551,21 @@ def test_closed_contact_is_marked_though_magnified_displacements_draw_it_apart(d
         assert np.linalg.norm(outline - drawn[node], axis=1).min() < 1e-12
     if gap > 0:
         assert not draw(history, step=0, magnify=10.0).axes[0].patches
+
+
+def lightness(colour):
+    """From 0, black, to 1, white, as print in grey has it."""
+    return float(np.dot([0.299, 0.587, 0.114], matplotlib.colors.to_rgb(colour)))
+
+
+def test_in_grey_print_no_stress_looks_like_its_opposite_and_slip_not_like_stick(history):
+    shades = [lightness(colour) for colour in blended(SIGNED)(np.linspace(0.0, 1.0, 21))[:, :3]]
+    assert np.diff(shades).max() < -0.01
+    areas = sorted(map(lightness, (STICK_AREA, SLIP_AREA, OPEN_AREA)))
+    assert np.diff(areas).min() > 0.1
+    hatched = {
+        matplotlib.colors.to_hex(p.get_facecolor()): p.get_hatch()
+        for p in friction_traction(history, 3).axes[0].patches
+    }
+    assert {colour.upper(): bool(hatch) for colour, hatch in hatched.items()} == {"#0072B2": False, "#D55E00": True}
+    assert len({line.get_marker() for line in wear(history).axes[0].lines}) == 4

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from vemcvx.canvas import light_grid, new_figure, plain_logarithms
 from vemcvx.errors import HistoryError
 from vemcvx.outline import Table
-from vemcvx.plots.style import SERIES
+from vemcvx.plots.style import MARKERS, SERIES
 from vemcvx.results.quoted import growth
 from vemcvx.version import __version__
 
@@ -282,8 +282,12 @@ def picture(
             ax.plot(
                 [costs[k] for k in own],
                 [errors[k] for k in own],
-                "D" if adaptive else "o",
+                # A mark a family, for print in grey; with a black edge where meshes are adaptive.
+                MARKERS[families.index(family) % len(MARKERS)],
                 color=colour,
+                markersize=8 if adaptive else 5,
+                markeredgecolor="black" if adaptive else colour,
+                markeredgewidth=1.6 if adaptive else 1.0,
                 # Solvers other than the first, which mostly gives the same errors, are hollow.
                 markerfacecolor=colour if solver == kinds[0][1] else "white",
                 label=f"{family or 'own mesh'}, {solver}{', adaptive' * adaptive}",

@@ -6,7 +6,7 @@ In space PyVista, which needs no display, renders the surface to an image; this 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,7 +84,7 @@ STRESSES_IN_SPACE: dict[str, Stress] = {
 }
 UNSIGNED = {"shear", "von_mises"}
 FORCES = ("contact", "friction", "none")
-CLOSED, ARROWS = "bold or hatched: closed contact", "thick arrows stick, thin slip"
+CLOSED, ARROWS = "closed contact bold or hatched", "thick arrows stick"
 PAGE_IN_SPACE = 6.4, 4.6
 """Width and height in inches."""
 MISSING = "drawing bodies in space needs PyVista, which is not installed: pip install 'vemcvx[view]'"
@@ -277,6 +277,7 @@ def stressed_body(
     title += "\n" * bool(told) + "; ".join(told)
     drawn = "" if stretch == 1.0 else f",\n× {stretch:g}"
     ax.tick_params(labelsize="small")
+    ax.locator_params(nbins=6)
     if window is None:
         ax.autoscale_view()
     y = f"$x_2$ ({unit(units, 'length')}{drawn})"
@@ -340,10 +341,13 @@ def _contact_arrows(
     # One length of arrows for all steps: the largest of them is as long as may be.
     arrows = every[row, shown] * longest / float(sizes.max()) / [1.0, stretch]
     sticks, rubs = contact.sticking[row, shown], bool(contact.bound.any())
-    for chosen, colour, width in ((sticks, STICK, 0.008), (~sticks, SLIP if rubs else PUSH, 0.004)):
-        colour, width = (colour, width) if rubs else (PUSH, 0.0055)
-        pivot: Literal["tip", "mid"] = "tip" if together else "mid"
-        draw_arrows(ax, heads[chosen], arrows[chosen], colour=colour, pivot=pivot, width=width).set_in_layout(False)
+    kinds = (
+        ((sticks, STICK, 0.008), (~sticks, SLIP, 0.004)) if rubs else ((np.ones(len(shown), dtype=bool), PUSH, 0.005),)
+    )
+    for chosen, colour, width in kinds:
+        at, vectors = heads[chosen], arrows[chosen]
+        drawn = draw_arrows(ax, at, vectors, colour=colour, pivot="tip" if together else "mid", width=width)
+        drawn.set_in_layout(False)
     ax.update_datalim(np.concatenate([heads - arrows, heads]))
     return largest
 

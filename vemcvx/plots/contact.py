@@ -205,10 +205,10 @@ def friction_traction(
     sticks, slips = touches & still, touches & ~still
     kinds = (sticks, STICK, "o", "stick"), (slips, SLIP, "s", "slip")
     ax = axes_or_new(ax, 6.4, 3.6)
-    for chosen, colour, _, word in kinds:
+    for chosen, colour, _, state in kinds:
         for start, stop in line.spans(chosen):
             # Hatched, for print in grey.
-            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if word == "slip" else None)
+            ax.axvspan(start, stop, color=colour, alpha=0.13, linewidth=0, hatch="//" if state == "slip" else "")
     # Bounds of slip forward, with the body on the left, and backward: what that is along the line, tangents say.
     onward = line.along(np.column_stack([-contact.normals[:, 1], contact.normals[:, 0]])) > 0
     forward, backward = contact.bound[row, line.order], contact.backward[row, line.order]
@@ -294,27 +294,13 @@ def pressures(contact: Contact) -> Floats:
     return contact.pressure_recovered
 
 
-PROFILES: dict[str, tuple[str, str, str, Callable[[Contact, ContactLine], Floats]]] = {
-    "pressure": (
-        "force per length",
-        "contact pressure\n",
-        "Pressure along the contact boundary",
-        lambda contact, line: pressures(contact)[:, line.order],
-    ),
-    "slip": (
-        "length",
-        "slip towards larger {}\n",
-        "Slip along the contact boundary since the initial instant",
-        lambda contact, line: line.along(contact.slip),
-    ),
-    "wear": (
-        "energy per length",
-        "friction work\n",
-        "Wear of the contact boundary, in proportion to friction work",
-        lambda contact, line: contact.wear[:, line.order],
-    ),
+Along = Callable[[Contact, ContactLine], Floats]
+PROFILES: dict[str, tuple[str, str, str, Along]] = {
+    "pressure": ("force per length", "contact pressure", "Contact pressure", lambda c, on: pressures(c)[:, on.order]),
+    "slip": ("length", "slip towards larger {}", "Slip since the beginning", lambda c, on: on.along(c.slip)),
+    "wear": ("energy per length", "friction work", "Wear, as friction work", lambda c, on: c.wear[:, on.order]),
 }
-"""Quantities along the contact boundary: unit, label, title, and values (S, m) in the order of the line."""
+"""Along the contact boundary: quantity, label, title, and values (S, m) in the order of the line."""
 
 
 def along_contact(
@@ -344,7 +330,21 @@ def along_contact(
         The history has no contact, or no step; or too many steps are asked for, or what there is no picture of.
     """
     choice(show, "along_contact", "show", list(PROFILES), HistoryError)
-    return _profile(history, ("along_contact", show), steps, (ax, limits, units))
+    picture, most = "wear" if show == "wear" else "along_contact", len(EARLY_TO_LATE)
+    line, later = contact_line(history, picture), _later(history, picture)
+    evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
+    rows = [history.row(step) for step in (evenly.tolist() if steps is None else steps)]
+    if not 0 < len(rows) <= most:
+        raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
+    quantity, words, title, found = PROFILES[show]
+    values, ax = found(history.contact, line), axes_or_new(ax, 6.4, 3.6)
+    for row, colour, mark in zip(rows, EARLY_TO_LATE[-len(rows) :], MARKERS, strict=False):
+        (drawn,) = ax.plot(*line.broken(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
+        drawn.set(label=instant(history.times[row], units), markevery=max(1, len(line.order) // 30))
+    low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
+    light_grid(ax)
+    ends = value_range(limits, (1.05 * low, 1.05 * high if high > low else 1.0))
+    return line.framed(ax, label(f"{words.format(line.symbol)}\n", quantity, units), title, units, ends)
 
 
 def wear(
@@ -355,45 +355,8 @@ def wear(
     limits: ArrayLike | None = None,
     units: Units | None = None,
 ) -> Figure:
-    """Draw the friction work per length of the contact boundary that was done until some steps.
-
-    The depth worn off is in proportion to it (Archard 1953). This is `along_contact` with ``show="wear"``.
-
-    Parameters
-    ----------
-    history, steps, ax, limits, units : as of `along_contact`
-
-    Raises
-    ------
-    HistoryError
-        The history has no contact, or no step; or too many steps are asked for.
-    """
-    return _profile(history, ("wear", "wear"), steps, (ax, limits, units))
-
-
-def _profile(
-    history: Results,
-    named_so: tuple[str, str],
-    steps: Sequence[int] | None,
-    how: tuple[Axes | None, ArrayLike | None, Units | None],
-) -> Figure:
-    """Draw one of `PROFILES` for the picture of that name."""
-    (picture, show), (ax, limits, units) = named_so, how
-    line, later, most = contact_line(history, picture), _later(history, picture), len(EARLY_TO_LATE)
-    evenly = later[np.unique(np.linspace(0, len(later), min(most, len(later)) + 1)[1:].round().astype(int)) - 1]
-    rows = [history.row(step) for step in (evenly.tolist() if steps is None else steps)]
-    if not 0 < len(rows) <= most:
-        raise HistoryError(f"{picture}: found {len(rows)} steps; it draws 1 to {most} of them.")
-    quantity, words, title, found = PROFILES[show]
-    values, ax = found(history.contact, line), axes_or_new(ax, 6.4, 3.6)
-    every = max(1, len(line.order) // 30)
-    for row, colour, mark in zip(rows, EARLY_TO_LATE[-len(rows) :], MARKERS, strict=False):
-        (drawn,) = ax.plot(*line.broken(values[row]), f"{mark}-", color=colour, linewidth=1.4, markersize=3.5)
-        drawn.set(label=instant(history.times[row], units), markevery=every)
-    low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
-    light_grid(ax)
-    ends = value_range(limits, (1.05 * low, 1.05 * high if high > low else 1.0))
-    return line.framed(ax, label(words.format(line.symbol), quantity, units), title, units, ends)
+    """Draw the friction work until some steps, as `along_contact`: wear is in proportion to it (Archard 1953)."""
+    return along_contact(history, "wear", steps, ax=ax, limits=limits, units=units)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,20 +34,7 @@ from vemcvx.plots.contact import (
     stick_slip_map,
     wear,
 )
-from vemcvx.plots.style import (
-    COMPUTED,
-    DISSIPATED,
-    EXACT,
-    NUMERICAL,
-    STORED,
-    WORK,
-    Units,
-    instant,
-    label,
-    named,
-    unit,
-    value_range,
-)
+from vemcvx.plots.style import DISSIPATED, NUMERICAL, STORED, WORK, Units, instant, label, named, unit, value_range
 from vemcvx.results.results import Results
 from vemcvx.vem import Space
 
@@ -142,24 +130,21 @@ def hysteresis_loop(
     Raises
     ------
     HistoryError
-        No boundary is named, and no prescribed displacement moves one in the history's scene, which files do not keep.
-    SceneError
-        The mesh has no boundary of that name.
+        No boundary is named, and no prescribed displacement moves one in the scene, which files do not keep.
     """
-    ways = {on: _motion(history, on)} if on is not None else _driven(history)
+    ways = _driven(history) if on is None else {on: _motion(history, on)}
     if not ways:
         names = ", ".join(map(repr, history.mesh.boundaries))
-        raise HistoryError(
-            f"hysteresis_loop: nothing in this history says what moves; name a boundary, on=, of {names}."
-        )
-    name, motion = max(ways.items(), key=lambda way: float(_lengths(way[1]).max()))
-    axis = int(np.argmax(_lengths(motion)))
-    u, force = motion[:, axis], history.reaction(name)[:, axis]
+        raise HistoryError(f"hysteresis_loop: nothing here says what moves; name a boundary, on=, of {names}.")
+    lengths = {name: np.abs(np.diff(way, axis=0)).sum(axis=0) for name, way in ways.items()}
+    name = max(ways, key=lambda one: float(lengths[one].max()))
+    axis = int(np.argmax(lengths[name]))
+    u, force = ways[name][:, axis], history.reaction(name)[:, axis]
     ax = axes_or_new(ax, 6.0, 4.4)
-    ax.plot(u, force, ".-", color=COMPUTED, linewidth=1.4, markersize=4)
-    for row, mark, word in ((0, "o", "begins"), (-1, "s", "ends")):
-        when = f"{word}, {instant(history.times[row], units)}"
-        ax.plot(u[row], force[row], mark, color=EXACT, fillstyle="none", markersize=8, label=when)
+    ax.plot(u, force, ".-", color=DISSIPATED, linewidth=1.4, markersize=4)
+    for row, mark in ((0, "o"), (-1, "s")):
+        when = instant(history.times[row], units)
+        ax.plot(u[row], force[row], mark, color=WORK, fillstyle="none", markersize=8, label=when)
     light_grid(ax)
     if limits is not None:
         ax.set_ylim(value_range(limits, ()))
@@ -176,33 +161,20 @@ def _motion(history: Results, name: str) -> Floats:
     return mean
 
 
-def _lengths(motion: Floats) -> Floats:
-    """The way (dim,) to and fro along each axis."""
-    return np.asarray(np.abs(np.diff(motion, axis=0)).sum(axis=0))
-
-
 def _driven(history: Results) -> dict[str, Floats]:
     """The mean motions of the boundaries that a prescribed displacement moves, by name."""
     moved = [effect.on for effect in history.scene or () if isinstance(effect, PrescribedDisplacement)]
     names = [name for on in moved for name in ([on] if isinstance(on, str) else on)]
     rounding = 1e-9 * float(np.abs(history.displacement).max())
-    return {name: way for name in names if _lengths(way := _motion(history, name)).max() > rounding}
+    return {name: way for name in names if np.ptp(way := _motion(history, name), axis=0).max() > rounding}
 
 
 def _stressed_page(history: Results, units: Units | None = None) -> Figure:
     """Von Mises' stress on the deformed body, or the largest shear stress where the material does not say it."""
-    figure = new_figure(*size_of_page(history))
-    stress = "von_mises" if history.out_of_plane is not None else "shear"
-    stressed_body(figure.add_subplot(), history, stress=stress, units=units)
-    return figure
-
-
-def _pressed_page(history: Results, units: Units | None = None) -> Figure:
-    return along_contact(history, "pressure", units=units)
-
-
-def _slipped_page(history: Results, units: Units | None = None) -> Figure:
-    return along_contact(history, "slip", units=units)
+    stress = "shear" if history.out_of_plane is None else "von_mises"
+    return figure_of(
+        stressed_body(new_figure(*size_of_page(history)).add_subplot(), history, stress=stress, units=units)
+    )
 
 
 def _plane(history: Results) -> bool:
@@ -228,8 +200,11 @@ def _along(history: Results) -> bool:
 PICTURES: dict[str, tuple[Callable[..., Figure], Callable[[Results], bool]]] = {
     "deformed_mesh": (deformed_mesh, _plane),
     "stressed_body": (_stressed_page, _plane),
-    "contact_pressure": (_pressed_page, lambda h: _along(h) and bool(pressures(h.contact).any())),
-    "contact_slip": (_slipped_page, lambda h: _along(h) and bool(h.contact.slip.any())),
+    "contact_pressure": (
+        partial(along_contact, show="pressure"),
+        lambda h: _along(h) and bool(pressures(h.contact).any()),
+    ),
+    "contact_slip": (partial(along_contact, show="slip"), lambda h: _along(h) and bool(h.contact.slip.any())),
     "friction_traction": (friction_traction, lambda h: _plane(h) and _touches(h)),
     "stick_slip_map": (stick_slip_map, _along),
     "wear": (wear, lambda h: _plane(h) and _moves(h) and bool(h.contact.wear.any())),

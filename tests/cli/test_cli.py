@@ -220,6 +220,11 @@ def test_invalid_options_exit_with_two(options, says):
         (MINIMAL + "def scene(): return 3", "scene(...) returned 3; wanted a vemcvx.Scene"),
         (MINIMAL + "def mesh(n): return [n]", "mesh(...) returned [2]; wanted a vemcvx.PolygonMesh"),
         (MINIMAL + "def mesh(n):\n    return 1 / 0", "line 10: mesh(2) failed: ZeroDivisionError: division by zero"),
+        (
+            MINIMAL + "def mesh(n):\n    return {4: 1}[n]",
+            "line 10: mesh(2) failed: KeyError: 2. That is the problem file's own mesh, which is to return a mesh for "
+            "every number n of cells across the shortest side.",
+        ),
         ("import sys; sys.exit(3)", "line 1: executing it failed: SystemExit: 3"),
         (MINIMAL + "def mesh(n):\n    exit('enough')", "line 10: mesh(2) failed: SystemExit: enough"),
         (MINIMAL.replace("t + 0 * x", "exit(4)"), "its function failed when called as f(x, t)"),

@@ -199,7 +199,7 @@ def programs(
         condense=condense,
         linear=linear,
     )
-    return with_origin(found, [effect.describe() for effect in scene.canonical], mesh)
+    return with_origin(found, [effect.described(posed.space.in_plane) for effect in scene.canonical], mesh)
 
 
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:

@@ -337,6 +337,7 @@ def test_warnings_are_a_line(tmp_path):
 
 def test_show_says_the_scene_in_words(tmp_path):
     shown = invoke("show", PROBLEM, "--n", 8)
+    assert "Elasticity: E = 200.0, nu = 0.3, plane strain, shear stabilisation" in " ".join(shown.output.split())
     assert shown.exit_code == 0
     rows = {line[:14].strip(): line[14:].strip() for line in shown.output.splitlines() if line[:14].strip()}
     assert rows["unknowns"] == "136 in all, 8 after condensation"

@@ -22,7 +22,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-HALF_WIDTH, HEIGHT, MU, POISSON, PRESSED = 8.0, 1.0, 1.0, 0.499, 0.01
+HALF_WIDTH, HEIGHT, MU, POISSON, PRESSED = 8.0, 1.0, 1.0, 0.499, 0.001
 UNITS = MM
 SMALL = {"n": 12, "steps": 1}
 

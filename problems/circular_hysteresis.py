@@ -1,6 +1,6 @@
 """A block whose top moves in circles over a rough floor: friction that turns, in closed form, exact on every mesh.
 
-The block (0, 2) x (0, 1) x (0, 1/2), E = 10, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its
+The block (0, 2) x (0, 1) x (0, 1/2), E = 1000, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its
 top is moved by U(t) = (U_1, U_2, 0): straight to a circle of radius R while t < 1, then round it, one turn in each unit
 of time. The sides carry the shear tractions of a block that shears uniformly. Then so it does: u = (a + gamma z, 0)
 with vectors a, gamma in the plane of the floor and, step by step,
@@ -24,7 +24,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, face_and_graph
 
-YOUNG, POISSON, SIDES, HEIGHT = 10.0, 0.25, (2.0, 1.0), 0.5
+YOUNG, POISSON, SIDES, HEIGHT = 1000.0, 0.25, (2.0, 1.0), 0.5
 MU = YOUNG / (2 * (1 + POISSON))
 BOUND = 0.8
 PLAY = BOUND * HEIGHT / MU

@@ -21,7 +21,7 @@ from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
 RADIUS, REACH, PULL = 1.0, 4.0, 1.0
-MATRIX, FIBRE = (10.0, 0.3), (100.0, 0.2)
+MATRIX, FIBRE = (1000.0, 0.3), (10000.0, 0.2)
 UNITS = MM
 SMALL = {"n": 12, "steps": 1}
 

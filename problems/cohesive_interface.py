@@ -56,7 +56,7 @@ class Glue(vx.Effect):
         return f"Glue: strength {self.strength}, lost over {self.way} on {self.on}"
 
 
-LENGTH, HEIGHTS, YOUNG, POISSON, STRENGTH = 1.5, (0.6, 0.4), (10.0, 30.0), 0.3, 1.0
+LENGTH, HEIGHTS, YOUNG, POISSON, STRENGTH = 1.5, (0.6, 0.4), (1000.0, 3000.0), 0.3, 1.0
 MODULI = tuple(young * (1 - POISSON) / ((1 + POISSON) * (1 - 2 * POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / modulus for height, modulus in zip(HEIGHTS, MODULI, strict=True))
 WAY = 2.0 * STRENGTH * COMPLIANCE

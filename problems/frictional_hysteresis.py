@@ -1,6 +1,6 @@
 """A block sheared back and forth over a rough floor: stick, slip and reversal in closed form, exact on every mesh.
 
-The block (0, 2) x (0, 1/2), E = 10, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its top is
+The block (0, 2) x (0, 1/2), E = 1000, nu = 1/4, rests in bilateral contact with Tresca friction, bound g. Its top is
 moved by U(t) = U0 (0, 1, -1, 1) at t = 0, 1, 3, 5, and its sides carry the shear tractions +-mu gamma of a block that
 shears uniformly. Then so it does: u = (a + gamma y, 0) with, step by step,
 
@@ -18,7 +18,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-YOUNG, POISSON, LENGTH, HEIGHT = 10.0, 0.25, 2.0, 0.5
+YOUNG, POISSON, LENGTH, HEIGHT = 1000.0, 0.25, 2.0, 0.5
 MU = YOUNG / (2 * (1 + POISSON))
 BOUND = 0.8
 AMPLITUDE = 2.5 * BOUND * HEIGHT / MU

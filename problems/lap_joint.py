@@ -19,7 +19,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-LENGTH, HEIGHT, YOUNG, GLUE, THICKNESS, FORCE = 40.0, 1.0, (200.0, 100.0), 0.1, 0.1, 1.0
+LENGTH, HEIGHT, YOUNG, GLUE, THICKNESS, FORCE = 40.0, 1.0, (20000.0, 10000.0), 10.0, 0.1, 1.0
 JOINTS = ["lower|glue", "glue|upper"]
 UNITS = MM
 SMALL = {"n": 4, "steps": 1}

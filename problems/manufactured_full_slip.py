@@ -8,8 +8,8 @@ whose divergence is 1 / lambda of its gradient: stresses stay bounded as lambda 
 displacement vanishes and the whole contact slips to the right against the bound g(x) = t mu x^2 (lambda + 2) / (6
 (lambda + 1)); body forces are what u calls for, and on the other sides u is prescribed. Data grow with t alone, so
 backward Euler makes no error: what is left is that of the mesh. With any increasing phi(t) in place of t the same holds
-for phi(t) u, in as many steps as one likes. (At t = 1 strains are of the order of one, which is as good as a thousandth
-in a linear theory; the picture shows a tenth of the displacements.)
+for phi(t) u, in as many steps as one likes. (At t = 1 strains are of the order of one, of which a run warns; they are
+formal, and as good as a thousandth in a linear theory. The picture shows a tenth of the displacements.)
 
 Prescribed on all the other sides, the nodal values of u let a little more flow out of the body than div u says, by
 O(h^2) unless nodes lie alike on two sides; that much volume costs lambda. At lambda = 1e6 and h = 1/8 it triples the

@@ -1,9 +1,9 @@
 """A load that turns back between two steps: what the time step costs, and when it costs nothing.
 
-The block of the paper's Section 4, twice as strongly pulled, and by a load that grows until t = 1/2 and then goes back
-to nothing. While it grows slip spreads along the contact; when it turns everything sticks at once, and slip in the
-other direction spreads, over less of the contact. In the end the body is unloaded and not at rest: friction locks
-stresses in.
+The block of the paper's Section 4, ten times as stiff, twice as strongly pulled, and by a load that grows until
+t = 1/2 and then goes back to nothing. While it grows slip spreads along the contact; when it turns everything sticks at
+once, and slip in the other direction spreads, over less of the contact. In the end the body is unloaded and not at
+rest: friction locks stresses in.
 
 Backward Euler knows the load at the ends of its steps alone. An odd number of equal steps misses the turn by k/2 on
 either side, hence the largest load by its share k; what slipped less on the way up is not made up for on the way down,
@@ -35,7 +35,7 @@ def scene(push=PUSH, course=course):
         return np.column_stack([push * (1.25 - x[:, 1]), np.full(len(x), -0.01)]) * course(t)
 
     return vx.Scene(
-        vx.Elasticity(young=200.0, poisson=0.3),
+        vx.Elasticity(young=2000.0, poisson=0.3),
         vx.Clamp(on="right"),
         vx.Traction(pull, on="left"),
         vx.BilateralContact(on="bottom"),

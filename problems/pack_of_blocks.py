@@ -19,7 +19,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-LENGTH, GAP, HEIGHTS, YOUNG, POISSON = 1.0, 0.5, (0.4, 0.6), (30.0, 10.0), 0.3
+LENGTH, GAP, HEIGHTS, YOUNG, POISSON = 1.0, 0.5, (0.4, 0.6), (3000.0, 1000.0), 0.3
 BOUNDS = np.array([0.3, 0.9, 0.6, 1.2])
 MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))

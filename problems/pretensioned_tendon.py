@@ -22,7 +22,7 @@ import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 from vemcvx.plots.style import COMPUTED, SECOND
 
-LENGTH, HEIGHT, YOUNG, BOUND, PRESTRESS, AGAIN = 40.0, 1.0, 200.0, 1.0, 24.0, 0.6
+LENGTH, HEIGHT, YOUNG, BOUND, PRESTRESS, AGAIN = 40.0, 1.0, 20000.0, 1.0, 24.0, 0.6
 UNITS = MM
 SMALL = {"n": 4, "steps": 24}
 

@@ -1,6 +1,6 @@
 """A thin strip pushed over a rough floor, released and pushed again: shear lag with reversal.
 
-The strip (0, 50) x (0, 1), E = 200, nu = 0, is held at its far end and pushed at x = 0 with the force F(t) on its
+The strip (0, 50) x (0, 1), E = 20000, nu = 0, is held at its far end and pushed at x = 0 with the force F(t) on its
 cross section: 0, F, 0, F at t = 0, 1, 2, 3. Tresca friction with bound g resists below. Because L/H is large the
 strip is a rod with friction g per length: on first loading a length F/g slips and the end moves by F^2 / (2 E H g);
 when the load then changes by dF against its last direction, the end moves by dF^2 / (4 E H g), as long as the zone
@@ -15,7 +15,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-LENGTH, HEIGHT, YOUNG, BOUND, FORCE = 50.0, 1.0, 200.0, 1.0, 20.0
+LENGTH, HEIGHT, YOUNG, BOUND, FORCE = 50.0, 1.0, 20000.0, 1.0, 20.0
 UNITS = MM
 SMALL = {"n": 4, "steps": 36}
 

@@ -29,7 +29,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-LENGTH, HEIGHT, YOUNG, BOUND, EXPANSION, RISE = 40.0, 1.0, 200.0, 1.0, 1e-3, 100.0
+LENGTH, HEIGHT, YOUNG, BOUND, EXPANSION, RISE = 40.0, 1.0, 20000.0, 1.0, 1e-5, 100.0
 UNITS = MM
 SMALL = {"n": 4, "steps": 36}
 

@@ -19,7 +19,7 @@ import numpy as np
 import vemcvx as vx
 from problem_pictures import MM, beside_closed_form, body_and_graph
 
-LENGTH, HEIGHTS, YOUNG, POISSON, BOUND = 2.0, (0.6, 0.4), (10.0, 30.0), 0.3, 0.8
+LENGTH, HEIGHTS, YOUNG, POISSON, BOUND = 2.0, (0.6, 0.4), (1000.0, 3000.0), 0.3, 0.8
 MU = tuple(young / (2 * (1 + POISSON)) for young in YOUNG)
 COMPLIANCE = sum(height / mu for height, mu in zip(HEIGHTS, MU, strict=True))
 AMPLITUDE = 2.5 * BOUND * COMPLIANCE

@@ -6,14 +6,17 @@ force per length on the body, and reactions act on the body. Multipliers: :mod:`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import copy
+import pickle
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vemcvx.arrays import Floats
+from vemcvx.errors import HistoryError
 from vemcvx.outline import Lines, Outline, Outlined
 from vemcvx.plots import animate
 from vemcvx.plots.style import Units
@@ -86,6 +89,29 @@ class History(Results, Outlined):
         norm in the "step" for which the upper one is largest, each step given the one before
         (:func:`vemcvx.error_bound`), and "relative", upper in parts of the largest energy norm of the run.
     """
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle keeps: all, if it can; HistoryError names the functions of the scene that it cannot."""
+        for effect in self.scene or ():
+            try:
+                pickle.dumps(effect)
+            except Exception as error:  # functions may be anything, and what they hold on to
+                raise HistoryError(
+                    f"pickle: {effect.describe()}: this effect of the history's scene cannot be pickled ({error}): "
+                    "pickle keeps functions by their names in a module, and has none for those made inside a function. "
+                    "Write the history with history.write(folder) and read it with vemcvx.read_history(folder), pickle "
+                    "it without its scene, dataclasses.replace(history, scene=None), or define that function at the "
+                    "top of a module."
+                ) from error
+        return dict(self.__dict__)
+
+    def __copy__(self) -> History:
+        return replace(self)
+
+    def __deepcopy__(self, known: dict[int, Any]) -> History:
+        # The scene is never changed, and may hold what is not copied.
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "scene"}
+        return replace(self, **copy.deepcopy(own, known))
 
     @classmethod
     def of(cls, results: Results) -> History:

@@ -20,6 +20,7 @@ from vemcvx.history import History
 from vemcvx.linear import LinearSolver
 from vemcvx.meshes import AnyMesh, PolygonMesh, PolyhedralMesh
 from vemcvx.program import SolvedProgram
+from vemcvx.results import small_strains
 from vemcvx.results.results import record, with_origin
 from vemcvx.scene import Scene
 from vemcvx.scene.pose import PosedScene, pose_scene
@@ -124,8 +125,11 @@ def simulate(
             progress=_log if progress is True else progress or None,
             storage=storage,
         )
+        results = record(posed, trajectory, assembled, storage)
         _warn_of_lost_work(trajectory)
-        history = History.of(record(posed, trajectory, assembled, storage))
+        if left := small_strains.warning(posed, results):
+            log.warning("%s", left)
+        history = History.of(results)
         return history if circle is None else replace(history, bound=largest_bound(circle, history))
 
 
@@ -195,7 +199,7 @@ def programs(
         condense=condense,
         linear=linear,
     )
-    return with_origin(found, [effect.describe() for effect in scene.canonical], mesh)
+    return with_origin(found, [effect.described(posed.space.in_plane) for effect in scene.canonical], mesh)
 
 
 def _storage(stream: str | Path | Folder | None, resume: bool) -> AbstractContextManager[Storage]:

@@ -223,6 +223,11 @@ def test_invalid_options_exit_with_two(options, says):
         (MINIMAL + "def scene(): return 3", "scene(...) returned 3; wanted a vemcvx.Scene"),
         (MINIMAL + "def mesh(n): return [n]", "mesh(...) returned [2]; wanted a vemcvx.PolygonMesh"),
         (MINIMAL + "def mesh(n):\n    return 1 / 0", "line 10: mesh(2) failed: ZeroDivisionError: division by zero"),
+        (
+            MINIMAL + "def mesh(n):\n    return {4: 1}[n]",
+            "line 10: mesh(2) failed: KeyError: 2. That is the problem file's own mesh, which is to return a mesh for "
+            "every number n of cells across the shortest side.",
+        ),
         ("import sys; sys.exit(3)", "line 1: executing it failed: SystemExit: 3"),
         (MINIMAL + "def mesh(n):\n    exit('enough')", "line 10: mesh(2) failed: SystemExit: enough"),
         (MINIMAL.replace("t + 0 * x", "exit(4)"), "its function failed when called as f(x, t)"),
@@ -336,6 +341,7 @@ def test_warnings_are_a_line(tmp_path):
 
 def test_show_says_the_scene_in_words(tmp_path):
     shown = invoke("show", PROBLEM, "--n", 8)
+    assert "Elasticity: E = 200.0, nu = 0.3, plane strain, shear stabilisation" in " ".join(shown.output.split())
     assert shown.exit_code == 0
     rows = {line[:14].strip(): line[14:].strip() for line in shown.output.splitlines() if line[:14].strip()}
     assert rows["unknowns"] == "136 in all, 8 after condensation"

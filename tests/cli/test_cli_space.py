@@ -67,6 +67,8 @@ def test_show_says_discs_and_who_takes_them(tmp_path):
     code, said = invoked(tmp_path, "show", "--n", "2")
     assert code == 0
     assert "9 norms of 2 components, 9 second-order cones" in said
+    assert "Elasticity: E = 200.0, nu = 0.3, shear stabilisation" in said
+    assert "plane strain" not in said
     assert "OSQP (no second-order cones)" in said
 
 

@@ -44,6 +44,103 @@ def approaching(steps, n=4):
     return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
 
 
+def turned_between_steps(steps, n=4):
+    """Dragged to and fro with Coulomb's law, by a load that turns where no step ends."""
+
+    def plate(x, t):
+        return np.tile(
+            [0.04 * np.interp(t, [0.0, 0.45, 1.0], [0.0, 1.0, -0.2]), -0.02 * min(4.0 * t, 1.0)], (len(x), 1)
+        )
+
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.PrescribedDisplacement(plate, on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.3, on="bottom"),
+    )
+    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+
+
+def bound_in_time(steps, n=5):
+    """Friction whose given bound rises and falls while the body is pulled."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.tile([8.0 * t, 0.0], (len(x), 1)), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(lambda x, t: np.full(len(x), 2.0 + np.sin(3.0 * t)), on="bottom"),
+    )
+    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+
+
+def one_way(steps, n=5):
+    """A pile that rubs twice as much one way as the other."""
+    scene = vx.Scene(
+        vx.Elasticity(200.0, 0.3),
+        vx.Clamp(on="right"),
+        vx.Traction(lambda x, t: np.tile([6.0 * np.sin(2.0 * np.pi * t), 0.0], (len(x), 1)), on="left"),
+        vx.BilateralContact(on="bottom"),
+        vx.TrescaFriction(2.0, backward=1.0, on="bottom"),
+    )
+    return vx.simulate(scene, vx.meshes.squares(n), np.linspace(0.0, 1.0, steps + 1))
+
+
+def block_on_block(steps, n=3):
+    """Two bodies with Coulomb's law between them, pressed and rubbed."""
+
+    def plate(x, t):
+        return np.tile([0.05 * np.sin(np.pi * t), -0.03 * min(t, 1.0)], (len(x), 1))
+
+    lower, upper = (
+        vx.meshes.squares(n, box=((0.0, 2.0), (0.0, 1.0))),
+        vx.meshes.squares(n, box=((0.0, 2.0), (1.0, 2.0))),
+    )
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.Clamp(on="lower.bottom"),
+        vx.PrescribedDisplacement(plate, on="upper.top"),
+        vx.UnilateralContact(on="lower|upper"),
+        vx.CoulombFriction(0.3, on="lower|upper"),
+    )
+    return vx.simulate(scene, vx.meshes.bodies({"lower": lower, "upper": upper}), np.linspace(0.0, 1.5, steps + 1))
+
+
+def pressed_in_space(steps, n=2):
+    """Coulomb's law in space: pressed, and dragged round a corner."""
+
+    def plate(x, t):
+        return np.tile([0.03 * min(t, 1.0), 0.02 * max(t - 1.0, 0.0), -0.03 * min(2.0 * t, 1.0)], (len(x), 1))
+
+    scene = vx.Scene(
+        vx.Elasticity(100.0, 0.3),
+        vx.PrescribedDisplacement(plate, on="top"),
+        vx.UnilateralContact(on="bottom"),
+        vx.CoulombFriction(0.2, on="bottom"),
+    )
+    return vx.simulate(scene, vx.meshes.cubes(n), np.linspace(0.0, 2.0, steps + 1))
+
+
+def dovetail(steps, n=4):
+    """The root of a blade in its slot, wide below: pulled against inclined flanks, where it rubs as the blade swings.
+
+    The pull rises until t = 1 and stays; the neck then swings for a turn and a half.
+    """
+    fold = vx.meshes.squares(n)
+    points = np.column_stack([(fold.points[:, 0] - 0.5) * (20.0 - 10.0 * fold.points[:, 1]), 10.0 * fold.points[:, 1]])
+    mesh = vx.PolygonMesh(points, fold.cells, boundaries={k: fold.boundaries[k] for k in ("left", "right", "top")})
+
+    def neck(x, t):
+        return np.tile([0.01 * np.sin(np.pi * max(t - 1.0, 0.0)), 0.02 * min(t, 1.0)], (len(x), 1))
+
+    scene = vx.Scene(
+        vx.Elasticity(2e4, 0.3),
+        vx.PrescribedDisplacement(neck, on="top"),
+        vx.UnilateralContact(on=["left", "right"]),
+        vx.CoulombFriction(0.3, on=["left", "right"]),
+    )
+    return vx.simulate(scene, mesh, np.linspace(0.0, 4.0, steps + 1))
+
+
 def problem(module, n):
     return lambda steps: vx.simulate(module.scene(), module.mesh(n), module.times(steps))
 
@@ -55,6 +152,12 @@ RUNS = {
     "Tresca, reversal missed": (problem(missed_reversal, 6), 9),
     "two bodies": (problem(two_blocks_in_series, 3), 16),
     "space": (problem(block_in_space, 3), 12),
+    "Coulomb, reversal missed": (turned_between_steps, 11),
+    "Tresca, a bound in time": (bound_in_time, 8),
+    "Tresca, one way": (one_way, 13),
+    "Coulomb, two bodies": (block_on_block, 12),
+    "Coulomb, space": (pressed_in_space, 8),
+    "Coulomb, dovetail": (dovetail, 24),
 }
 
 
@@ -64,10 +167,18 @@ def at_the_end(history):
     return [run.dissipated_second_order[-1], run.work_second_order[-1], worn]
 
 
-@pytest.mark.parametrize("name", RUNS)
-def test_errors_of_steps_are_one_to_five_times_the_truth(name):
+LONG = {"Coulomb, two bodies", "Coulomb, space", "Coulomb, dovetail"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in RUNS]
+)
+def test_errors_of_steps_are_one_to_five_times_the_truth(name, caplog):
+    """And where the work that backward Euler sums up is more than 5 % off, there is a warning, and nowhere else."""
     run, steps = RUNS[name]
-    history = run(steps)
+    with caplog.at_level(logging.WARNING, logger="vemcvx"):
+        history = run(steps)
+        warned = [r for r in caplog.records if r.getMessage().startswith("time steps: ")]
     found, truth = vx.quantities(history), at_the_end(run(32 * steps))
     assert list(found) == NAMES
     assert [one.value for one in found.values()] == at_the_end(history)
@@ -77,7 +188,31 @@ def test_errors_of_steps_are_one_to_five_times_the_truth(name):
         assert off <= one.steps + 1e-8 * abs(true)
         assert one.steps <= 5.0 * off + 1e-8 * abs(true)
         assert one.error == (one.steps if np.isnan(one.mesh) else one.steps + one.mesh)
-        assert np.isnan(one.mesh) == (name == "space")
+        assert np.isnan(one.mesh) == ("space" in name)
+    # Second-order work is within 2 % of the truth in all of them: from 3 to 7 % either may be right.
+    lost = abs(history.work[-1] - truth[1]) / truth[1]
+    assert bool(warned) == (lost > 0.05) or 0.03 < lost < 0.07
+
+
+@pytest.mark.slow
+def test_the_dovetail_at_24_to_192_steps():
+    """Measured: first order is 5.1, 2.5, 1.2, .61 % off in friction work and 75, 38, 19, 9.7 % in work.
+
+    Second order is .16, .028, .006, .004 % off in friction work and half of that in work, estimates 1.3 to 1.5 times
+    as much; wear .29, .006, .003, .002 %.
+    """
+    truth = at_the_end(dovetail(768))
+    for steps in (24, 48, 96, 192):
+        history = dovetail(steps)
+        found, first = vx.quantities(history), [history.dissipated[-1], history.work[-1]]
+        for one, true, coarse in zip(found.values(), truth, first, strict=False):
+            off = abs(one.value - true)
+            assert off <= one.steps <= 5.0 * off
+            assert off < 0.05 * abs(coarse - true)
+        # The largest wear changes sign in its error on the way, at 1e-4 of it.
+        off = abs(found["wear"].value - truth[2])
+        assert off <= found["wear"].steps + 1e-4 * truth[2]
+        assert found["wear"].steps <= 5.0 * off
 
 
 def test_errors_of_the_mesh_cover_what_finer_meshes_find():

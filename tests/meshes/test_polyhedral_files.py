@@ -312,15 +312,6 @@ def test_warped_hexahedra_are_refused(tmp_path):
         vx.meshes.read(path)
 
 
-def test_second_order_is_refused(tmp_path):
-    path = tmp_path / "second.vtu"
-    meshio.Mesh(
-        np.random.default_rng(0).random((18, 3)), [("tetra10", [range(10)]), ("tetra", [[14, 15, 16, 17]])]
-    ).write(path)
-    with pytest.raises(vx.MeshError, match="holds cells of the kind 'tetra10'.*elements of first order"):
-        vx.meshes.read(path)
-
-
 def test_unused_nodes_of_files():
     quad = [[0, 1, 3, 2]]
     mesh = meshio.Mesh(

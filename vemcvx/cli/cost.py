@@ -181,9 +181,11 @@ def _of_reference(found: Sweep) -> list[str]:
         "seconds     in one thread, from assembly to answer; the first mesh is made before",
     ]
     if it.estimated is not None and it.estimated > it.goal:
-        lines.append("            more than was wanted: errors that are not several times as large say little")
+        lines.append("            more than was wanted: true errors below four times that are uncertain themselves")
     if it.common:
-        lines.append("            meshes cover different domains; errors are those where they meet the reference")
+        lines.append(
+            "            meshes do not cover one domain: errors are measured where they overlap the reference's"
+        )
     return lines
 
 

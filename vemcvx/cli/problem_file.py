@@ -45,8 +45,8 @@ def executed(path: Path, kind: str) -> ModuleType:
     return module
 
 
-def own_errors(path: Path, what: str, action: Callable[[], Any]) -> Any:
-    """Do what a user's file asks for; an error of its own making is named with its line."""
+def own_errors(path: Path, what: str, action: Callable[[], Any], wanted: str = "") -> Any:
+    """Do what a user's file asks for; an error of its own making is named with its line, and with what is `wanted`."""
     try:
         return action()
     except VemcvxError:
@@ -55,7 +55,7 @@ def own_errors(path: Path, what: str, action: Callable[[], Any]) -> Any:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         where = f", line {lines[-1]}" if lines else ""
         words = " ".join(str(error).split())
-        raise ProblemError(f"{path}{where}: {what} failed: {type(error).__name__}: {words}") from error
+        raise ProblemError(f"{path}{where}: {what} failed: {type(error).__name__}: {words}{wanted}") from error
 
 
 def literal(text: str) -> Any:
@@ -84,6 +84,12 @@ def several(text: str) -> list[str]:
 SPACE_N = 8
 """Cells across the shortest side when nobody says how many, in space: 64 would be 262,144 cubes."""
 PARTS = {"scene": "scene(**parameters)", "mesh": 'mesh(n, family="squares")', "times": "times(steps)"}
+
+RETURNS = {
+    "scene": "a vemcvx.Scene",
+    "mesh": "a mesh for every number n of cells across the shortest side",
+    "times": "instants for every number of steps",
+}
 
 
 @dataclass(frozen=True)
@@ -196,7 +202,8 @@ class Problem:
 
     def _call(self, part: str, *given: Any, **named: Any) -> Any:
         words = ", ".join([*map(repr, given), *(f"{name}={value!r}" for name, value in named.items())])
-        return own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named))
+        wanted = f". That is the problem file's own {part}, which is to return {RETURNS[part]}."
+        return own_errors(self.path, f"{part}({words})", lambda: getattr(self.module, part)(*given, **named), wanted)
 
     def _unlike(self, made: object, part: str, wanted: str) -> ProblemError:
         return ProblemError(f"{self.path}: {part}(...) returned {brief(made)}; wanted {wanted}.")

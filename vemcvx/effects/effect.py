@@ -369,6 +369,10 @@ class Effect(ABC):
     def describe(self) -> str:
         """One line of words for `vemcvx show`."""
 
+    def described(self, in_plane: bool) -> str:
+        """The line for a body in the plane or in space, where an effect says more of a plane one."""
+        return self.describe()
+
 
 def where(on: str | Sequence[str]) -> str:
     """The boundary names of `on` in words; what is no name is refused later, by name, on the mesh."""

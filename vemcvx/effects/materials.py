@@ -124,12 +124,15 @@ class Elasticity(MaterialLaw):
         return Contribution(stiffness=A, material=material)
 
     def describe(self) -> str:
+        return self._words("" if self.plane is None else f"plane {self.plane}, ")
+
+    def described(self, in_plane: bool) -> str:
+        return self._words(f"plane {self._plane}, " if in_plane else "")
+
+    def _words(self, plane: str) -> str:
         place = "" if self.on is None else f", on {where(self.on)}"
-        return (
-            f"Elasticity: E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}, "
-            f"{'plane strain in two dimensions' if self.plane is None else f'plane {self.plane}'}, "
-            f"{self.stabilisation} stabilisation{place}"
-        )
+        constants = f"E = {amount(self.young, 'x')}, nu = {amount(self.poisson, 'x')}"
+        return f"Elasticity: {constants}, {plane}{self.stabilisation} stabilisation{place}"
 
     @property
     def _plane(self) -> str:

@@ -391,9 +391,10 @@ def _begin(
     check_estimable(posed, "adapt")
     if posed.curves:
         warnings.warn(
-            f"adapt: {' and '.join(posed.curves)} acts along a curve, of which finer meshes keep the corners: answers "
-            "go towards that of the polygon, over whose corners nothing slides, and estimates are of errors to that. "
-            "If bodies slide there, simulate on finer meshes of the curve itself.",
+            f"adapt: {' and '.join(posed.curves)} acts along a curve, which the coarse mesh draws as a polygon. "
+            "Refined meshes keep this polygon: answers converge to those of a body with its corners, over which "
+            "nothing slides, and errors are estimated against these. If something slides there, simulate on finer "
+            "meshes of the curve itself.",
             SceneWarning,
             stacklevel=3,
         )

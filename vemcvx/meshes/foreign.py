@@ -44,7 +44,8 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
 
     Where there are tetrahedra, hexahedra, wedges, pyramids or polyhedra, it is a mesh in space of these. Hexahedra,
     wedges and pyramids must have plane faces: mesh bodies where they would be warped with tetrahedra, or hand in cells
-    of your own whose warped faces are two triangles each, the same in both cells.
+    of your own whose warped faces are two triangles each, the same in both cells. Cells of second order (triangle6,
+    quad8, quad9, tetra10, hexahedron20, hexahedron27 ...) are read by their corners, with straight edges.
 
     Named boundaries are those that `write` of a mesh wrote, or the physical groups of lines (in space, of surfaces) of
     a Gmsh file, their number if they have no name. Cell data come along; a physical group of cells is a cell datum of
@@ -75,7 +76,8 @@ def read(path: str | Path, bodies: str | None = None) -> PolygonMesh | Any:
     Warns
     -----
     MeshWarning
-        Cells were turned, unused nodes dropped, named lines or faces inside the mesh left out, or sides named.
+        Cells were turned, unused nodes or those between the corners of cells of second order dropped, named lines or
+        faces inside the mesh left out, or sides named.
     """
     if bodies is None:
         return _with_methods(load(path))

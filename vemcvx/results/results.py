@@ -387,7 +387,7 @@ def record(posed: PosedScene, trajectory: Trajectory, assembled: float, storage:
     return Results(
         mesh=posed.space.mesh,
         scene=posed.scene,
-        effects=tuple(effect.describe() for effect in posed.scene.canonical),
+        effects=tuple(effect.described(posed.space.in_plane) for effect in posed.scene.canonical),
         displacement=u,
         forces=forces,
         contact=contact_history(posed, trajectory, u, forces),

@@ -160,7 +160,8 @@ LARGEST = 10**8
 """Numbers of Gmsh's nodes are below this: meshio makes an array of as many entries, which then are a gigabyte."""
 LONG = re.compile(rb"(?<![\d.eE+-])\d{9,}(?![\d.eE])")
 NODES_OF_TYPE = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 15: 1}
-"""Of Gmsh's types of elements, those of first order."""
+NODES_OF_TYPE |= {8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 16: 8, 17: 20, 18: 15, 19: 13}
+"""Of Gmsh's types of elements, those of first and of second order."""
 GENERATED = re.compile(
     rb"^\*[NE]L?SET[^\n]*GENERATE[^\n]*\n\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})\s*,\s*([+-]?\d{1,18})",
     re.MULTILINE | re.IGNORECASE,
@@ -246,7 +247,7 @@ def _check_blocks(name: str, data: bytes, at: int, *, newest: bool) -> None:
         elif kind in NODES_OF_TYPE:
             at += count * (1 + NODES_OF_TYPE[kind]) * (8 if newest else 4)
         else:
-            raise MeshError(f"it holds elements of Gmsh's type {kind}; export elements of first order.")
+            raise MeshError(f"it holds elements of Gmsh's type {kind}; export elements of first or second order.")
 
 
 def _check_number(name: str, number: int) -> None:

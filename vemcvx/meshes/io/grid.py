@@ -16,7 +16,7 @@ import contextlib
 import io
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, unquote
 
@@ -48,6 +48,16 @@ NODES = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8, "wedg
 POLYGONS = ("triangle", "quad", "polygon")
 SOLIDS = ("tetra", "hexahedron", "wedge", "pyramid", "polyhedron")
 PASSED_OVER = ("vertex", "empty")
+CORNERS = {
+    "line": ("line3",),
+    "triangle": ("triangle6", "triangle7"),
+    "quad": ("quad8", "quad9"),
+    "tetra": ("tetra10",),
+    "hexahedron": ("hexahedron20", "hexahedron24", "hexahedron27"),
+    "wedge": ("wedge15", "wedge18"),
+    "pyramid": ("pyramid13", "pyramid14"),
+}
+"""Kinds of first order -> those of second order; the corners come first in all of them, before nodes between these."""
 SHAPES = {(4, 4, 4): ("tetra", 3), (8, 6, 0): ("hexahedron", 4), (6, 5, 2): ("wedge", 3), (5, 5, 4): ("pyramid", 4)}
 """Numbers of nodes, faces and triangles -> the kind of a solid, and the number of nodes of its bottom."""
 
@@ -70,6 +80,8 @@ class Grid:
         Named parts of the boundary that are no cells.
     faces : Listed, optional
         Faces of the polyhedra, in their order.
+    notes : tuple of str
+        What was left out of it, in sentences.
     """
 
     points: Floats
@@ -80,6 +92,7 @@ class Grid:
     sides: dict[str, Bools] = field(default_factory=dict)
     parts: dict[str, Rows] = field(default_factory=dict)
     faces: Listed | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def bounding(self) -> tuple[Bools, Bools]:
@@ -270,6 +283,58 @@ def take_parts(grid: Grid, fields: Mapping[str, Any]) -> Grid:
     return grid
 
 
+def by_corners(grid: Grid) -> Grid:
+    """The grid with cells of second order as those of first order that have their corners, and straight edges.
+
+    Nodes that no cell has at a corner any more are dropped, with a note.
+    """
+    first = {kind: corner for corner, kinds in CORNERS.items() for kind in kinds}
+    curved = np.isin(grid.kinds, list(first))
+    if not curved.any():
+        return grid
+    names = np.unique(grid.kinds[curved]).tolist()
+    kinds, counts = grid.kinds.astype("<U16"), np.diff(grid.offsets)
+    for name in names:
+        few = counts[grid.kinds == name] != int(name.lstrip("abcdefghijklmnopqrstuvwxyz"))
+        if few.any():
+            raise MeshError(f"its cells of the kind {name!r} do not all have so many nodes.")
+        kinds[grid.kinds == name] = first[name]
+        counts[grid.kinds == name] = NODES[first[name]]
+    starts = np.repeat(grid.offsets[:-1] - offsets_of(counts)[:-1], counts)
+    vertices = grid.vertices[np.arange(counts.sum()) + starts]
+    n = len(grid.points)
+    known = (grid.vertices >= 0) & (grid.vertices < n)
+    corner = np.zeros(n, dtype=bool)
+    corner[vertices[(vertices >= 0) & (vertices < n)]] = True
+    if grid.faces is not None:
+        corner[grid.faces.vertices] = True
+    between = np.zeros(n, dtype=bool)
+    between[grid.vertices[np.repeat(curved, np.diff(grid.offsets)) & known]] = True
+    dropped = between & ~corner
+    # A number that is none stays so: the checks of the mesh name it.
+    number = np.append(np.where(dropped, -1, np.cumsum(~dropped) - 1), -1)
+
+    def new(nodes: Ints) -> Ints:
+        inside = (nodes >= 0) & (nodes < n)
+        return np.where(inside, number[np.where(inside, nodes, n)], nodes)
+
+    faces = None if grid.faces is None else grid.faces._replace(vertices=new(grid.faces.vertices))
+    note = (
+        f"{dropped.sum()} nodes between the corners of second-order cells ({', '.join(names)}) are dropped: cells are "
+        "read by their corners, with straight edges."
+    )
+    return replace(
+        grid,
+        points=np.asarray(grid.points)[~dropped],
+        kinds=kinds,
+        offsets=offsets_of(counts),
+        vertices=new(vertices),
+        parts={name: (offsets, new(nodes)) for name, (offsets, nodes) in grid.parts.items()},
+        faces=faces,
+        notes=(*grid.notes, note),
+    )
+
+
 def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     """Return the mesh of the solids that there are, or else of the polygons, and notes on what was left out.
 
@@ -278,6 +343,7 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     MeshError
         The grid has cells or data of other kinds, or what it holds is no valid mesh.
     """
+    grid = by_corners(grid)
     _check(grid)
     inner, outer = grid.bounding
     cells = np.flatnonzero(inner)
@@ -289,12 +355,15 @@ def mesh_of(grid: Grid) -> tuple[AnyTessellation, list[str]]:
     marked = {name: np.flatnonzero(mark & outer) for name, mark in marks.items()}
     parts = {name: rows_in_order(grid.offsets, grid.vertices, rows) for name, rows in marked.items()} | grid.parts
     if grid.solid:
-        return _with_parts(SpaceTessellation(grid.points, _solids(grid, cells), cell_data=data), parts)
+        solid, left_out = _with_parts(SpaceTessellation(grid.points, _solids(grid, cells), cell_data=data), parts)
+        return solid, [*grid.notes, *left_out]
     offsets, vertices = rows_in_order(grid.offsets, grid.vertices, cells)
     counts = np.unique(np.diff(offsets))
     polygons = vertices.reshape(-1, counts[0]) if len(counts) == 1 else np.split(vertices, offsets[1:-1])
     interfaces = _interfaces(parts)
-    return _with_parts(Tessellation(_plane(grid.points), polygons, cell_data=data, interfaces=interfaces), parts)
+    made = Tessellation(_plane(grid.points), polygons, cell_data=data, interfaces=interfaces)
+    flat, left_out = _with_parts(made, parts)
+    return flat, [*grid.notes, *left_out]
 
 
 def _check(grid: Grid) -> None:
@@ -303,10 +372,10 @@ def _check(grid: Grid) -> None:
     strange = sorted(kinds - {*POLYGONS, *SOLIDS, *PASSED_OVER, "line"})
     if strange:
         wanted = (
-            f"{', '.join(SOLIDS)} with straight edges and plane faces. Export elements of first order."
+            f"{', '.join(SOLIDS)} with straight edges and plane faces. Export elements of first or second order."
             if grid.solid
             else "plane polygons with straight edges (triangles, quads, polygons) and lines. Export the plane surface "
-            "alone, with elements of first order."
+            "alone, with elements of first or second order."
         )
         raise MeshError(f"it holds cells of the kind {strange[0]!r}; wanted are {wanted}")
     if not inner.any():

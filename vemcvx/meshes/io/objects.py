@@ -6,6 +6,7 @@ import tempfile
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +18,13 @@ from vemcvx.errors import MeshError, MeshWarning, VemcvxError
 from vemcvx.meshes.box import WHOLE, matching_faces
 from vemcvx.meshes.io.grid import (
     CELL,
+    CORNERS,
     MARK,
     NODES,
     PHYSICAL,
     AnyTessellation,
     Grid,
+    by_corners,
     by_vertices,
     finished,
     grid_of,
@@ -53,7 +56,7 @@ def from_meshio(mesh: meshio.Mesh) -> Grid:
     MeshError
         Data do not go with the cells.
     """
-    known = [block.type in (*NODES, "polygon") for block in mesh.cells]
+    known = [block.type in (*NODES, "polygon", *chain(*CORNERS.values())) for block in mesh.cells]
     rows = [
         np.asarray(block.data if fits else np.zeros((len(block.data), 1))).astype(np.int64)
         for block, fits in zip(mesh.cells, known, strict=True)
@@ -70,7 +73,8 @@ def from_meshio(mesh: meshio.Mesh) -> Grid:
         np.concatenate([none, *(row.ravel() for row in rows)]),
         {name: _joined(name, list(map(np.asarray, parts)), sizes) for name, parts in mesh.cell_data.items()},
     )
-    _take_physical_groups(take_parts(grid, mesh.field_data), mesh.field_data)
+    grid = by_corners(take_parts(grid, mesh.field_data))
+    _take_physical_groups(grid, mesh.field_data)
     starts = offsets_of(np.array(sizes, dtype=np.int64))
     for name, members in mesh.cell_sets.items():
         if not name.startswith("gmsh:"):
@@ -131,6 +135,7 @@ def groups_of(grid: Grid) -> dict[str, Grid]:
     MeshError
         There are no groups, or cells in none.
     """
+    grid = by_corners(grid)
     tags, (inner, outer) = grid.data.get(PHYSICAL), grid.bounding
     if tags is None or grid.faces is not None or not tags[inner].all():
         lacking = "" if tags is None else f"{np.count_nonzero(tags[inner] == 0)} of its cells are in none; "
@@ -145,7 +150,7 @@ def groups_of(grid: Grid) -> dict[str, Grid]:
     }
     data = {name: x for name, x in grid.data.items() if name != PHYSICAL and not any(name in n for n in said.values())}
     cell = np.repeat(np.arange(len(grid.kinds)), np.diff(grid.offsets))
-    found = {}
+    found: dict[str, Grid] = {}
     for tag, mine in members.items():
         own = np.zeros(len(grid.points), dtype=bool)
         own[grid.vertices[mine[cell]]] = True
@@ -159,6 +164,8 @@ def groups_of(grid: Grid) -> dict[str, Grid]:
             (np.cumsum(own) - 1)[vertices],
             data={name: x[rows] for name, x in data.items()},
             sides={name: chosen[rows] for name, chosen in grid.sides.items() if chosen[rows].any()},
+            # What is said of the whole file is said once.
+            notes=() if found else grid.notes,
         )
     return found
 

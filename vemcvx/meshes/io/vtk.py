@@ -37,6 +37,7 @@ EMPTY: Arrays = MappingProxyType({})
 KINDS = {0: "empty", 1: "vertex", 3: "line", 4: "poly_line", 5: "triangle", 6: "triangle_strip", 7: "polygon"}
 KINDS |= {8: "pixel", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid", 42: "polyhedron"}
 KINDS |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20", 26: "wedge15", 28: "quad9"}
+KINDS |= {27: "pyramid13", 29: "hexahedron27", 32: "wedge18", 34: "triangle7"}
 """VTK's numbers of types -> kinds of cells."""
 TYPES = {kind: number for number, kind in KINDS.items()}
 DAMAGED = "its lists of {} are damaged: offsets do not increase, or lead beyond the end."

@@ -1,0 +1,117 @@
+"""A warning where small strains are left: what is largest, where, and why; and none where they are small."""
+
+import importlib
+import logging
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import feng_han_huang
+import gallery
+import vemcvx as vx
+
+PROBLEMS = sorted(path.stem for path in Path(gallery.__file__).parent.glob("*.py"))
+LONG = {
+    "twisted_pad",
+    "bolted_flange",
+    "block_dragged_along_a_curve",
+    "brake_pad_on_disc",
+    "cattaneo_mindlin",
+    "spherical_indenter",
+}
+FORMAL = {"manufactured_full_slip"}
+"""Problems whose docstring says that their large strains are formal."""
+
+
+def said(caplog, run):
+    with caplog.at_level(logging.WARNING, logger="vemcvx"):
+        caplog.clear()
+        run()
+    return [r.getMessage() for r in caplog.records if "small strains are left" in r.getMessage()]
+
+
+def pulled(young, mesh=None):
+    pull = [2.0] + [0.0] * (1 if mesh is None else 2)
+    scene = vx.Scene(vx.Elasticity(young, 0.3), vx.Clamp(on="left"), vx.Traction(pull, on="right"))
+    return vx.simulate(scene, mesh or vx.meshes.squares(8), [0.0, 1.0], initial="settled")
+
+
+@pytest.mark.parametrize("mesh", [None, vx.meshes.cubes(3)], ids=["plane", "space"])
+def test_young_in_other_units_than_loads(caplog, mesh):
+    """A strain of a thousandth is small, and one: GPa for MPa."""
+    assert said(caplog, lambda: pulled(2e3, mesh)) == []
+    (told,) = said(caplog, lambda: pulled(2.0, mesh))
+    found = re.fullmatch(
+        r"small strains are left: a strain of ([\d.]+) at \(.*\), t = 0; displacements that differ by ([\d.]+) in a "
+        r"body of the size ([\d.]+), the largest at \(1, .*\), t = 0\. Probably young and the loads are in different "
+        r"units, as GPa and MPa: compare them\.",
+        told,
+    )
+    strain, apart, size = map(float, found.groups())
+    assert 0.5 < strain < 2.0
+    u = pulled(2.0, mesh).displacement[-1]
+    assert apart == pytest.approx(np.linalg.norm(np.ptp(u, axis=0)), rel=0.01)
+    assert size == pytest.approx((2 if mesh is None else 3) ** 0.5, rel=0.01)
+
+
+def test_what_is_prescribed_in_other_units(caplog):
+    def run(size):
+        sheared = vx.PrescribedDisplacement((size, 0.0), on="top")
+        scene = vx.Scene(vx.Elasticity(1.0, 0.3), vx.Clamp(on="bottom"), sheared)
+        vx.simulate(scene, vx.meshes.squares(4), [0.0, 1.0], initial="settled")
+
+    assert said(caplog, lambda: run(0.02)) == []
+    (told,) = said(caplog, lambda: run(0.2))
+    assert told.endswith(
+        "Probably what is prescribed (displacements, gaps) and the mesh are in different units: compare them."
+    )
+
+
+def test_a_body_that_is_carried_far_does_not_strain(caplog):
+    """It slides on a rigid floor as far as it likes."""
+
+    def run():
+        carried = vx.PrescribedDisplacement(lambda x, t: np.tile([5.0 * t, -0.001], (len(x), 1)), on="top")
+        floor = vx.UnilateralContact(on="bottom"), vx.CoulombFriction(0.3, on="bottom")
+        scene = vx.Scene(vx.Elasticity(100.0, 0.3), carried, *floor)
+        vx.simulate(scene, vx.meshes.squares(4), np.linspace(0.0, 1.0, 3), initial="settled")
+
+    assert said(caplog, run) == []
+
+
+def test_slips_between_bodies_beyond_an_edge(caplog):
+    """A block pushed along another by more than the edges of their contact, both nearly rigid."""
+
+    def run(way):
+        lower, upper = (vx.meshes.squares(4, box=((0.0, 2.0), (y, y + 1.0))) for y in (0.0, 1.0))
+        pushed = vx.PrescribedDisplacement(lambda x, t: np.tile([way * t, -1e-3 * t], (len(x), 1)), on="upper.top")
+        touch = vx.UnilateralContact(on="lower|upper"), vx.CoulombFriction(0.1, on="lower|upper")
+        scene = vx.Scene(vx.Elasticity(100.0, 0.3), vx.Clamp(on="lower.bottom"), pushed, *touch)
+        vx.simulate(scene, vx.meshes.bodies({"lower": lower, "upper": upper}), [0.0, 0.5, 1.0])
+
+    assert said(caplog, lambda: run(0.1)) == []
+    (told,) = said(caplog, lambda: run(0.4))
+    assert re.search(r"left: a slip of 0\.\d+ between bodies whose edges of contact there are 0\.\d+ long at \(", told)
+
+
+def test_corners_of_fine_meshes_do_not_count(caplog):
+    """Near a singular corner a strain is large if only the mesh is fine: of less than a hundredth of the body."""
+    scene, times = feng_han_huang.scene(), feng_han_huang.times(1)
+    history = vx.simulate(scene, vx.meshes.squares(48), times)
+    assert history.von_mises(-1).max() > 0.05 * 200.0
+    assert said(caplog, lambda: vx.simulate(scene, vx.meshes.squares(48), times)) == []
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in PROBLEMS]
+)
+def test_problem_files_warn_where_they_say_so(caplog, name):
+    problem = importlib.import_module(name)
+    if not all(hasattr(problem, part) for part in ("scene", "mesh", "times")):
+        return
+    found = said(caplog, lambda: gallery.small_run(problem))
+    assert bool(found) == (name in FORMAL)
+    if found:
+        assert "formal" in problem.__doc__
